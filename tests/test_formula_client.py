@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -12,6 +13,7 @@ from dyknow_interfaces.action import MonitorFormula
 from rclpy.action import ActionClient
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 
 from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_coordinator import Answer, Grounding, Progress
@@ -123,6 +125,24 @@ def test_to_wait_in_a_callback_of_the_only_thread_is_refused(system: System, ask
     timer = asker.create_timer(0.01, ask)
     with FormulaClient(asker) as client, spinning(asker, single(asker)):
         system.client.spin_until(lambda: bool(raised), 'the refusal')
+
+
+def test_an_answer_that_comes_while_its_request_is_sent(
+    system: System, asker: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another thread takes it before rclpy has noted the request: where rclpy makes a future."""
+
+    def slow_future() -> Future:
+        time.sleep(0.3)
+        return Future()
+
+    monkeypatch.setattr('rclpy.action.client.Future', slow_future)
+    answers: list[Answer] = []
+    with FormulaClient(asker) as client, spinning(asker, several(asker)):
+        client.monitor(SOON, on_verdict=answers.append)
+        system.client.spin_until(lambda: bool(answers), 'the answer')
+    assert answers[0].error is None
+    assert answers[0].verdict is Verdict.TRUE
 
 
 def test_a_callback_waits_in_one_of_several_threads(system: System, asker: Node) -> None:

@@ -38,7 +38,6 @@ from dyknow_stream_processing.dataflow.operators import (
     OTHER_CLOCK_NS,
     DelayLimits,
     Operator,
-    SourceOperator,
     Wiring,
 )
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
@@ -59,7 +58,7 @@ class LeadOperator(Operator):
         self.limit: tuple[int | bool | None, ...] = (max_lead, is_default)
         """The arguments, for an equal check."""
         self._max_lead = max_lead
-        self._source = _sources_of(self)[0] if is_default else None
+        self._source = self.sources[0] if is_default else None
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -107,7 +106,7 @@ class OrderOperator(LeadOperator):
         delays: DelayLimits,
     ) -> None:
         super().__init__(wiring, max_lead, is_default)
-        (self._topic,) = _sources_of(self)
+        (self._topic,) = self.sources
         self._delays, self._least_delay = delays, min(delays)
         self._latest = BEGINNING
 
@@ -182,7 +181,7 @@ class ArrivalOperator(LeadOperator):
         super().__init__(wiring, max_lead, is_default)
         self.limit = (max_lead, is_default, reorder)
         self._reorder = reorder
-        (self._topic,) = _sources_of(self)
+        (self._topic,) = self.sources
         self._latest = BEGINNING
 
     def receive(
@@ -225,7 +224,6 @@ class ReorderOperator(Operator):
         super().__init__(wiring)
         self.timed = self.timed or max_delay is not None
         self._max_delay = max_delay
-        self._sources = _sources_of(self)
         self._min_gap = 2 * (shortest_period or 0)
         self._held: list[tuple[int, int, Mapping[str, Value]]] = []
         self._serial = count()
@@ -243,7 +241,7 @@ class ReorderOperator(Operator):
         if (
             self._max_delay is not None
             and delay > self._max_delay
-            and not any(each.is_initial for each in self._sources)
+            and not any(each.is_initial for each in self.sources)
         ):
             message = (
                 f'the sample valid at {round_time(valid_time)} came '
@@ -358,14 +356,6 @@ class BoundsOperator(Operator):
             self._emit(valid_time, fields, watermark, now)
             return
         self.promise(port, watermark, now)
-
-
-def _sources_of(operator: Operator) -> tuple[SourceOperator, ...]:
-    """Return all sources of an operator, each once."""
-    if isinstance(operator, SourceOperator):
-        return (operator,)
-    found = (source for each in operator.inputs for source in _sources_of(each))
-    return tuple(dict.fromkeys(found))
 
 
 def _out_of_order(valid_time: int, predecessor: int, mend: str) -> Fault:

@@ -120,6 +120,10 @@ class Operator:
         """True if the clock may make a time certain; otherwise `certain_at` need not be called."""
         self.vouched: bool = any(each.vouched for each in inputs)
         """True if it is made from a stream of another engine."""
+        # Not found later by recursion: streams nest more deeply than Python's stack allows.
+        sources = dict.fromkeys(source for each in inputs for source in each.sources)
+        self.sources: tuple[SourceOperator, ...] = tuple(sources)
+        """All that it is made from, each once."""
         self.consumers: list[tuple[Operator, int]] = []
         self.listeners: list[StreamObserver] = []
         self.observers: list[StreamObserver] = []
@@ -235,6 +239,7 @@ class SourceOperator(Operator):
 
     def __init__(self, wiring: Wiring, receipt_time: bool) -> None:  # noqa: FBT001
         super().__init__(wiring)
+        self.sources = (self,)
         self.timed = self._receipt_time = receipt_time
         self.has_ordered_stamps = False
         """True as long as no sample is stamped earlier than its predecessor."""

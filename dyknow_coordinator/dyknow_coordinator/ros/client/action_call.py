@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
@@ -33,6 +34,27 @@ class GoalTimeouts:
     result_s: float | None
 
 
+class ActionCaller(ActionClient):
+    """An action client that takes no answer while a request is sent.
+
+    rclpy discards an answer that one thread of an executor takes before another thread, which has
+    sent the request, has noted it.
+
+    Attributes:
+        sending: held while a request is sent.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        self.sending = threading.Lock()
+        super().__init__(*args, **kwargs)
+
+    async def execute(self, taken_data: Any) -> None:
+        """Handle answers and feedback after the request that is sent at present."""
+        with self.sending:
+            pass
+        await super().execute(taken_data)
+
+
 class ActionCall:
     """A goal, from its request to its result.
 
@@ -53,7 +75,7 @@ class ActionCall:
         self,
         node: NodeAdapter,
         server: RemoteNode,
-        client: ActionClient,
+        client: ActionCaller,
         goal: Any,
         timeouts: GoalTimeouts,
         *,
@@ -80,8 +102,7 @@ class ActionCall:
         if executor is None:
             self._poll_later()
         else:
-            # rclpy discards the response to a goal that the executor receives while another thread
-            # still sends the goal.
+            # The caller knows no call yet that ends at once.
             executor.create_task(self._poll)
 
     @property
@@ -98,14 +119,14 @@ class ActionCall:
             self.fail(DyKnowError('cancelled by the caller', ExitCode.CANCELLED))
             return
         if self._handle is not None:
-            self._await(self._handle.cancel_goal_async())
+            self._cancel(self._handle)
         self._fail_after(GRACE_S, 'is cancelled, and', ExitCode.CANCELLED)
 
     def fail(self, error: DyKnowError) -> None:
         """End with an error, and cancel the goal at the server."""
         if self._handle is not None and not self._has_ended:
             self._is_cancelled = True
-            self._await(self._handle.cancel_goal_async())
+            self._cancel(self._handle)
         self._end(None, error)
 
     def _is_server_ready(self) -> bool:
@@ -128,9 +149,10 @@ class ActionCall:
         self._is_sent = True
         self._server.on_lost.append(self._on_server_lost)
         self._fail_after(GRACE_S, 'was sent, and', ExitCode.UNAVAILABLE)
-        response = self._client.send_goal_async(
-            self._goal, lambda message: self._on_feedback(message.feedback)
-        )
+        with self._client.sending:
+            response = self._client.send_goal_async(
+                self._goal, lambda message: self._on_feedback(message.feedback)
+            )
         self._await(response, self._on_response)
 
     def _await(self, answer: Future, then: Callable[[Future], None] = lambda _: None) -> None:
@@ -154,16 +176,21 @@ class ActionCall:
             return
         self._handle = handle
         if self._is_cancelled or self._has_ended:
-            self._await(handle.cancel_goal_async())
+            self._cancel(handle)
         elif self._timeouts.result_s is None:
             self._timeout.cancel()
         else:
             self._fail_after(self._timeouts.result_s + GRACE_S, 'has no result:', ExitCode.TIMEOUT)
         if not self.accepted.done():
             self.accepted.set_result(None)
-        handle.get_result_async().add_done_callback(
-            lambda done: self._end(done.result().result, None)
-        )
+        with self._client.sending:
+            result = handle.get_result_async()
+        result.add_done_callback(lambda done: self._end(done.result().result, None))
+
+    def _cancel(self, handle: ClientGoalHandle) -> None:
+        with self._client.sending:
+            answer = handle.cancel_goal_async()
+        self._await(answer)
 
     def _on_server_lost(self) -> None:
         self._handle = None

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import QoSProfile
 
 from dyknow_common import DyKnowError
 from dyknow_common.ros import SERVICE, NodeAdapter, RemoteNode, snake_case
-from dyknow_coordinator.ros.client.action_call import ActionCall, GoalTimeouts
+from dyknow_coordinator.ros.client.action_call import ActionCall, ActionCaller, GoalTimeouts
 
 
 class CoordinatorGoals:
@@ -25,7 +24,7 @@ class CoordinatorGoals:
     def __init__(self, node: NodeAdapter, coordinator: RemoteNode) -> None:
         self._node = node
         self._coordinator = coordinator
-        self._actions: dict[Any, ActionClient] = {}
+        self._actions: dict[Any, ActionCaller] = {}
         self._calls: set[ActionCall] = set()
 
     def send(
@@ -72,9 +71,9 @@ class CoordinatorGoals:
             while self._actions:
                 self._actions.popitem()[1].destroy()
 
-    def _action(self, action_type: Any) -> ActionClient:
+    def _action(self, action_type: Any) -> ActionCaller:
         if action_type not in self._actions:
-            self._actions[action_type] = ActionClient(
+            self._actions[action_type] = ActionCaller(
                 self._node.node,
                 action_type,
                 f'{self._coordinator.name}/{snake_case(action_type.__name__)}',
