@@ -65,6 +65,11 @@ class Batteries:
         """Publish the battery of a vehicle as it was at a time, nanoseconds."""
         self._request(once=[vehicle, stamp, self.power[vehicle] if power is None else power])
 
+    def publish_after_latest(self, vehicle: str, delay: int, power: float | None = None) -> None:
+        """Publish the battery of a vehicle, stamped by a delay after the latest, nanoseconds."""
+        used = self.power[vehicle] if power is None else power
+        self._request(once=[vehicle, delay, used], after_latest=True)
+
     def reset(self) -> None:
         """Publish 100 W everywhere, regularly, and wait until what was before is past."""
         calm = dict.fromkeys(self.power, battery_publishers.CALM)

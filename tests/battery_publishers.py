@@ -4,7 +4,8 @@ Each line of standard input is a request in JSON, an object that may have
 
 - `power`: the power of some vehicles from the next sample on, in watts,
 - `silent`: the vehicles that publish nothing from now on,
-- `once`: a vehicle, a stamp and a power, of which one sample is published at once.
+- `once`: a vehicle, a stamp and a power, of which one sample is published at once,
+- `after_latest`: true if that stamp is a delay after the latest one.
 
 Each request is answered by a line with two stamps: of the latest samples, and of those that were
 published too late, 0 if there were none. The process ends with its standard input.
@@ -77,7 +78,9 @@ class RegularTelemetry:
         self._power.update(request.get('power', {}))
         self._silent = set(request.get('silent', self._silent))
         if 'once' in request:
-            self._publishers.publish(*request['once'])
+            vehicle, stamp, power = request['once']
+            latest = self.stamp if request.get('after_latest') else 0
+            self._publishers.publish(vehicle, latest + stamp, power)
         return f'{self.stamp} {self.late}'
 
 

@@ -183,7 +183,7 @@ def test_telemetry_that_is_ahead_of_the_clock_is_a_violation(
     system.wait_until_running(future)
     batteries.silent.add('uav1')
     batteries.power.update(uav1=240.0, uav2=240.0)
-    batteries.publish('uav1', batteries.stamp + 5 * SECOND)
+    batteries.publish_after_latest('uav1', 5 * SECOND)
     system.client.spin_until(future.done, 'the answer')
     answer = future.result()
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer

@@ -196,7 +196,7 @@ def test_the_delay_of_a_caller_is_kept(system: System, batteries: Batteries) -> 
         system.client, 'always "/uav1/battery".voltage > 9', constraints=constraints
     )
     batteries.silent.add('uav1')
-    batteries.publish('uav1', batteries.stamp - SECOND // 2)
+    batteries.publish_after_latest('uav1', -SECOND // 2)
     batteries.silent.clear()
     result = monitored.result()
     assert result.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, result

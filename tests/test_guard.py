@@ -63,7 +63,7 @@ def test_a_violation(system: System, base: GuardedBase) -> None:
     The guard asks anew 0.5 s later, and opens with the states after the violation.
     """
     event = time.time()
-    system.batteries.publish('uav1', system.batteries.stamp + 20_000_000)
+    system.batteries.publish_after_latest('uav1', 20_000_000)
     base.assert_safe_after(event, Batteries.PERIOD / 1e9 + IMMEDIATE_S, reopens=True)
     reasons = [each.reason for each in base.statuses]
     assert any('sample_period is' in reason for reason in reasons), reasons

@@ -77,7 +77,7 @@ def test_a_stream_that_is_ahead_of_the_clock_is_replaced(
     evaluations.wait_for_state()
     batteries.silent.add('uav1')
     batteries.power['uav1'] = 240.0
-    batteries.publish('uav1', batteries.stamp + 5 * SECOND)
+    batteries.publish_after_latest('uav1', 5 * SECOND)
     evaluations.wait_for_event('uav1_battery', 'ahead of the clock', SPARE)
     since = batteries.stamp
     batteries.power['spare1'] = 240.0
@@ -194,7 +194,7 @@ def test_a_sample_that_should_not_be(
 ) -> None:
     future = system.ask('always Power[uav1] < 150')
     evaluations.wait_for_state()
-    batteries.publish('uav1', batteries.stamp - age, 240.0)
+    batteries.publish_after_latest('uav1', -age, 240.0)
     system.client.spin_until(future.done, 'the answer')
     answer = future.result()
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
