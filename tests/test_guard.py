@@ -71,6 +71,23 @@ def test_a_violation(system: System, base: GuardedBase) -> None:
     base.wait_until_open()
 
 
+def test_a_violation_of_former_states(system: System, tmp_path: Path) -> None:
+    """The coordinator has other states made before the guard reads the violation."""
+    system.batteries.reset()
+    with guarded_base(system, tmp_path, POWER, timeout='5 s') as base:
+        base.wait_until_open()
+        base.process.send_signal(signal.SIGSTOP)
+        system.batteries.publish_after_latest('uav1', 20_000_000)
+        time.sleep(0.1)
+        base.process.send_signal(signal.SIGCONT)
+        system.client.spin_until(
+            lambda: any('sample_period is' in each.reason for each in base.statuses),
+            'the violation',
+            instead=lambda: [each.reason for each in base.statuses],
+        )
+        base.wait_until_open()
+
+
 def test_without_commands_the_safe_message_is_repeated(system: System, base: GuardedBase) -> None:
     base.is_commanding = False
     system.batteries.power['uav1'] = 200.0

@@ -105,6 +105,22 @@ def test_a_sender_whose_name_comes_later() -> None:
     assert not reader.node.timers
 
 
+def test_a_sender_whose_name_comes_between_two_looks() -> None:
+    """The message that waits is looked at before the one that has come."""
+    reader = Reader()
+    looks = iter([None, None, 'engine', 'engine', 'engine'])
+    graph = reader.node.get_publishers_info_by_topic
+
+    def look(topic: str) -> list[Any]:
+        if name := next(looks):
+            reader.node.names[NEW] = name
+        return graph(topic)
+
+    reader.node.get_publishers_info_by_topic = look  # type: ignore[method-assign]
+    reader.send(NEW, 1, 2, 3)
+    assert reader.taken == [1, 2, 3]
+
+
 def test_a_sender_that_stays_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     reader = Reader()
     reader.node.names[NEW] = '_NODE_NAME_UNKNOWN_'

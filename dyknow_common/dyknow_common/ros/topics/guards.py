@@ -124,7 +124,9 @@ class MessageGuard:
     def __call__(self, message: Any, info: Any) -> None:
         """Pass a message on, hold it, or drop it."""
         self.retry()
-        if not self._pass_on(message, info):
+        # Its sender may be known by now, but not when the messages before were tried.
+        is_behind = any(held.get(GID) == info.get(GID) for _, held, _ in self._held)
+        if is_behind or not self._pass_on(message, info):
             self._hold(message, info)
 
     def retry(self) -> None:

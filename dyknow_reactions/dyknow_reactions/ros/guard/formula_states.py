@@ -103,6 +103,9 @@ class FormulaStates:
         self._every_state = every_state
         self._source: StateSource | None = None
         self._states: StateSubscription | None = None
+        # The one before, until a state of the present one has come: its violation, of which the
+        # guard may learn later than of the other states, closes the gate all the same.
+        self._former: StateSubscription | None = None
         self._monitor: Monitor | None = None
         self._ask()
 
@@ -151,8 +154,8 @@ class FormulaStates:
         except DyKnowError as error:
             self._give_up(source, error.message)
             return
-        if self._states is not None:
-            self._states.destroy()
+        self._destroy_former()
+        self._former = self._states
         self._states = StateSubscription(
             self._services.node, source.stream, self._on_state, self._on_breach
         )
@@ -165,6 +168,7 @@ class FormulaStates:
     def _on_state(self, states: StateSubscription, state: State) -> None:
         if states is not self._states:
             return
+        self._destroy_former()
         try:
             values = sample_fields(state.message)
         except DyKnowError as error:
@@ -175,6 +179,13 @@ class FormulaStates:
     def _on_breach(self, states: StateSubscription, breach: Breach) -> None:
         if states is self._states:
             self._give_up(self._source, breach.message)
+        elif states is self._former:
+            self._receiver.fail(breach.message)
+
+    def _destroy_former(self) -> None:
+        if self._former is not None:
+            self._former.destroy()
+            self._former = None
 
     def _give_up(self, source: StateSource | None, reason: str) -> None:
         """Stop reading states, and ask anew unless the coordinator soon reports others."""
@@ -192,6 +203,7 @@ class FormulaStates:
 
     def _stop(self, reason: str) -> None:
         """Read no more states, until the coordinator reports others."""
+        self._destroy_former()
         if self._states is not None:
             self._states.destroy()
             self._states = None
