@@ -127,12 +127,7 @@ class FaultCounter:
         self.losses.append(LostMessages(names, first, min(max(first, last), END), reason))
 
     def lost_rows(
-        self,
-        place: str,
-        reason: str,
-        topic: str,
-        times: NDArray[np.int64],
-        lost: NDArray[np.bool_],
+        self, place: str, reason: str, topic: str, times: NDArray[np.int64], lost: NDArray[np.bool_]
     ) -> None:
         """Note messages that are lost, which are counted among the faults already.
 
