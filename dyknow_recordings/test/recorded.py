@@ -18,13 +18,17 @@ START = 1_700_000_000 * SECOND_NS
 
 
 class RecordedSample(NamedTuple):
-    """A message; a field with the value None is one that it lacks."""
+    """A message; a field with the value None is one that it lacks.
+
+    With `is_sent`, it has no stamp but a time of sending.
+    """
 
     log_time: int
     topic: str
     message_type: str
     stamp: int | None
     fields: Mapping[str, Value | None]
+    is_sent: bool = False
 
 
 def at(seconds: float) -> int:
@@ -59,9 +63,13 @@ class ListedSamples(RecordingReader):
             found = [each for each in messages if each.topic == topic]
             first = found[0]
             fields = {name: kind for each in reversed(found) for name, kind in _types(each.fields)}
-            has_stamp = first.stamp is not None
             self.contents[topic] = TopicContent(
-                first.message_type, fields, has_stamp, len(found), publishers
+                first.message_type,
+                fields,
+                first.stamp is not None and not first.is_sent,
+                len(found),
+                publishers,
+                first.is_sent,
             )
 
     @property

@@ -124,8 +124,12 @@ def channel(key: int, schema_key: int, topic: str, serialisation: str = 'cdr') -
     return record(4, body + struct.pack('<I', 0))
 
 
-def stored(key: int, time: int, data: bytes, sequence: int = 0) -> bytes:
-    return record(5, struct.pack('<HIQQ', key, sequence, time, time) + data)
+def stored(
+    key: int, time: int, data: bytes, sequence: int = 0, *, sent: int | None = None
+) -> bytes:
+    return record(
+        5, struct.pack('<HIQQ', key, sequence, time, time if sent is None else sent) + data
+    )
 
 
 def chunk(

@@ -13,6 +13,7 @@ from dyknow_configuration import TextSource
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
 from dyknow_recordings.evaluation.columns.column_terms import ColumnTerms
 from dyknow_recordings.evaluation.columns.series import ColumnStream
+from dyknow_recordings.evaluation.columns.topic_streams import TopicTiming
 from dyknow_recordings.evaluation.topic_history import TopicHistory, history_of
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
@@ -76,9 +77,8 @@ class RecordedStreams:
         self._column_terms = ColumnTerms(
             self._units,
             self.absolute,
-            self.has_stamp,
+            self._timing,
             self.dataflow.max_lead,
-            self.dataflow.delays.stamped,
         )
         self.known = self._known_streams()
 
@@ -232,8 +232,8 @@ class RecordedStreams:
         """
         content = self._topics[topic]
         for part in parts:
-            is_stamped = part.stamps is not None
-            is_known = part.message_type == content.message_type and is_stamped is content.has_stamp
+            is_timed = (part.stamps is not None) is (content.has_stamp or content.has_sent_times)
+            is_known = part.message_type == content.message_type and is_timed
             if not is_known or part.absent or part.values.keys() != parts[0].values.keys():
                 return None
         found = history_of(parts)
@@ -271,10 +271,6 @@ class RecordedStreams:
         """Return when the latest message of a topic was received, in nanoseconds; or 0."""
         return self._received.get(topic, 0)
 
-    def has_stamp(self, topic: str) -> bool:
-        """Return True if the messages of a topic have a stamp, or there are none."""
-        return topic not in self._topics or self._topics[topic].has_stamp
-
     def received(self, name: str) -> dict[str, int]:
         """Return when the latest message of each topic of a stream was received, in ns; or 0."""
         return {topic: self._received.get(topic, 0) for topic in self.topics(name)}
@@ -308,7 +304,16 @@ class RecordedStreams:
             return None
         # A topic of samples may be a stream of an engine, such as a merge.
         is_ordered = content.publishers == 1 and content.message_type != SAMPLE_TYPE
-        return SourceType(content.fields, not content.has_stamp, is_ordered)
+        is_sent = content.has_sent_times
+        is_received = not (content.has_stamp or is_sent)
+        return SourceType(content.fields, is_received, is_ordered, sent_time=is_sent)
+
+    def _timing(self, topic: str) -> TopicTiming:
+        """Return how the messages of a topic are dated; without any, as if they had stamps."""
+        delays, type_ = self.dataflow.delays, self._source_type(topic)
+        if type_ is None or not (type_.receipt_time or type_.sent_time):
+            return TopicTiming(delays.stamped, None)
+        return TopicTiming(delays.sent, delays.sent) if type_.sent_time else TopicTiming(0, 0)
 
     def _make(self, names: Sequence[str]) -> None:
         """Make requested streams; one may be made of another that comes later."""

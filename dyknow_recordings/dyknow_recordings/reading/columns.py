@@ -18,8 +18,8 @@ class MessageColumns:
         message_type: such as `nav_msgs/msg/Odometry`.
         log_times: the time of recording of each message, in nanoseconds since the epoch; of
             shape (n,).
-        stamps: the stamp of the header of each message in nanoseconds, 0 where it is unset; of
-            shape (n,). None if the type has no header.
+        stamps: the stamp of the header of each message in nanoseconds, 0 where it is unset; without
+            a header, the time at which it was sent; of shape (n,). None if neither is known.
         values: by the path of the field, such as `pose.pose.position.z`; of shape (n,). Numbers
             keep their type, texts are objects.
         positions: the number of each message among all messages that are read, in the order of

@@ -16,9 +16,11 @@ class TopicContent:
         message_type: such as `nav_msgs/msg/Odometry`.
         fields: the paths to the single values with their types, see `dyknow_common.field_paths`;
             None if they cannot be read.
-        has_stamp: True if the messages have a stamp, False if they are valid when received.
+        has_stamp: True if the messages have a stamp.
         count: the number of messages, of all types.
         publishers: their number when the recording began; None if it is unknown.
+        has_sent_times: True if messages without a stamp are valid from the time at which they were
+            sent, False if from that of their recording.
     """
 
     message_type: str
@@ -26,3 +28,4 @@ class TopicContent:
     has_stamp: bool
     count: int
     publishers: int | None = None
+    has_sent_times: bool = False

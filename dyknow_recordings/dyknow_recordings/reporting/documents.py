@@ -38,6 +38,7 @@ def topics_document(recording: RecordingReader) -> dict[str, Any]:
                 'message_type': each.message_type,
                 'messages': each.count,
                 'has_stamp': each.has_stamp,
+                'has_sent_times': each.has_sent_times,
                 'fields': None if each.fields is None else dict(each.fields),
             }
             for name, each in recording.contents.items()

@@ -22,6 +22,7 @@ from dyknow_recordings.evaluation.columns.topic_streams import (
     FunctionStep,
     SelectionStep,
     TopicStream,
+    TopicTiming,
 )
 from dyknow_stream_processing import (
     STATELESS_UNITS,
@@ -47,21 +48,19 @@ class ColumnTerms:
     Args:
         units: the computational units by name.
         absolute: returns the absolute name of a topic.
-        has_stamp: returns True if the messages of a topic, by its absolute name, have a stamp.
+        timing: returns how the messages of a topic, by its absolute name, are dated.
         max_lead: of topics for which a stream gives none, in nanoseconds.
-        max_delay: of such topics too.
     """
 
     def __init__(
         self,
         units: Mapping[str, Unit],
         absolute: Callable[[str], str],
-        has_stamp: Callable[[str], bool],
+        timing: Callable[[str], TopicTiming],
         max_lead: int,
-        max_delay: int,
     ) -> None:
         self._units, self._absolute = units, absolute
-        self._has_stamp, self._max_lead, self._max_delay = has_stamp, max_lead, max_delay
+        self._timing, self._max_lead = timing, max_lead
         self._known: dict[Term, ColumnStream | None] = {}
 
     def stream(self, term: Term) -> ColumnStream | None:
@@ -113,13 +112,7 @@ class ColumnTerms:
         given = [each for each in leads if each is not None]
         if all(each is None for each in leads[: len(checked)]):
             given.append(self._max_lead)
-        return TopicStream(
-            topic,
-            has_stamp=self._has_stamp(topic),
-            max_lead=min(given),
-            default_max_delay=self._max_delay,
-            steps=steps,
-        )
+        return TopicStream(topic, self._timing(topic), max_lead=min(given), steps=steps)
 
     def _inputs(self, term: Sync | Merge) -> list[ColumnStream] | None:
         found = [self.stream(each) for each in term.inputs]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,28 +83,39 @@ class FunctionStep:
         return found, {self.call.output: np.array(results, np.float64)}
 
 
+class TopicTiming(NamedTuple):
+    """How the messages of a topic are dated, with limits in nanoseconds.
+
+    Args:
+        max_delay: from their valid time to their recording, if a stream gives none.
+        clock_delay: after which the clock makes a time certain: 0 for times of recording; None if
+            only another message does, as for stamps.
+    """
+
+    max_delay: int
+    clock_delay: int | None
+
+
 class TopicStream(ColumnStream):
     """A stream that is made of the messages of one topic, one step after the other.
 
     Args:
         topic: its absolute name.
-        has_stamp: True if its messages have a stamp.
-        max_lead: by which stamps may be ahead of the log time, in nanoseconds.
-        default_max_delay: by which they may be behind it if no step gives a `max_delay`.
+        timing: how its messages are dated.
+        max_lead: by which valid times may be ahead of the log time, in nanoseconds.
         steps: the first one is the reference to the topic.
     """
 
     def __init__(
         self,
         topic: str,
+        timing: TopicTiming,
         *,
-        has_stamp: bool,
         max_lead: int,
-        default_max_delay: int,
         steps: tuple[SelectionStep | FunctionStep, ...],
     ) -> None:
-        self.topic, self.has_stamp, self.max_lead, self.steps = topic, has_stamp, max_lead, steps
-        self._default_max_delay = default_max_delay
+        self.topic, self.max_lead, self.steps = topic, max_lead, steps
+        self._default_max_delay, self._clock_delay = timing
         self.inputs = ()
         self.fields = None
         for step in steps:
@@ -112,7 +124,9 @@ class TopicStream(ColumnStream):
             elif step.fields is not None:
                 self.fields = tuple(step.fields)
         delays = (each.constraints.max_delay for each in steps)
-        self.max_delay = next((each for each in delays if each is not None), None)
+        given = next((each for each in delays if each is not None), None)
+        # Nothing is late that is valid when it is recorded.
+        self._max_delay = None if timing.clock_delay == 0 else given
         self.is_periodic = any(each.constraints.longest_distance is not None for each in steps)
         # After a message that is not selected, each `select` waits for another of the same time.
         self._caution = sum(isinstance(each, SelectionStep) for each in steps)
@@ -124,7 +138,7 @@ class TopicStream(ColumnStream):
         times, columns, log_times = history.valid_times, history.values, history.log_times
         if self._breaks_bounds(log_times - times):
             raise NeedsDataflowError(self.topics)
-        delay: int | None = None if self.has_stamp else 0
+        delay = self._clock_delay if self._max_delay is None else None
         for step in self.steps:
             if not len(times):
                 break
@@ -136,8 +150,8 @@ class TopicStream(ColumnStream):
                 times, log_times = times[found], log_times[found]
                 columns = {name: column[found] for name, column in columns.items()}
             limits = step.constraints
-            if limits.max_delay is not None:
-                delay = limits.max_delay if self.has_stamp else 0
+            if limits.max_delay is not None and self._max_delay is not None:
+                delay = self._max_delay
             if not _keeps(limits, times, log_times, history, received.end, delay):
                 raise NeedsDataflowError(self.topics)
         return Series(times, columns, self._horizon(times, history, received.end))
@@ -148,18 +162,18 @@ class TopicStream(ColumnStream):
             return False
         if delays.min() < -self.max_lead:
             return True
-        if self.max_delay is not None or delays.max() <= self._default_max_delay:
+        if self._max_delay is not None or delays.max() <= self._default_max_delay:
             return False
         return bool(((delays > self._default_max_delay) & (delays <= OTHER_CLOCK_NS)).any())
 
     def _horizon(self, times: Times, history: TopicHistory, end: int) -> int:
         """Return the valid time up to which no sample can come any more, or need be waited for."""
-        if self.has_stamp and self.max_delay is not None:
-            return end - self.max_delay - 1
+        if self._max_delay is not None:
+            return end - self._max_delay - 1
         latest = int(history.valid_times[-1]) if len(history) else BEGINNING + self._caution
         if not len(times) or times[-1] < latest:
             latest -= self._caution
-        return latest if self.has_stamp else max(latest, end - 1)
+        return latest if self._clock_delay is None else max(latest, end - self._clock_delay - 1)
 
     def settled(self, received: ReceivedMessages, arrivals: TopicHistory, *, is_own: bool) -> Times:
         """Return a time up to which the values are certain when each of some messages arrives.
@@ -169,14 +183,16 @@ class TopicStream(ColumnStream):
             arrivals: messages of any topic.
             is_own: True if the stream is made of these.
         """
-        if self.has_stamp and self.max_delay is not None:
-            return arrivals.log_times - self.max_delay - 1
+        if self._max_delay is not None:
+            return arrivals.log_times - self._max_delay - 1
         if is_own:
             return arrivals.valid_times - self._caution
         history = received.of(self.topic)
         before = np.searchsorted(history.positions, arrivals.positions) - 1
         times = np.insert(history.valid_times - self._caution, 0, BEGINNING)[before + 1]
-        return times if self.has_stamp else np.maximum(times, arrivals.log_times - 2)
+        if self._clock_delay is None:
+            return times
+        return np.maximum(times, arrivals.log_times - self._clock_delay - 2)
 
     def suffices(self, received: ReceivedMessages, time: int) -> bool:
         """Return True if the value at a time is known, or there has been none."""

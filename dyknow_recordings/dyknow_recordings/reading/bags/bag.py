@@ -95,6 +95,8 @@ class Bag(RecordingReader):
             types = replace(types, distro=known)
         self._types = types
         self._unreadable: dict[str, str] = {}
+        filled = [file for file in self._files if file.span is not None]
+        self._has_sent_times = bool(filled) and all(file.has_sent_times for file in filled)
         self._is_open = True
 
     def close(self) -> None:
@@ -186,8 +188,15 @@ class Bag(RecordingReader):
             except RecordingError as error:
                 self._unreadable[channel.topic] = str(error)
                 continue
-            has_stamp, publishers = bool(layout.stamp_fields), _publishers(channels)
-            return TopicContent(layout.name, layout.fields, has_stamp, count, publishers)
+            has_stamp = bool(layout.stamp_fields)
+            return TopicContent(
+                layout.name,
+                layout.fields,
+                has_stamp,
+                count,
+                _publishers(channels),
+                has_sent_times=self._has_sent_times and not has_stamp,
+            )
         return TopicContent(used[0].definition.name, None, has_stamp=False, count=count)
 
     def _layout(self, channel: StoredChannel) -> MessageLayout:
@@ -241,7 +250,8 @@ class Bag(RecordingReader):
             position += int(intact.sum())
             for reader, rows, fields in parts:
                 if len(rows):
-                    yield reader.part(batch.times[rows], positions[rows], fields)
+                    sent = batch.sent[rows] if self._has_sent_times else None
+                    yield reader.part(batch.times[rows], sent, positions[rows], fields)
 
 
 class _ChannelReader:
@@ -300,11 +310,15 @@ class _ChannelReader:
         return fields
 
     def part(
-        self, log_times: NDArray[np.int64], positions: NDArray[np.int64], fields: DecodedFields
+        self,
+        log_times: NDArray[np.int64],
+        sent: NDArray[np.int64] | None,
+        positions: NDArray[np.int64],
+        fields: DecodedFields,
     ) -> MessageColumns:
         """Return the fields of the messages that could be read."""
         fields = fields.intact_rows()
-        stamps = None
+        stamps = sent
         if self._stamp:
             seconds, nanoseconds = (fields.values[path].astype(np.int64) for path in self._stamp)
             stamps = seconds * 1_000_000_000 + nanoseconds

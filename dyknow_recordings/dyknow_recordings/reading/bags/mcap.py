@@ -32,6 +32,7 @@ from dyknow_recordings.reading.bags.mcap_records import (
     McapCode,
     chunk_content,
     chunk_times,
+    has_sent_times,
     records,
 )
 from dyknow_recordings.reading.bags.mcap_summary import read_summary
@@ -54,6 +55,7 @@ _ENTRY_SIZE: Final = 16
 _MESSAGE_SIZE: Final = MESSAGE_RECORD.size - RECORD.size
 _SEQUENCE_OFFSET: Final = 2
 _TIME_OFFSET: Final = 6
+_SENT_OFFSET: Final = 14
 _ERRORS: Final = (struct_error, IndexError, ValueError)
 """Raised where a record is shorter than its content."""
 
@@ -117,6 +119,8 @@ class McapFile:
         self._count()
         self._compare()
         self._chunks.sort(key=lambda chunk: chunk.start)
+        first = next((self._content(chunk) for chunk in self._chunks if chunk.counts), None)
+        self.has_sent_times = first is not None and has_sent_times(first)
 
     def close(self) -> None:
         """Close the file, as soon as nobody uses its messages."""
@@ -334,7 +338,9 @@ class McapFile:
         wanted = numbers[keys] >= 0
         positions, channels, times = positions[wanted], numbers[keys[wanted]], times[wanted]
         sizes = values('i8', positions + 1).astype(np.int64) - _MESSAGE_SIZE
-        messages = StoredMessages(data, times, channels, positions + MESSAGE_RECORD.size, sizes)
+        starts = positions + MESSAGE_RECORD.size
+        sent = values('i8', positions + (header + _SENT_OFFSET)).astype(np.int64)
+        messages = StoredMessages(data, times, channels, starts, sizes, sent)
         if (times < 0).any():
             place, reason = self._place(chunk), 'a chunk has messages without a time'
             self.faults.lose(place, reason, int((times < 0).sum()), topics=self._topics_of(chunk))
@@ -375,13 +381,7 @@ class McapFile:
         return {self._channels[key].topic for key in chunk.counts if key in self._channels}
 
     def _lose(self, chunk: _Chunk, reason: str, times: Sequence[int]) -> None:
-        """Note that a chunk has lost messages: after those with some times if these are in order.
-
-        Args:
-            chunk: the chunk.
-            reason: why they are lost.
-            times: of the messages at its begin that are intact, in nanoseconds.
-        """
+        """Note that a chunk has lost messages: after those with some times if in order."""
         if self._end_fault and chunk.end == len(self._data):
             self.faults.add(self._place(chunk), f'a chunk {reason}')
             return  # All that follows is lost, too.

@@ -20,6 +20,7 @@ from lz4 import frame as lz4
 from dyknow_common import shortened
 from dyknow_recordings.reading.bags.storage import MAX_BLOCK_BYTES
 from dyknow_recordings.reading.messages.stored_messages import MessageBuffer
+from dyknow_stream_processing import OTHER_CLOCK_NS
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -94,6 +95,19 @@ def chunk_times(data: MessageBuffer, begin: int) -> tuple[int, int]:
     """Return the log times of the first and last message of a chunk, as its header has them."""
     start, stop, _, _ = _CHUNK_HEADER.unpack_from(data, begin)
     return start, stop
+
+
+def has_sent_times(content: ChunkContent) -> bool:
+    """Return True if messages have times of sending that differ from their log times.
+
+    Not every recorder knows them. Under simulated time, they are those of another clock.
+    """
+    delays = set()
+    for code, begin, stop in records(content.data, content.begin, content.end):
+        if code == McapCode.MESSAGE and stop - begin >= MESSAGE_RECORD.size - RECORD.size:
+            *_, time, sent = MESSAGE_RECORD.unpack_from(content.data, begin - RECORD.size)
+            delays.add(time - sent)
+    return any(delays) and all(abs(delay) <= OTHER_CLOCK_NS for delay in delays)
 
 
 def chunk_content(data: MessageBuffer, begin: int, end: int) -> ChunkContent:

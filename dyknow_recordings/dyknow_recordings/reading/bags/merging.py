@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -93,4 +94,5 @@ def _without_compression(
         lost = block.rows([row for row, data in enumerate(plain) if data is None])
         _lose(lost, place, 'the compression of a message is damaged', topics, faults)
     found = [data for data in plain if data is not None]
-    return StoredMessages.of(block.times[rows], block.channels[rows], found)
+    messages = StoredMessages.of(block.times[rows], block.channels[rows], found)
+    return replace(messages, sent=block.sent[rows])

@@ -61,7 +61,7 @@ def _open(path: Path) -> sqlite3.Connection:
 
 
 class SqliteFile:
-    """A file of the storage format sqlite3.
+    """A file of the storage format sqlite3, which has no times of sending.
 
     Args:
         path: of the file.
@@ -75,6 +75,7 @@ class SqliteFile:
     def __init__(self, path: Path, name: str, faults: FaultCounter) -> None:
         self._name = name
         self.faults = faults
+        self.has_sent_times = False
         with path.open('rb') as file:
             start = file.read(len(SQLITE_MAGIC))
         if start != SQLITE_MAGIC:

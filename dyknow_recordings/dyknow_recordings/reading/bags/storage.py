@@ -57,6 +57,9 @@ class StorageFile(Protocol):
     span: tuple[int, int] | None
     """The log times of the first and last message; None if there is no message."""
 
+    has_sent_times: bool
+    """True if it has the times at which messages were sent."""
+
     def blocks(self, wanted: Collection[StoredChannel], numbers: Any) -> Iterator[StoredBlock]:
         """Yield the messages of some channels, in blocks in the order of their first times.
 

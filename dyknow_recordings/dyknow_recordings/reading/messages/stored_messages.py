@@ -28,6 +28,7 @@ class StoredMessages:
         channels: the number of the channel of each message among those of the bag.
         starts: the positions of the messages in the buffer.
         sizes: their numbers of bytes.
+        sent: the times at which they were sent in nanoseconds; the log times if these are unknown.
     """
 
     data: MessageBuffer
@@ -35,6 +36,7 @@ class StoredMessages:
     channels: NDArray[np.int64]
     starts: NDArray[np.int64]
     sizes: NDArray[np.int64]
+    sent: NDArray[np.int64]
 
     @classmethod
     def of(cls, times: Numbers, channels: Numbers, messages: Sequence[bytes]) -> StoredMessages:
@@ -42,7 +44,7 @@ class StoredMessages:
         sizes = np.fromiter(map(len, messages), np.int64, len(messages))
         starts = np.cumsum(sizes) - sizes
         log_times, numbers = np.array(times, np.int64), np.array(channels, np.int64)
-        return cls(b''.join(messages), log_times, numbers, starts, sizes)
+        return cls(b''.join(messages), log_times, numbers, starts, sizes, log_times)
 
     def __len__(self) -> int:
         return len(self.times)
@@ -55,7 +57,12 @@ class StoredMessages:
     def rows(self, rows: Any) -> StoredMessages:
         """Return some of the messages, given by an index of numpy."""
         return StoredMessages(
-            self.data, self.times[rows], self.channels[rows], self.starts[rows], self.sizes[rows]
+            self.data,
+            self.times[rows],
+            self.channels[rows],
+            self.starts[rows],
+            self.sizes[rows],
+            self.sent[rows],
         )
 
     def packed(self) -> tuple[bytes, NDArray[np.int64]]:
@@ -84,6 +91,7 @@ def joined(parts: Sequence[StoredMessages]) -> StoredMessages:
     times = np.concatenate([part.times for part in parts])
     channels = np.concatenate([part.channels for part in parts])
     sizes = np.concatenate([part.sizes for part in parts])
+    sent = np.concatenate([part.sent for part in parts])
     if all(part.data is parts[0].data for part in parts):
         data = parts[0].data
         starts = np.concatenate([part.starts for part in parts])
@@ -94,7 +102,7 @@ def joined(parts: Sequence[StoredMessages]) -> StoredMessages:
         starts = np.concatenate(
             [begin + starts for begin, (_, starts) in zip(begins, packed, strict=False)]
         )
-    messages = StoredMessages(data, times, channels, starts, sizes)
+    messages = StoredMessages(data, times, channels, starts, sizes, sent)
     if (np.diff(times) < 0).any():
         return messages.rows(np.argsort(times, kind='stable'))
     return messages
