@@ -69,6 +69,6 @@ def test_messages_that_were_sent_long_before(
     times.append((START + 700 * MS, START + (700 - delay) * MS))
     rows = [stored(1, logged, number(1), sent=sent) for logged, sent in times]
     file = written(tmp_path, *rows)
-    code = main([str(file), '--formula', 'always "/x".x = 1'])
+    code = main([str(file), '--json', '--formula', 'always "/x".x = 1'])
     assert code == (2 if words else 0)
-    assert words in ' '.join(capsys.readouterr().out.split())
+    assert words in capsys.readouterr().out

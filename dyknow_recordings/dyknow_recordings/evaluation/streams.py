@@ -13,7 +13,7 @@ from dyknow_configuration import TextSource
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
 from dyknow_recordings.evaluation.columns.column_terms import ColumnTerms
 from dyknow_recordings.evaluation.columns.series import ColumnStream
-from dyknow_recordings.evaluation.columns.topic_streams import TopicTiming
+from dyknow_recordings.evaluation.columns.topic_streams import ArrivalLimits
 from dyknow_recordings.evaluation.topic_history import TopicHistory, history_of
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
@@ -77,7 +77,7 @@ class RecordedStreams:
         self._column_terms = ColumnTerms(
             self._units,
             self.absolute,
-            self._timing,
+            self._arrival,
             self.dataflow.max_lead,
         )
         self.known = self._known_streams()
@@ -308,12 +308,12 @@ class RecordedStreams:
         is_received = not (content.has_stamp or is_sent)
         return SourceType(content.fields, is_received, is_ordered, sent_time=is_sent)
 
-    def _timing(self, topic: str) -> TopicTiming:
-        """Return how the messages of a topic are dated; without any, as if they had stamps."""
+    def _arrival(self, topic: str) -> ArrivalLimits:
+        """Return when the messages of a topic arrive; without any, as if they had stamps."""
         delays, type_ = self.dataflow.delays, self._source_type(topic)
         if type_ is None or not (type_.receipt_time or type_.sent_time):
-            return TopicTiming(delays.stamped, None)
-        return TopicTiming(delays.sent, delays.sent) if type_.sent_time else TopicTiming(0, 0)
+            return ArrivalLimits(delays.stamped, None)
+        return ArrivalLimits(delays.sent, delays.sent) if type_.sent_time else ArrivalLimits(0, 0)
 
     def _make(self, names: Sequence[str]) -> None:
         """Make requested streams; one may be made of another that comes later."""

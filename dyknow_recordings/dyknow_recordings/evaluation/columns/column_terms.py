@@ -19,10 +19,10 @@ from dyknow_recordings.evaluation.columns.joined_streams import (
 )
 from dyknow_recordings.evaluation.columns.series import ColumnStream
 from dyknow_recordings.evaluation.columns.topic_streams import (
+    ArrivalLimits,
     FunctionStep,
     SelectionStep,
     TopicStream,
-    TopicTiming,
 )
 from dyknow_stream_processing import (
     STATELESS_UNITS,
@@ -48,7 +48,7 @@ class ColumnTerms:
     Args:
         units: the computational units by name.
         absolute: returns the absolute name of a topic.
-        timing: returns how the messages of a topic, by its absolute name, are dated.
+        arrival: returns when the messages of a topic, by its absolute name, arrive.
         max_lead: of topics for which a stream gives none, in nanoseconds.
     """
 
@@ -56,11 +56,11 @@ class ColumnTerms:
         self,
         units: Mapping[str, Unit],
         absolute: Callable[[str], str],
-        timing: Callable[[str], TopicTiming],
+        arrival: Callable[[str], ArrivalLimits],
         max_lead: int,
     ) -> None:
         self._units, self._absolute = units, absolute
-        self._timing, self._max_lead = timing, max_lead
+        self._arrival, self._max_lead = arrival, max_lead
         self._known: dict[Term, ColumnStream | None] = {}
 
     def stream(self, term: Term) -> ColumnStream | None:
@@ -112,7 +112,7 @@ class ColumnTerms:
         given = [each for each in leads if each is not None]
         if all(each is None for each in leads[: len(checked)]):
             given.append(self._max_lead)
-        return TopicStream(topic, self._timing(topic), max_lead=min(given), steps=steps)
+        return TopicStream(topic, self._arrival(topic), max_lead=min(given), steps=steps)
 
     def _inputs(self, term: Sync | Merge) -> list[ColumnStream] | None:
         found = [self.stream(each) for each in term.inputs]

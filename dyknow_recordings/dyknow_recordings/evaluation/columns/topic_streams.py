@@ -83,8 +83,8 @@ class FunctionStep:
         return found, {self.call.output: np.array(results, np.float64)}
 
 
-class TopicTiming(NamedTuple):
-    """How the messages of a topic are dated, with limits in nanoseconds.
+class ArrivalLimits(NamedTuple):
+    """When the messages of a topic arrive after their valid times, in nanoseconds.
 
     Args:
         max_delay: from their valid time to their recording, if a stream gives none.
@@ -101,7 +101,7 @@ class TopicStream(ColumnStream):
 
     Args:
         topic: its absolute name.
-        timing: how its messages are dated.
+        arrival: when its messages arrive.
         max_lead: by which valid times may be ahead of the log time, in nanoseconds.
         steps: the first one is the reference to the topic.
     """
@@ -109,13 +109,13 @@ class TopicStream(ColumnStream):
     def __init__(
         self,
         topic: str,
-        timing: TopicTiming,
+        arrival: ArrivalLimits,
         *,
         max_lead: int,
         steps: tuple[SelectionStep | FunctionStep, ...],
     ) -> None:
         self.topic, self.max_lead, self.steps = topic, max_lead, steps
-        self._default_max_delay, self._clock_delay = timing
+        self._default_max_delay, self._clock_delay = arrival
         self.inputs = ()
         self.fields = None
         for step in steps:
@@ -126,7 +126,7 @@ class TopicStream(ColumnStream):
         delays = (each.constraints.max_delay for each in steps)
         given = next((each for each in delays if each is not None), None)
         # Nothing is late that is valid when it is recorded.
-        self._max_delay = None if timing.clock_delay == 0 else given
+        self._max_delay = None if arrival.clock_delay == 0 else given
         self.is_periodic = any(each.constraints.longest_distance is not None for each in steps)
         # After a message that is not selected, each `select` waits for another of the same time.
         self._caution = sum(isinstance(each, SelectionStep) for each in steps)

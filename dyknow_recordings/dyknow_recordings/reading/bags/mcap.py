@@ -26,6 +26,7 @@ from dyknow_recordings.reading.bags.mcap_definitions import McapDefinitions
 from dyknow_recordings.reading.bags.mcap_records import (
     MCAP_MAGIC,
     MESSAGE_RECORD,
+    MESSAGE_SIZE,
     RECORD,
     UNKNOWN_CODES,
     ChunkContent,
@@ -33,6 +34,7 @@ from dyknow_recordings.reading.bags.mcap_records import (
     chunk_content,
     chunk_times,
     has_sent_times,
+    message_positions,
     records,
 )
 from dyknow_recordings.reading.bags.mcap_summary import read_summary
@@ -52,7 +54,6 @@ _LARGEST_BLOCK: Final = 1 << 22
 _FORGOTTEN_BYTES: Final = 1 << 26
 _INDEX_HEADER: Final = Struct('<HI')
 _ENTRY_SIZE: Final = 16
-_MESSAGE_SIZE: Final = MESSAGE_RECORD.size - RECORD.size
 _SEQUENCE_OFFSET: Final = 2
 _TIME_OFFSET: Final = 6
 _SENT_OFFSET: Final = 14
@@ -292,7 +293,7 @@ class McapFile:
             if code in {McapCode.SCHEMA, McapCode.CHANNEL}:
                 with suppress(*_ERRORS):
                     self._definitions.read(code, content.data[begin:stop])
-            elif code == McapCode.MESSAGE and stop - begin >= MESSAGE_RECORD.size - RECORD.size:
+            elif code == McapCode.MESSAGE and stop - begin >= MESSAGE_SIZE:
                 start = begin - RECORD.size
                 _, _, channel, _, time, _ = MESSAGE_RECORD.unpack_from(content.data, start)
                 counts[channel] += 1
@@ -312,34 +313,24 @@ class McapFile:
             numbers: of the channels in the bag by those in this file; -1 for those not wanted.
         """
         content = self._content(chunk)
-        data, position, end = content.data, content.begin, content.end
-        found: list[int] = []
-        unpack, header, message = RECORD.unpack_from, RECORD.size, McapCode.MESSAGE.value
-        # This loop runs for each message of a recording: `records` would take twice the time.
-        while position + header <= end:
-            code, size = unpack(data, position)
-            stop = position + header + size
-            if stop > end or code == 0:
-                break
-            if code == message and size >= _MESSAGE_SIZE:
-                found.append(position)
-            position = stop
+        data, header = content.data, RECORD.size
+        found, is_whole = message_positions(content)
         self._forget_pages(chunk)
         positions = np.array(found, np.int64)
         if len(positions) == 0:
-            self._check_content(chunk, content, positions, is_whole=position == end)
+            self._check_content(chunk, content, positions, is_whole=is_whole)
             return StoredMessages.of((), (), ())
         values = SerialisedMessages(data, '<').values
         keys = values('u2', positions + header).astype(np.int64)
         times = values('i8', positions + header + _TIME_OFFSET).astype(np.int64)
-        self._check_content(chunk, content, times, is_whole=position == end)
+        self._check_content(chunk, content, times, is_whole=is_whole)
         sequence = values('u4', positions + header + _SEQUENCE_OFFSET).astype(np.int64)
         self._sequences.check(keys, times, sequence, self._channels, self.faults)
         wanted = numbers[keys] >= 0
         positions, channels, times = positions[wanted], numbers[keys[wanted]], times[wanted]
-        sizes = values('i8', positions + 1).astype(np.int64) - _MESSAGE_SIZE
-        starts = positions + MESSAGE_RECORD.size
+        sizes = values('i8', positions + 1).astype(np.int64) - MESSAGE_SIZE
         sent = values('i8', positions + (header + _SENT_OFFSET)).astype(np.int64)
+        starts = positions + MESSAGE_RECORD.size
         messages = StoredMessages(data, times, channels, starts, sizes, sent)
         if (times < 0).any():
             place, reason = self._place(chunk), 'a chunk has messages without a time'
