@@ -13,6 +13,7 @@ class ViolationKind(StrEnum):
     SAMPLE_PERIOD = 'sample_period'
     MAX_GAP = 'max_gap'
     FUTURE = 'future'  # a sample is stamped further ahead of the clock than max_lead
+    CLOCK = 'clock'  # the clock of the sender of a topic differs by more than clock_tolerance
     VALID_TIME_ORDER = 'valid_time_order'  # a sample is older than its predecessor
     FIELDS = 'fields'  # a sample lacks a needed field, or its fields do not fit
     BUFFER = 'buffer'  # too many samples wait for those of another stream

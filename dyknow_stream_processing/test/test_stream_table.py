@@ -95,6 +95,18 @@ def test_stamps_ahead_of_the_clock() -> None:
     assert '/t: 200 received, the latest 310 ms ago, stamped ahead 5.01 s' in lines
 
 
+def test_where_a_topic_loses_its_time() -> None:
+    source = SourceReport('/t', 200, 1_000 * MS, 4_050 * MS, 2_000 * MS, 2_050 * MS)
+    lines = shown(stream_details(replace(FLOWING, sources=(source,)), 1_310 * MS))
+    assert (
+        '/t: 200 received, the latest 310 ms ago, stamped 2 s before it was sent, clock of the '
+        'sender 2.05 s behind'
+    ) in ' '.join(lines)
+    ahead = replace(source, before_sending=90 * MS, transport=-300 * MS)
+    lines = shown(stream_details(replace(FLOWING, sources=(ahead,)), 1_310 * MS))
+    assert 'the latest 310 ms ago, clock of the sender 300 ms ahead' in ' '.join(lines)
+
+
 def test_the_engines_where_there_are_several() -> None:
     lines = shown(stream_table([FLOWING], ['/engine', '/robot1/engine']))
     assert lines[1].endswith(' 3 2 /engine')
@@ -141,11 +153,12 @@ def test_what_is_not_known_is_left_out(account: StreamReport) -> None:
 
 def test_a_stream_for_programs() -> None:
     document = as_json(FLOWING)
+    zero = {'delay_ns': 0, 'before_sending_ns': 0, 'transport_ns': 0}
     assert document['state'] == 'FLOWING'
     assert document['constraints'] == {'max_delay': 100 * MS}
     assert list(document['sources']) == [
-        {'topic': '/silent', 'samples': 0, 'latest_ns': None, 'delay_ns': 0},
-        {'topic': '/t', 'samples': 200, 'latest_ns': 1_000 * MS, 'delay_ns': 0},
+        {'topic': '/silent', 'samples': 0, 'latest_ns': None, **zero},
+        {'topic': '/t', 'samples': 200, 'latest_ns': 1_000 * MS, **zero},
     ]
     assert document['drops'] == {'max_delay': 2, 'fields': 1}
     assert (document['rate_hz'], document['mean_delay_ns'], document['max_delay_ns']) == (

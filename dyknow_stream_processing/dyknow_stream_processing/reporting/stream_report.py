@@ -79,6 +79,10 @@ class SourceReport:
     """The time of receipt of the latest sample, nanoseconds."""
     delay: int = 0
     """The same minus its valid time, nanoseconds; negative if it was stamped ahead of the clock."""
+    before_sending: int = 0
+    """From its valid time to its sending, by the clock of its sender, nanoseconds."""
+    transport: int = 0
+    """The least time from sending to receipt, by two clocks, nanoseconds; 0 if it is unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from dyknow_common import round_duration
+from dyknow_common import NANOSECONDS, round_duration
 from dyknow_common.tables import (
     Cell,
     ReportTable,
@@ -36,6 +36,9 @@ _NONE = (
     'There are no streams. Start DyKnow with a file that has some, as in "dyknow up robot.yaml"; '
     'formulas over topics need none.\n'
 )
+
+_SHOWN_NS = 100 * NANOSECONDS['ms']
+"""The delay from which on it is shown where a topic loses its time: a sender takes some."""
 
 _FIGURES = ('samples', 'rate', 'delay', 'max', 'dropped', 'violations')
 
@@ -74,7 +77,7 @@ def stream_details(report: StreamReport, now: int) -> RenderableType:
 
 def as_json(report: StreamReport) -> dict[str, Any]:
     """Return everything that is known of one stream; durations in nanoseconds, the rate in Hz."""
-    document = json_document(report, times=('latest', 'delay'))
+    document = json_document(report, times=('latest', 'delay', 'before_sending', 'transport'))
     flow = document.pop('flow')
     return {
         **document,
@@ -127,6 +130,11 @@ def _source(source: SourceReport, now: int) -> str:
         return f'{source.topic}: nothing has come yet'
     age = round_duration(max(0, now - source.latest))
     stamped = f', stamped {_delay(source.delay)}' if source.delay < 0 else ''
+    if source.before_sending >= _SHOWN_NS:
+        stamped += f', stamped {round_duration(source.before_sending)} before it was sent'
+    if abs(source.transport) >= _SHOWN_NS:
+        side = 'behind' if source.transport > 0 else 'ahead'
+        stamped += f', clock of the sender {round_duration(abs(source.transport))} {side}'
     return f'{source.topic}: {source.samples} received, the latest {age} ago{stamped}'
 
 

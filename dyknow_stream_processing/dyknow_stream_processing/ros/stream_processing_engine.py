@@ -37,6 +37,7 @@ from dyknow_stream_processing.language.specification import (
 from dyknow_stream_processing.language.term_sizes import check_rates
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.naming import check_name
+from dyknow_stream_processing.reporting.sender_clock import CLOCK_TOLERANCE_NS
 from dyknow_stream_processing.reporting.stream_report import (
     NO_FLOW,
     Flow,
@@ -101,7 +102,12 @@ class StreamProcessingEngine(DyKnowNode):
         self.set_loaded({'computational units': len(units)})
         self.set_status(RUNNING)
         self._dataflow = self._new_dataflow(units)
-        self._sources = TopicSources(self, self._dataflow)
+        tolerance = self._limit(
+            'clock_tolerance',
+            CLOCK_TOLERANCE_NS,
+            'Seconds by which the clock of the sender of a topic may differ from the one here.',
+        )
+        self._sources = TopicSources(self, self._dataflow, clock_tolerance=tolerance)
         self._waiting = WaitingStreams(self, self._dataflow, self._sources)
         self._outputs: dict[str, _Output] = {}
         self._background = Background(self)

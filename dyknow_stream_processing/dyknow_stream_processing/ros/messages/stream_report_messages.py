@@ -114,6 +114,8 @@ def report_to_message(report: StreamReport) -> Any:
                 samples=source.samples,
                 latest=nanoseconds_to_time(source.latest or 0),
                 delay=nanoseconds_to_duration(source.delay),
+                before_sending=nanoseconds_to_duration(source.before_sending),
+                transport=nanoseconds_to_duration(source.transport),
             )
             for source in report.sources
         ],
@@ -143,6 +145,8 @@ def report_from_message(message: Any) -> StreamReport:
                 source.samples,
                 time_to_nanoseconds(source.latest) or None,
                 time_to_nanoseconds(source.delay),
+                time_to_nanoseconds(source.before_sending),
+                time_to_nanoseconds(source.transport),
             )
             for source in message.sources
         ),

@@ -19,6 +19,7 @@ from dyknow_stream_processing.dataflow.dataflow import Dataflow
 from dyknow_stream_processing.dataflow.operators import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.required_fields import WHOLE, Demand
+from dyknow_stream_processing.reporting.sender_clock import CLOCK_TOLERANCE_NS, SenderClock
 from dyknow_stream_processing.reporting.silence import TopicState, topic_reason
 from dyknow_stream_processing.reporting.stream_report import SourceReport
 from dyknow_stream_processing.ros.messages.conversions import extractor
@@ -64,12 +65,14 @@ class TopicSources:
         quality_of_service: QoSProfile | None = None,
         valid_times: Mapping[str, str] | None = None,
         message_types: Mapping[str, Any] | None = None,
+        clock_tolerance: int = CLOCK_TOLERANCE_NS,
     ) -> None:
         self._node = node
         self._dataflow = dataflow
         self._quality_of_service = quality_of_service
         self._valid_times = valid_times or {}
         self._message_types = message_types or {}
+        self._clock_tolerance = clock_tolerance
         self._topics = NodeTopics.of(node)
         self._names = TopicNames(node)
         self._sources: dict[str, tuple[_Source, Callable[[], None]]] = {}
@@ -125,7 +128,10 @@ class TopicSources:
         """Return the report of a topic that is subscribed to."""
         source, _ = self._sources[topic]
         name = self._node.resolve_topic_name(topic)
-        return SourceReport(name, source.received, source.latest, source.delay)
+        transport = source.clock.transport or 0
+        return SourceReport(
+            name, source.received, source.latest, source.delay, source.before_sending, transport
+        )
 
     def reason(self, topic: str, since: int | None) -> str:
         """Return why no messages of a topic that is subscribed to come; empty if they come.
@@ -170,6 +176,7 @@ class TopicSources:
             self._dataflow,
             self._schedule,
             self._arrive,
+            self._clock_tolerance,
         )
         remove = self._topics.listen(
             topic, source, self._quality_of_service, self._message_types.get(topic)
@@ -248,6 +255,9 @@ class _Source:
     dataflow: Dataflow
     schedule: Callable[[], None]
     arrive: Callable[[_Arrival], None]
+    clock_tolerance: int
+    clock: SenderClock = field(default_factory=SenderClock)
+    before_sending: int = 0
     received: int = 0
     latest: int | None = None
     delay: int = 0
@@ -306,7 +316,18 @@ class _Source:
                     'message was sent is used'
                 )
             valid_time = unstamped
+        if sent_at and not is_initial:
+            self._compare_clocks(valid_time, sent_at, now)
         self.arrive(_Arrival(self, message, valid_time, now, is_initial))
+
+    def _compare_clocks(self, valid_time: int, sent_at: int, now: int) -> None:
+        self.before_sending = sent_at - valid_time
+        self.clock.note(sent_at, now)
+        if fault := self.clock.fault(now, self.clock_tolerance):
+            observed, allowed = abs(self.clock.transport or 0), self.clock_tolerance
+            text = f"stream '{self.topic}': {fault}"
+            kind = ViolationKind.CLOCK
+            self.on_violation(Violation(self.topic, kind, valid_time, now, observed, allowed, text))
 
     def push(self, arrival: _Arrival, now: int) -> None:
         """Push a sample into the dataflow, with the fields that it needs now."""
