@@ -18,6 +18,9 @@ Content = TypeVar('Content')
 NO_WAIT: Final = getattr(os, 'O_NONBLOCK', 0)
 """Opens a pipe without a wait for its other end; Windows has no such files."""
 
+MAX_LINE: Final = 1 << 20
+"""The most characters of a line of a file that is read line by line."""
+
 _CREATE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, 'O_BINARY', 0)
 """Makes a new file; Windows alone would change the ends of its lines."""
 
@@ -39,10 +42,11 @@ class InlineText:
 
 
 @contextmanager
-def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Iterator[TextIO]:
-    """Open a text file in UTF-8, with or without a byte order mark, to be read within the body.
+def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Iterator[Iterator[str]]:
+    """Yield the lines of a text file in UTF-8, with or without a byte order mark, one by one.
 
-    It may be a pipe, and of any size: `read_text` is for files that are read as a whole.
+    It may be a pipe, and of any size: `read_text` is for files that are read as a whole. A line has
+    at most MAX_LINE characters.
 
     Args:
         path: of the file.
@@ -53,7 +57,18 @@ def open_text(path: Path, content: str, error_class: type[DyKnowError]) -> Itera
         DyKnowError: of that class, if the file cannot be read (NOT_FOUND) or is not in UTF-8.
     """
     with _errors_of(path, content, error_class), path.open(encoding='utf-8-sig') as file:
-        yield file
+        yield _lines(
+            file, lambda reason: error_class(f'cannot read the {content} in {path}: {reason}')
+        )
+
+
+def _lines(file: TextIO, error: Callable[[str], DyKnowError]) -> Iterator[str]:
+    number = 0
+    while line := file.readline(MAX_LINE + 1):
+        number += 1
+        if len(line) > MAX_LINE:
+            raise error(f'line {number} has more than {MAX_LINE:,} characters')
+        yield line
 
 
 def read_text(path: Path | InlineText, content: str, error_class: type[DyKnowError]) -> str:

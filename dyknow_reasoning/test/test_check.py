@@ -184,6 +184,12 @@ def test_bad_input(
     assert message in captured.err
 
 
+def test_a_trace_without_an_end(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['--trace', '/dev/zero', 'p']) == 2
+    reason = 'line 1 has more than 1,048,576 characters'
+    assert f'cannot read the trace in /dev/zero: {reason}' in capsys.readouterr().err
+
+
 def test_no_trace(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['--trace', '/nowhere/trace.csv', 'p']) == 2
     assert '/nowhere/trace.csv' in capsys.readouterr().err
