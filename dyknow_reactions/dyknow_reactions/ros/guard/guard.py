@@ -217,7 +217,11 @@ class GuardNode(DyKnowNode):
         self._last_sent = now
 
     def _report(self) -> None:
+        # It opens as of this time: the messages of a new subscription come later, and pass.
+        now = self._now()
         self._passage.refresh()
+        self._gate.block(now, self._passage.obstacle)
+        self._settle(now)
         self._publish_state()
         self._diagnostics.publish(self._gate, self._passed, self._refused, self._passage.bypass)
 
