@@ -1,3 +1,4 @@
+import json
 import math
 import struct
 from pathlib import Path
@@ -8,6 +9,7 @@ from small_logs import PERIOD_US, START_US, data, log, record, start
 
 from dyknow_common import ExitCode, ValueType
 from dyknow_recordings import RecordedTopic, RecordingError, in_order, open_recording
+from dyknow_recordings.check import main
 
 COUNT = 20_000
 
@@ -73,12 +75,36 @@ def test_faults_of_a_log(path: Path) -> None:
         found = [row.values['x'] for row in in_order(opened.columns({'/number': ['x']}))]
         assert found == [0, 1, 4]
         assert [str(fault) for fault in opened.faults] == [
-            f'{path}: the file ends early, within a message',
             "topic '/number': a message has no time",
             "topic '/number': the log time jumps back, first for 2.00 s after 5.000002 s",
             f'{path}: the logger has lost messages, first for 250 ms',
+            f'{path}: the file ends early, within a message',
             f'{path}: no message is recorded, first for 14400 s after 5.000002 s',
         ]
+
+
+@pytest.mark.parametrize(
+    ('change', 'reason'),
+    [
+        ('dropout', 'the logger has lost messages'),
+        ('cut', 'the file ends early, within a message'),
+        ('damage', 'parts of the file are damaged: they are left out'),
+    ],
+)
+def test_no_verdict_depends_on_lost_messages(
+    path: Path, change: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was certain before stays, unless it is unknown what is lost."""
+    content = log(range(20))
+    later = b''.join(data(0, START_US + n * PERIOD_US, n) for n in range(30, 40))
+    lost = record('O', struct.pack('<H', 10 * PERIOD_US // 1000))
+    middle = {'dropout': lost, 'cut': b'', 'damage': bytes(12)}[change]
+    path.write_bytes((content + middle + later)[: -1 if change == 'cut' else None])
+    early = 2 if change == 'damage' else 1
+    for formula, code in (('always "/number".x < 50', 2), ('always "/number".x < 5', early)):
+        assert main([str(path), '--json', '--formula', formula]) == code
+        (found,) = json.loads(capsys.readouterr().out)['formulas']
+        assert (reason in str(found['error'])) is (code == 2)
 
 
 def test_a_log_without_messages(path: Path) -> None:

@@ -111,9 +111,10 @@ class FaultCounter:
         topics: Collection[str] | None = None,
         first: int = BEGINNING,
         last: int = END,
+        detail: str = '',
     ) -> None:
         """Count a fault by which messages are lost; see `add` and `LostMessages`."""
-        self.add(place, reason, count)
+        self.add(place, reason, count, detail)
         self._note(topics, first, last, f'{place}: {reason}')
 
     def _note(self, topics: Collection[str] | None, first: int, last: int, reason: str) -> None:

@@ -21,6 +21,7 @@ from dyknow_common import ExitCode, ValueType, absence, all_elements, listed_as
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.lost_messages import BEGINNING, END
 from dyknow_recordings.reading.recording import (
     MAX_TIME,
     FaultCounter,
@@ -43,6 +44,7 @@ from dyknow_recordings.reading.ulog_times import (
 ULOG_MAGIC: Final = b'\x55\x4c\x6f\x67\x01\x12\x35'
 
 _MICROSECOND: Final = 1000
+_MILLISECOND: Final = 1_000_000
 _BATCH_MESSAGES: Final = 1 << 14
 _INDEX: Final = re.compile(r'\[(\d+)\]', re.ASCII)
 _VALUE_TYPES: Final = {
@@ -64,7 +66,7 @@ class UlogRecording(RecordingReader):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        content, log = _read(path, self._opening)
+        content, log = _read(path)
         self._data: dict[str, _LoggedTopic] = {}
         self._start: int | None = None
         ids = () if log.file_corruption else {each.msg_id for each in log.data_list}
@@ -76,6 +78,7 @@ class UlogRecording(RecordingReader):
             else:
                 self._data[name] = _LoggedTopic(name, data, order.get(data.msg_id), self._opening)
         self._place(log)
+        self._add_losses(log, ends_early=_ends_early(content))
 
     @property
     def topics(self) -> tuple[RecordedTopic, ...]:
@@ -131,16 +134,25 @@ class UlogRecording(RecordingReader):
         elif any(map(len, topics)):
             reason = 'all messages are from before the start in its header, which is not used'
             self._opening.add(str(self.path), reason)
-        self._add_dropouts(log)
 
-    def _add_dropouts(self, log: Any) -> None:
-        first, last = self._times() or (1, 0)
-        for dropout in log.dropouts:
-            detail = f'for {dropout.duration} ms'
-            # It is placed by the latest stamp, which may be wrong.
-            if first <= dropout.timestamp * _MICROSECOND <= last:
-                detail += f' after {dropout.timestamp / 1e6:.3f} s'
-            self._opening.add(str(self.path), 'the logger has lost messages', detail=detail)
+    def _add_losses(self, log: Any, *, ends_early: bool) -> None:
+        """Note which messages the logger has lost, and what the file lacks."""
+        begin, end = self._times() or (1, 0)
+        for each in log.dropouts:
+            first, last, detail = BEGINNING, END, f'for {each.duration} ms'
+            time, duration = each.timestamp * _MICROSECOND, each.duration * _MILLISECOND
+            # The latest stamp places it, which may be wrong. What was lost was stamped before its
+            # end; it may have waited for the logger before.
+            if begin <= time <= end:
+                first, last = time - duration, time + duration
+                detail += f' after {each.timestamp / 1e6:.3f} s'
+            reason = 'the logger has lost messages'
+            self._opening.lose(str(self.path), reason, first=first, last=last, detail=detail)
+        if log.file_corruption:
+            self._opening.lose(str(self.path), 'parts of the file are damaged: they are left out')
+        elif ends_early:
+            reason = 'the file ends early, within a message'
+            self._opening.lose(str(self.path), reason, first=end)
 
     def _columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
         self._reading = FaultCounter()
@@ -226,7 +238,7 @@ class _LoggedTopic:
         return MessageColumns(self.name, self.message_type, times, None, values, positions)
 
 
-def _read(path: Path, faults: FaultCounter) -> tuple[bytes, Any]:
+def _read(path: Path) -> tuple[bytes, Any]:
     """Return the content of a log, and what pyulog has read of it."""
     try:
         data = path.read_bytes()
@@ -250,10 +262,6 @@ def _read(path: Path, faults: FaultCounter) -> tuple[bytes, Any]:
         # Damaged files make the library raise errors of many kinds, some without a text.
         reason = str(error) or type(error).__name__
         raise RecordingError(f'{path}: not a readable log of PX4: {reason}') from error
-    if log.file_corruption:
-        faults.add(str(path), 'parts of the file are damaged: they are left out')
-    elif _ends_early(data):
-        faults.add(str(path), 'the file ends early, within a message')
     return data, log
 
 
