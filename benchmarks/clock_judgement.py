@@ -1,0 +1,293 @@
+"""The judgement of `clocks.py`: formulas by their definition, over the messages of two robots."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clock_robots import MS, STAMPED, UNSTAMPED, Message, topic_name
+from dyknow_interfaces.msg import ExitStatus
+from running_system import outcome_of
+
+from dyknow_common import SECOND_NS, round_time
+from dyknow_common.ros import time_to_nanoseconds
+
+MAX_LEAD_NS = 100 * MS
+MAX_DELAY_NS = SECOND_NS
+"""The limits of stamps by default: ahead of the clock, and behind it."""
+
+TRANSPORT_NS = 100 * MS
+"""The time that a message may take from its publisher to the engine."""
+
+TOLERANCE_NS = 300 * MS
+"""How much earlier or later a formula may begin where true times decide: two and a half periods."""
+
+
+MISSED = 'max_gap is'
+"""A part of errors about messages that are missed, as they are late or were dropped."""
+
+VERDICTS = {'true': True, 'false': False}
+
+RIGHT, RIGHT_BY_OFFSET, WRONG = 'right', 'right by an allowed offset', 'wrong'
+ALLOWED, NOT_ALLOWED = 'error, allowed', 'error, not allowed'
+JUDGEMENTS = (RIGHT, RIGHT_BY_OFFSET, WRONG, ALLOWED, NOT_ALLOWED)
+
+
+@dataclass(frozen=True)
+class Level:
+    """The level of a topic is high."""
+
+    robot: str
+    kind: str
+
+    @property
+    def is_stamped(self) -> bool:
+        """True if its messages are stamped by the clock of the robot."""
+        return self.kind == STAMPED
+
+    def text(self, number: int, *, is_stated: bool) -> str:
+        """Return the formula in an episode, over a stream that states a `max_delay` or a topic."""
+        if is_stated and self.is_stamped:
+            return f'{self.robot}{number}_stated.level > 0.5'
+        name = 'data' if self.kind == UNSTAMPED else 'point.x'
+        return f'"{self.topic(number)}".{name} > 0.5'
+
+    def topic(self, number: int) -> str:
+        """Return the name of the topic in an episode."""
+        return topic_name(self.robot, number, self.kind)
+
+
+@dataclass(frozen=True)
+class Not:
+    """A negation."""
+
+    inner: Formula
+
+
+@dataclass(frozen=True)
+class And:
+    """A conjunction."""
+
+    left: Formula
+    right: Formula
+
+
+@dataclass(frozen=True)
+class Until:
+    """`left until[0, length] right`, open at both ends; None on the left is true."""
+
+    left: Formula | None
+    length: int
+    right: Formula
+
+
+Formula = Level | Not | And | Until
+
+
+def always(length: int, formula: Formula) -> Formula:
+    """Return `always[0, length] formula`; the length is in nanoseconds."""
+    return Not(Until(None, length, Not(formula)))
+
+
+def implies(left: Formula, right: Formula) -> Formula:
+    """Return `left -> right`."""
+    return Not(And(left, Not(right)))
+
+
+class Trace:
+    """The states of some topics, at the times of their messages.
+
+    Args:
+        topics: the messages of each topic.
+        time_of: returns the time from which on a message counts.
+    """
+
+    def __init__(
+        self, topics: Mapping[Level, Sequence[Message]], time_of: Callable[[Message], int]
+    ) -> None:
+        times = {atom: [time_of(each) for each in found] for atom, found in topics.items()}
+        begin = max(each[0] for each in times.values())
+        self.times = sorted({at for each in times.values() for at in each if at >= begin})
+        self._levels = {
+            atom: [bool(found[bisect_right(times[atom], at) - 1].level) for at in self.times]
+            for atom, found in topics.items()
+        }
+
+    def value(self, formula: Formula, begin: int, end: int) -> bool | None:
+        """Return the value of a formula at the state `begin`, given the states before `end`.
+
+        None: it depends on later states.
+        """
+        match formula:
+            case Level():
+                return self._levels[formula][begin]
+            case Not(inner):
+                found = self.value(inner, begin, end)
+                return None if found is None else not found
+            case And(left, right):
+                return _both(self.value(left, begin, end), self.value(right, begin, end))
+            case Until():
+                return self._until(formula, begin, end)
+
+    def _until(self, formula: Until, begin: int, end: int) -> bool | None:
+        last = self.times[begin] + formula.length
+        found: bool | None = False
+        held: bool | None = True
+        for state in range(begin, min(bisect_right(self.times, last), end)):
+            found = _either(found, _both(held, self.value(formula.right, state, end)))
+            if formula.left is not None and state > begin:
+                held = _both(held, self.value(formula.left, state, end))
+            if found or held is False:
+                return found
+        is_over = self.times[end - 1] >= last
+        return found if is_over else _either(found, None)
+
+
+def _both(left: bool | None, right: bool | None) -> bool | None:  # noqa: FBT001
+    if left is False or right is False:
+        return False
+    return None if left is None or right is None else True
+
+
+def _either(left: bool | None, right: bool | None) -> bool | None:  # noqa: FBT001
+    if left or right:
+        return True
+    return None if left is None or right is None else False
+
+
+@dataclass
+class Question:
+    """A formula about two robots, and its answer; times in nanoseconds.
+
+    Args:
+        number: of the episode.
+        text: of the formula.
+        begin: no state of the formula is earlier.
+        max_delay: that the streams of stamped messages state; None: the default.
+    """
+
+    number: int
+    text: str
+    formula: Formula
+    topics: tuple[Level, ...]
+    begin: int
+    max_delay: int | None
+    asked: int
+    answered: int = 0
+    answer: Any = None
+
+    @property
+    def outcome(self) -> str:
+        """The outcome in a word or two."""
+        return outcome_of(self.answer)
+
+    @property
+    def decided_at(self) -> int:
+        """The valid time of the deciding state."""
+        return time_to_nanoseconds(self.answer.decided_at)
+
+    @property
+    def limit(self) -> int:
+        """The time by which a stamped message may come after its stamp."""
+        return MAX_DELAY_NS if self.max_delay is None else self.max_delay
+
+
+class Judge:
+    """Judges the answer of a question by the messages of its topics.
+
+    Args:
+        messages: of each topic, by its name.
+    """
+
+    def __init__(self, question: Question, messages: Mapping[str, Sequence[Message]]) -> None:
+        self._question = question
+        self._messages = {each: messages[each.topic(question.number)] for each in question.topics}
+        self._error = question.answer.exit_status
+        self._stamped = {atom: self._messages[atom] for atom in question.topics if atom.is_stamped}
+
+    def judgement(self) -> str:
+        """Return one of `JUDGEMENTS`."""
+        question = self._question
+        if question.outcome not in VERDICTS:
+            return ALLOWED if self._may_fail() else NOT_ALLOWED
+        verdict = VERDICTS[question.outcome]
+        if not self._is_within_limits():
+            return RIGHT if self._agrees_with_life(verdict) else WRONG
+        if not self._agrees_with_stamps(verdict):
+            return WRONG
+        return RIGHT if self._agrees_with_life(verdict) else RIGHT_BY_OFFSET
+
+    def _may_fail(self) -> bool:
+        """Return True if the error is due to a message that may have broken a limit.
+
+        The error names this message; or the one before or after it, if it is missed. A timeout
+        names none.
+        """
+        return any(
+            self._may_break_limit(each) and self._is_meant(before, each, after)
+            for messages in self._stamped.values()
+            for before, each, after in zip(
+                [messages[0], *messages], messages, [*messages[1:], messages[-1]], strict=False
+            )
+        )
+
+    def _is_meant(self, before: Message, message: Message, after: Message) -> bool:
+        question, text = self._question, self._error.message
+        if self._error.code == ExitStatus.TIMEOUT:
+            return question.asked < message.ended and message.begun < question.answered
+        named = (before, after) if MISSED in text else (message,)
+        return any(f'valid at {round_time(each.stamp)}' in text for each in named)
+
+    def _may_break_limit(self, message: Message) -> bool:
+        is_ahead = message.stamp - message.begun > MAX_LEAD_NS
+        is_late = message.ended + TRANSPORT_NS - message.stamp > self._question.limit
+        if MISSED in self._error.message or self._error.code == ExitStatus.TIMEOUT:
+            return is_ahead or is_late
+        return is_ahead if 'ahead of the clock' in self._error.message else is_late
+
+    def _is_within_limits(self) -> bool:
+        """Return False if a message that the verdict depends on has surely broken a limit."""
+        question = self._question
+        begin, end = question.begin - TOLERANCE_NS, question.decided_at
+        return not any(
+            each.stamp - each.ended - TRANSPORT_NS > MAX_LEAD_NS
+            or each.begun - each.stamp > question.limit
+            for messages in self._stamped.values()
+            for each in messages
+            if begin <= each.stamp <= end
+        )
+
+    def _agrees_with_stamps(self, verdict: bool) -> bool:  # noqa: FBT001
+        """Return True if the states until the deciding one, by the stamps, have this verdict.
+
+        An unstamped message was sent at some time of its publication.
+        """
+        question = self._question
+        for time_of in (_stamp_or_begun, _stamp_or_ended):
+            trace = Trace(self._messages, time_of)
+            begin = bisect_left(trace.times, question.begin)
+            end = bisect_right(trace.times, question.decided_at)
+            if begin < end and trace.value(question.formula, begin, end) is verdict:
+                return True
+        return False
+
+    def _agrees_with_life(self, verdict: bool) -> bool:  # noqa: FBT001
+        """Return True if the formula has this verdict by the true times."""
+        question = self._question
+        trace = Trace(self._messages, lambda each: each.true or each.begun)
+        begin = bisect_left(trace.times, question.begin - TOLERANCE_NS)
+        end = bisect_right(trace.times, question.begin + TOLERANCE_NS)
+        last = len(trace.times)
+        return any(
+            trace.value(question.formula, each, last) is verdict for each in range(begin, end)
+        )
+
+
+def _stamp_or_begun(message: Message) -> int:
+    return message.stamp or message.begun
+
+
+def _stamp_or_ended(message: Message) -> int:
+    return message.stamp or message.ended
