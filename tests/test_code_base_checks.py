@@ -46,9 +46,9 @@ def test_a_class_name_in_two_modules(checks: ModuleType) -> None:
 def test_long_files_and_functions(checks: ModuleType) -> None:
     write(checks, 'one.py', 'def work():\n' + '    pass\n' * 39)
     assert not list(checks.long_code())
-    write(checks, 'one.py', 'def work():\n' + '    pass\n' * 40 + '\n' * 360)
+    write(checks, 'one.py', 'def work():\n' + '    pass\n' * 40 + '\n' * 560)
     assert [fault.partition(' has ')[2] for fault in checks.long_code()] == [
-        '401 lines, more than 400',
+        '601 lines, more than 600',
         '41 lines, more than 40',
     ]
 

@@ -9,9 +9,16 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
-from dyknow_interfaces.msg import ExitStatus, StreamSpec
+from dyknow_interfaces.msg import (
+    ConstraintViolation,
+    ExitStatus,
+    StreamIdentity,
+    StreamSpec,
+    StreamStatusArray,
+)
+from std_msgs.msg import Float64
 
-from stream_nodes import TANK, StreamNodes
+from stream_nodes import LATCHED, TANK, StreamNodes
 
 ONE, TWO = '/engine_one', '/engine_two'
 FAR = '/far/engine'
@@ -143,6 +150,66 @@ def test_a_stream_that_is_replaced_at_its_engine(nodes: StreamNodes) -> None:
     wait_until_nothing_flows(nodes)
     destroy_other(nodes, ONE)
     nodes.wait_until_flowing('level', 'half')
+
+
+def ids(report: StreamStatusArray) -> dict[str, int]:
+    """The id of each stream; 0 while it is uncertain."""
+    return {each.name: each.stream_id for each in report.streams}
+
+
+def test_a_stream_is_made_from_the_chosen_one_alone(nodes: StreamNodes) -> None:
+    make_level_and_half(nodes)
+    topic = '/dyknow/streams/level'
+    nodes.until(lambda: all(ids(nodes.report).values()), 'the ids are known')
+    chosen = ids(nodes.report)['level']
+    spec = StreamSpec(name='third', specification=f'select level as third from "{topic}"')
+
+    def make(node: str, stream_id: int) -> int:
+        sources = [StreamIdentity(topic=topic, stream_id=stream_id)]
+        made = nodes.call(node, srv.StreamCreateFromSpec, spec=spec, sources=sources)
+        return int(made.exit_status.code)
+
+    assert make(MANAGER, chosen + 1) == ExitStatus.UNAVAILABLE
+    assert make(ONE, chosen + 1) == ExitStatus.UNAVAILABLE
+    # Another engine may hear of the chosen stream later than who has chosen it.
+    heard: list[ConstraintViolation] = []
+    nodes.client.node.create_subscription(
+        ConstraintViolation, '/dyknow/streams/third/violations', heard.append, LATCHED
+    )
+    assert make(TWO, chosen + 1) == ExitStatus.SUCCESS
+    nodes.until(lambda: bool(heard), 'a violation')
+    assert {each.constraint for each in heard} == {'source'}
+    nodes.call(TWO, srv.StreamDestroy, stream_name='third')
+    heard.clear()
+    nodes.listen('/dyknow/streams/third')
+    assert make(TWO, ids(nodes.report)['level']) == ExitStatus.SUCCESS
+    nodes.wait_for_samples()
+    assert not heard
+
+
+def test_a_stream_that_reads_another_one_than_requested_is_not_certain(nodes: StreamNodes) -> None:
+    make_level_and_half(nodes)
+    nodes.until(lambda: all(ids(nodes.report).values()), 'the ids are known')
+    before = ids(nodes.report)
+    made: list[StreamStatusArray] = []
+    told: list[StreamStatusArray] = []
+    node = nodes.client.node
+    node.create_subscription(StreamStatusArray, f'{TWO}/streams', made.append, LATCHED)
+    nodes.signal(MANAGER, signal.SIGSTOP)
+    destroy_other(nodes, ONE)
+    nodes.create('level', OTHER, node=ONE)
+    pool = node.create_publisher(Float64, '/pool/level', 10)
+    timer = node.create_timer(0.02, lambda: pool.publish(Float64(data=9.0)))
+    nodes.until(
+        lambda: bool(made) and ids(made[-1])['half'] != before['half'], 'half is another stream'
+    )
+    node.create_subscription(StreamStatusArray, f'{MANAGER}/streams', told.append, LATCHED)
+    nodes.signal(MANAGER, signal.SIGCONT)
+    wait_for_conflict(nodes, f'{ONE} makes')
+    node.destroy_timer(timer)
+    # Of streams that the manager did not request, it never tells the ids.
+    for name, stream_id in before.items():
+        assert {ids(each).get(name, 0) for each in told} <= {0, stream_id}
 
 
 def test_another_stream_on_the_same_topic(nodes: StreamNodes) -> None:

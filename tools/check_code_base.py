@@ -26,7 +26,7 @@ import grimp
 
 ROOT = Path(__file__).parent.parent
 MAX_MODULES = 13
-MAX_LINES = 400
+MAX_LINES = 600
 MAX_FUNCTION_LINES = 40
 
 ROSDEP_KEYS = {

@@ -1,8 +1,11 @@
 """What sources are made from, and whether it is there."""
 
+from dataclasses import replace
+
 import pytest
 
 from dyknow_common import SECOND_NS, StreamConstraints, Symbol, SymbolKind
+from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import FeatureSource, referenced_source
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.stream_fields import field_names
@@ -40,6 +43,22 @@ def test_origins_are_found_through_streams(known: KnownStreams) -> None:
     streams = {'climb', '/x/climb', 'altitude', '/dyknow/streams/altitude'}
     assert found == streams | {'smooth', ODOMETRY}
     assert known.origins(source('select v from "/x/climb"')) == found
+
+
+def test_the_ids_of_the_streams_that_states_are_made_from() -> None:
+    def known(climb: int) -> KnownStreams:
+        ids = {'altitude': 7, 'climb': climb}
+        streams = [replace(each, stream_id=ids.get(each.name, 0)) for each in STREAMS]
+        return KnownStreams(streams, lambda _: True)
+
+    altitude = source('select altitude from "/dyknow/streams/altitude"')
+    others = source('select data from laser'), source('select a from waiting')
+    assert known(9).identities([altitude, *others]) == {'/dyknow/streams/altitude': 7}
+    climb = source('sync(climb, altitude)')
+    assert known(9).identities([climb]) == {'/x/climb': 9, '/dyknow/streams/altitude': 7}
+    assert known(0).identities([altitude])
+    with pytest.raises(CoordinationError, match="'climb' is being made or replaced"):
+        known(0).identities([altitude, climb])
 
 
 @pytest.mark.parametrize(

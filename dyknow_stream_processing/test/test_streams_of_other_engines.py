@@ -295,3 +295,23 @@ def test_a_stream_that_was_replaced_is_heard_no_more() -> None:
     received.note_watermark(ID, 6, 50)
     assert received.due() is None
     assert received.note_sample(9, 2) is SampleOrigin.SAME
+
+
+def test_a_stream_that_was_chosen_before_its_first_sample() -> None:
+    received = ReceivedWatermarks()
+    assert received.expect(ID) is SampleOrigin.SAME
+    assert received.note_sample(9, 1) is SampleOrigin.RECREATED
+    # It was chosen by who knew less: it may still be made.
+    assert received.note_sample(ID, 1) is SampleOrigin.RECREATED
+    assert received.note_sample(9, 2) is SampleOrigin.FORMER
+
+
+def test_a_stream_that_was_chosen_in_place_of_the_one_so_far() -> None:
+    received = ReceivedWatermarks()
+    received.note_sample(ID, 5)
+    assert received.expect(ID) is SampleOrigin.SAME
+    assert received.expect(9) is SampleOrigin.RECREATED
+    assert received.note_sample(9, 1) is SampleOrigin.SAME
+    # The one so far may come again, as its last samples may still be on their way.
+    assert received.note_sample(ID, 6) is SampleOrigin.RECREATED
+    assert received.expect(9) is SampleOrigin.FORMER

@@ -6,7 +6,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 
-from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, cached_by_text
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    DyKnowError,
+    ExitCode,
+    StreamConstraints,
+    cached_by_text,
+)
+from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import FeatureSource
 from dyknow_stream_processing import (
     TF_STATIC,
@@ -30,6 +37,7 @@ class KnownStream:
     Args:
         specification: empty for a topic that another program publishes.
         topic: empty while the stream is not published.
+        stream_id: as in its samples; 0 if it is no stream of an engine, or is being replaced.
         engine: the node that makes the stream, or made it last.
         received: for each topic that the stream is made from, the time at which the engine
             received the latest message, in nanoseconds; 0 before the first.
@@ -40,6 +48,7 @@ class KnownStream:
     name: str
     specification: str = ''
     topic: str = ''
+    stream_id: int = 0
     message_type: str = ''
     engine: str = ''
     received: Mapping[str, int] = field(default_factory=dict)
@@ -152,6 +161,26 @@ class KnownStreams:
         return all(map(self._is_stream_published, names.streams)) and all(
             map(self._is_published, names.topics)
         )
+
+    def identities(self, sources: Iterable[FeatureSource]) -> Mapping[str, int]:
+        """Return the ids of the streams of engines that sources name, by their topics.
+
+        Raises:
+            CoordinationError: UNAVAILABLE, naming a stream that is being replaced.
+        """
+        found: dict[str, int] = {}
+        for source in sources:
+            names = _source_names(source)
+            named = [self._streams.get(name) for name in names.streams]
+            named += [self._by_topic.get(self._absolute(name)) for name in names.topics]
+            for stream in named:
+                if stream is None or not (stream.specification and stream.topic):
+                    continue
+                if not stream.stream_id:
+                    text = f"stream '{stream.name}' is being made or replaced"
+                    raise CoordinationError(text, ExitCode.UNAVAILABLE)
+                found[stream.topic] = stream.stream_id
+        return found
 
     def affected(self, sources: Iterable[FeatureSource], origin: str) -> tuple[FeatureSource, ...]:
         """Return the sources that are affected by a fault.

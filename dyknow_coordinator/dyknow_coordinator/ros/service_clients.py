@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
-from dyknow_interfaces.msg import Domain, StreamSpec
+from dyknow_interfaces.msg import Domain, StreamIdentity, StreamSpec
 from dyknow_interfaces.srv import (
     ConceptGetInstances,
     FindAllMatchingStreams,
@@ -152,10 +152,15 @@ class ServiceClients:
         )
 
     async def create_stream(
-        self, name: str, specification: str, constraints: StreamConstraints
+        self,
+        name: str,
+        specification: str,
+        constraints: StreamConstraints,
+        sources: Mapping[str, int],
     ) -> tuple[str, str]:
         """Create a stream; return its topic and the topic of its violations.
 
+        It is made from no other streams on the topics of `sources` than those with the given ids.
         Its relative topics are in the namespace of the coordinator, whatever the manager's is.
         """
         move = partial(in_namespace, specification, self._namespace, self.streams_namespace)
@@ -168,6 +173,7 @@ class ServiceClients:
                 ),
                 constraints=constraints_to_message(constraints),
             ),
+            sources=[StreamIdentity(topic=each, stream_id=sources[each]) for each in sources],
         )
         return str(response.stream_topic), str(response.stream_constraint_violation_topic)
 

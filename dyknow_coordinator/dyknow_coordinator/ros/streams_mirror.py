@@ -110,6 +110,7 @@ class StreamsMirror:
             status.name,
             specification=text,
             topic=status.topic,
+            stream_id=status.stream_id,
             message_type=status.message_type,
             engine=status.engine or (before.engine if before else ''),
             received={each.topic: time_to_nanoseconds(each.latest) for each in status.sources},

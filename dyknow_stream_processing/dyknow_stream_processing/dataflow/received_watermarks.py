@@ -42,11 +42,28 @@ class ReceivedWatermarks:
     """
 
     def __init__(self) -> None:
-        self._stream_id = 0
+        self.stream_id = 0
+        """The stream that the topic has or is expected to have; 0 if that is unknown."""
+        self._is_expected = False
         self._former: set[int] = set()
         self._number: int | None = None
         self._held: _Watermark | None = None
         self._overtaken = 0
+
+    def expect(self, stream_id: int) -> SampleOrigin:
+        """Record the stream that a reader of the topic has chosen; samples of others follow it.
+
+        The reader may know less than was received here: its stream may turn out to be gone, and
+        the one so far to be the stream of the topic.
+        """
+        if stream_id in self._former:
+            return SampleOrigin.FORMER
+        if stream_id == self.stream_id:
+            return SampleOrigin.SAME
+        origin = SampleOrigin.RECREATED if self.stream_id else SampleOrigin.SAME
+        self.stream_id, self._held, self._is_expected = stream_id, None, True
+        self._number, self._overtaken = None, 0
+        return origin
 
     def note_sample(self, stream_id: int, number: int) -> SampleOrigin:
         """Record the receipt of a sample; an id of 0 is that of a publisher that is no engine."""
@@ -55,12 +72,13 @@ class ReceivedWatermarks:
         if stream_id in self._former:
             return SampleOrigin.FORMER
         origin = SampleOrigin.SAME
-        if stream_id != self._stream_id:
-            if self._stream_id:
-                self._former.add(self._stream_id)
+        if stream_id != self.stream_id:
+            if self.stream_id:
                 origin = SampleOrigin.RECREATED
-            self._stream_id, self._held = stream_id, None
-        self._number, self._overtaken = number, 0
+                if not self._is_expected:
+                    self._former.add(self.stream_id)
+            self.stream_id, self._held = stream_id, None
+        self._number, self._overtaken, self._is_expected = number, 0, False
         return origin
 
     def note_watermark(self, stream_id: int, number: int, watermark: int) -> int:
@@ -69,11 +87,11 @@ class ReceivedWatermarks:
         Returns:
             The number of samples that are lost.
         """
-        if self._stream_id == 0 and stream_id not in self._former:
-            self._stream_id = stream_id
-        if stream_id != self._stream_id:
+        if self.stream_id == 0 and stream_id not in self._former:
+            self.stream_id = stream_id
+        if stream_id != self.stream_id:
             return 0
-        self._held = _Watermark(number, watermark)
+        self._held, self._is_expected = _Watermark(number, watermark), False
         if number <= (self._number or 0):
             return 0
         self._overtaken += 1

@@ -167,11 +167,23 @@ class StreamRegistry:
         self._change(name, engine=engine, topic='')
 
     def place(
-        self, name: str, engine: str, topic: str, sources: Mapping[str, str], message: str = ''
+        self,
+        name: str,
+        engine: str,
+        topic: str,
+        sources: Mapping[str, str],
+        message: str = '',
+        stream_id: int = 0,
     ) -> None:
         """Record that an engine makes a stream."""
         self._change(
-            name, engine=engine, topic=topic, sources=sources, message=message, failed=False
+            name,
+            engine=engine,
+            topic=topic,
+            stream_id=stream_id,
+            sources=sources,
+            message=message,
+            failed=False,
         )
 
     def release(self, name: str, message: str, *, failed: bool = False) -> None:

@@ -19,6 +19,7 @@ class CreatedStream:
         specification: the text, as it was requested or as an engine reports it.
         engine: the node that makes it or is asked to; `None` while it waits for an engine.
         topic: the topic of its samples; empty until an engine makes it.
+        stream_id: as its engine stated it when it made the stream; 0 if a manager found it made.
         sources: the topics of the streams that it is made from and that other nodes publish.
         message: why it waits or failed; where, when and why it was recreated.
         reported: True if the text is that of an engine, with aliases that a manager wrote into it.
@@ -31,6 +32,7 @@ class CreatedStream:
     constraints: StreamConstraints
     engine: str | None = None
     topic: str = ''
+    stream_id: int = 0
     sources: Mapping[str, str] = field(default_factory=dict)
     message: str = ''
     lost: str = ''

@@ -83,6 +83,8 @@ class SourceReport:
     """From its valid time to its sending, by the clock of its sender, nanoseconds."""
     transport: int = 0
     """The least time from sending to receipt, by two clocks, nanoseconds; 0 if it is unknown."""
+    stream_id: int = 0
+    """The stream whose samples come or are expected; 0 for other messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,7 @@ class StreamReport:
         message: what it waits for, or why it failed; where, when and why it was recreated.
         engine: the node that makes it; empty if none does.
         topic: the topic of its samples; empty if there is none.
+        stream_id: as in its samples; 0 if it is unknown, or if it is being replaced.
         drops: the number of dropped samples, by reason.
         sources: the topics that it is made of.
         flow: over the last second.
@@ -103,6 +106,7 @@ class StreamReport:
     message: str = ''
     engine: str = ''
     topic: str = ''
+    stream_id: int = 0
     message_type: str = SAMPLE_TYPE
     specification: str = ''
     constraints: StreamConstraints = NO_CONSTRAINTS

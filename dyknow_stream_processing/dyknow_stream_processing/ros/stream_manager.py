@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -128,10 +128,12 @@ class StreamManager(DyKnowNode):
         self._limits.check(self._registry.specifications(), spec)
         constraints = constraints_from_message(spec.constraints)
         created = await self._placement.create(
-            CreatedStream(spec.name, spec.specification, constraints)
+            CreatedStream(spec.name, spec.specification, constraints),
+            {each.topic: each.stream_id for each in request.sources if each.stream_id},
         )
         response.stream_topic = created.stream_topic
         response.stream_constraint_violation_topic = created.stream_constraint_violation_topic
+        response.stream_id = created.stream_id
 
     async def _destroy(self, request: Any, _response: Any) -> None:
         await self._placement.destroy(request.stream_name)
@@ -183,15 +185,16 @@ class StreamManager(DyKnowNode):
         self._on_change()
 
     def _reports(self) -> Iterator[StreamReport]:
-        return with_origins(list(map(self._report, self._registry.streams())))
+        identities = self._placement.identities()
+        return with_origins([self._report(each, identities) for each in self._registry.streams()])
 
-    def _report(self, stream: Stream) -> StreamReport:
+    def _report(self, stream: Stream, identities: Mapping[str, int]) -> StreamReport:
         engine = getattr(stream, 'engine', None)
         reported = self._engines.reports(engine).get(stream.name) if engine else None
         report = self._registry.report(stream, reported)
         if isinstance(stream, RegisteredStream):
             return replace(report, message=self._registration_fault(stream))
-        return report
+        return replace(report, stream_id=identities.get(stream.topic, 0))
 
     def _registration_fault(self, stream: RegisteredStream) -> str:
         """Return why a topic is not published as it was registered; empty if it is."""

@@ -28,7 +28,7 @@ from dyknow_common.ros import (
 from dyknow_stream_processing.dataflow.computational_units import load_units
 from dyknow_stream_processing.dataflow.dataflow import DEFAULT_MAX_LEAD, Dataflow
 from dyknow_stream_processing.dataflow.operators import DEFAULT_DELAYS, DelayLimits
-from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.errors import StreamError, stream_replaced
 from dyknow_stream_processing.language.sinks import sink_message
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
@@ -56,7 +56,7 @@ from dyknow_stream_processing.ros.topics.waiting_streams import WaitingStreams
 from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkPublisher
 from dyknow_stream_processing.ros.typed_output import TypedOutput
 from dyknow_stream_processing.sample import Sample as DataSample
-from dyknow_stream_processing.violation import Violation
+from dyknow_stream_processing.violation import Violation, ViolationKind
 
 WARNING_PERIOD_S: Final = 1.0
 """Minimum time between two violations in the log; all are published."""
@@ -166,6 +166,8 @@ class StreamProcessingEngine(DyKnowNode):
         specification = await parse_beside(self._background, spec.specification)
         constraints = constraints_from_message(spec.constraints)
         check_rates(specification, constraints)
+        sources = {each.topic: each.stream_id for each in request.sources if each.stream_id}
+        self._expect(sources)
         self._dataflow.create(
             spec.name,
             specification,
@@ -186,10 +188,26 @@ class StreamProcessingEngine(DyKnowNode):
             typed=typed,
         )
         self._sources.refresh()
+        # Topics that nobody has read here before.
+        self._expect(sources)
         self._waiting.add(spec.name)
         self._report_publisher.publish_soon()
         response.stream_topic = topic
         response.stream_constraint_violation_topic = violations
+        response.stream_id = writer.stream_id
+
+    def _expect(self, sources: Mapping[str, int]) -> None:
+        """Let topics have the streams that a client has chosen.
+
+        Raises:
+            StreamError: UNAVAILABLE, naming a topic that has another stream.
+        """
+        own = {output.topic: output.writer.stream_id for output in self._outputs.values()}
+        for topic, stream_id in sources.items():
+            if topic in own and own[topic] != stream_id:
+                raise stream_replaced(topic)
+            if topic not in own and not self._sources.expect(topic, stream_id):
+                raise stream_replaced(topic)
 
     def _typed_output(
         self, name: str, specification: Specification, topic: str
@@ -238,6 +256,7 @@ class StreamProcessingEngine(DyKnowNode):
                 message=output.waits_for,
                 engine=self.get_fully_qualified_name(),
                 topic=output.topic,
+                stream_id=output.writer.stream_id,
                 specification=self._dataflow.specification(name),
                 constraints=output.constraints,
                 samples=statistics.samples,
@@ -287,6 +306,11 @@ class StreamProcessingEngine(DyKnowNode):
                 )
 
     def _publish_violation(self, name: str, violation: Violation) -> None:
+        topics = map(self.resolve_topic_name, self._dataflow.topics(name))
+        if violation.constraint == ViolationKind.SOURCE and violation.stream_name in topics:
+            # Made from another stream, it is another stream: who has chosen it must be told.
+            self._outputs[name].writer.renew()
+            self._report_publisher.publish_soon()
         # The node may be later than the receipt of the sample. Subscribers ignore violations from
         # before their subscription, but the sample may matter for a stream that was created since.
         detected = max(violation.available_time, self.now())

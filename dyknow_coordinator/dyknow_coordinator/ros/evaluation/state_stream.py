@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from dyknow_interfaces.msg import ConstraintViolation
@@ -40,8 +40,15 @@ class StateStream:
         self._is_created = False
         self._is_destroyed = False
 
-    async def create(self, specification: str, constraints: StreamConstraints) -> bool:
+    async def create(
+        self, specification: str, constraints: StreamConstraints, sources: Mapping[str, int]
+    ) -> bool:
         """Create the stream (steps 9 to 11); return True if it has the expected topic.
+
+        Args:
+            specification: of the stream.
+            constraints: added to those of the specification.
+            sources: the ids of the streams that it is made from, by their topics.
 
         Raises:
             DyKnowError: if it cannot be created, or was destroyed before that.
@@ -50,7 +57,7 @@ class StateStream:
         self._context.cleanup.keep_stream(self.name)
         try:
             topic, violations = await self._context.clients.create_stream(
-                self.name, specification, constraints
+                self.name, specification, constraints, sources
             )
         finally:
             self._is_created = True

@@ -23,7 +23,7 @@ Without a gap, because a better stream is available:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final, Protocol
 
@@ -49,10 +49,7 @@ RESUME_TIMEOUT_S: Final = 2.0
 """Time within which other streams must replace those that failed."""
 
 SETTLING_S: Final = 0.5
-"""Time after which the stream manager has noticed that another stream has the name of a known one.
-
-Until then, it would make states of the other one.
-"""
+"""Time within which the stream manager reports which streams have replaced others."""
 
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
@@ -113,6 +110,8 @@ class StateSupervisor:
         self._has_ended = False
         self.chosen = self._choose(inputs.candidates)
         self.stream = self._new_stream(name)
+        self._sources: Mapping[str, int] = {}
+        """The ids of the streams that the states are made from, by their topics."""
         # Streams that will be used, or were used and have not been unsubscribed from.
         self._others: list[StateStream] = []
         self._topics: tuple[str, ...] = ()
@@ -259,8 +258,9 @@ class StateSupervisor:
         limit.add_done_callback(lambda _: self._give_up())
         while self._faults and not self._has_ended:
             settled_at_s = max(each.settled_at_s for each in self._faults)
-            if (wait_s := settled_at_s - self._context.wall_time_s()) > 0:
-                await self._context.node.deadlines.after(wait_s)
+            wait_s = settled_at_s - self._context.wall_time_s()
+            if wait_s > 0 and not self._are_replaced():
+                await self._context.node.deadlines.after(min(wait_s, POLL_PERIOD_S))
                 continue
             fault, count = worst_fault(self._faults), len(self._faults)
             chosen = self._choose(self.inputs.candidates)
@@ -335,10 +335,54 @@ class StateSupervisor:
     async def _create(
         self, stream: StateStream, chosen: tuple[FeatureSource, ...], *, gap: bool
     ) -> None:
-        specification = state_specification(chosen)
-        as_expected = await stream.create(specification, self.inputs.constraints)
+        specification, constraints = state_specification(chosen), self.inputs.constraints
+        sources = await self._identities(chosen)
+        try:
+            as_expected = await stream.create(specification, constraints, sources)
+        except DyKnowError as error:
+            # The stream manager may know by now that one of them is another stream.
+            if error.code is not ExitCode.UNAVAILABLE or not sources:
+                raise
+            sources = await self._identities(chosen, error, sources)
+            as_expected = await stream.create(specification, constraints, sources)
+        self._sources = sources
         if not as_expected:
             await self._evaluate(stream, gap=gap)
+
+    async def _identities(
+        self,
+        chosen: tuple[FeatureSource, ...],
+        refusal: DyKnowError | None = None,
+        refused: Mapping[str, int] | None = None,
+    ) -> Mapping[str, int]:
+        """Return the ids of the chosen streams, once the stream manager is certain of them.
+
+        If a request for `refused` ids was refused, wait for other ones.
+
+        Raises:
+            DyKnowError: the refusal, or the reason why an id is unknown, after SETTLING_S.
+        """
+        deadlines = self._context.node.deadlines
+        limit = deadlines.after(SETTLING_S)
+        while True:
+            try:
+                sources = self._context.streams.known.identities(chosen)
+            except CoordinationError as error:
+                reason: DyKnowError | None = error
+            else:
+                if refused is None or sources != refused:
+                    return sources
+                reason = refusal
+            if reason is not None and (limit.done() or self._has_ended):
+                raise reason
+            await deadlines.after(POLL_PERIOD_S)
+
+    def _are_replaced(self) -> bool:
+        """Return True if the stream manager knows other streams in the place of those in use."""
+        try:
+            return self._context.streams.known.identities(self.chosen) != self._sources
+        except CoordinationError:
+            return False
 
     async def _evaluate(self, stream: StateStream, *, gap: bool) -> None:
         """Have the reasoning engine evaluate the group over a state stream."""

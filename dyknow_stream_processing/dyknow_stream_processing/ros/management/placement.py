@@ -17,14 +17,15 @@ would have the same topic in this one, or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
-from typing import Any, Final
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from typing import Any, Final, TypeGuard
 
-from dyknow_interfaces.msg import StreamSpec
+from dyknow_interfaces.msg import StreamIdentity, StreamSpec
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, constraints_to_message
+from dyknow_stream_processing.errors import stream_replaced
 from dyknow_stream_processing.management.conflicts import (
     engines_missing,
     name_taken,
@@ -46,6 +47,9 @@ POLL_PERIOD_S: Final = 0.05
 
 RETRY_PERIOD_S: Final = 1.0
 """Time between two attempts to make the streams that wait."""
+
+_ANY: Final[Mapping[str, int]] = {}
+"""The choice of who reads whatever streams the topics have."""
 
 _NO_RESPONSE: Final = (ExitCode.UNAVAILABLE, ExitCode.TIMEOUT)
 """Errors worth retrying, after which an engine may still do what was requested."""
@@ -85,11 +89,16 @@ class Placement:
         self._reconcile_again = False
         node.create_timer(RETRY_PERIOD_S, self._retry, clock=node.wall_clock)
 
-    async def create(self, stream: CreatedStream) -> Any:
+    async def create(self, stream: CreatedStream, chosen: Mapping[str, int]) -> Any:
         """Create a stream, and return the response of the engine that makes it.
 
+        Args:
+            stream: the stream.
+            chosen: the ids of streams by their topics; it must be made from these.
+
         Raises:
-            DyKnowError: if it cannot be made; then it is not registered either.
+            DyKnowError: if it cannot be made; then it is not registered either. UNAVAILABLE, if a
+                topic has another stream than was chosen.
         """
         # A request to destroy the stream may come while its specification is parsed.
         async with self._locks.hold(stream.name):
@@ -97,7 +106,7 @@ class Placement:
             self._registry.add(stream)
             try:
                 await self._wait_for_engine()
-                response = await self._make(stream)
+                response = await self._make(stream, chosen)
             except BaseException:
                 self._registry.forget(stream.name)
                 raise
@@ -133,12 +142,49 @@ class Placement:
         """Return True if an engine reports the streams that it is known to make, and no others."""
         reports = self._engines.reports(engine)
         return self._made_by(engine) == reports.keys() and all(
-            self._compared.get((engine, name), ())[:2] == (report.specification, report.constraints)
-            for name, report in reports.items()
+            self._is_compared(engine, report) for report in reports.values()
         )
 
     def _made_by(self, engine: str) -> set[str]:
         return {stream.name for stream in self._registry.made_by(engine) if stream.topic}
+
+    def identities(self) -> Mapping[str, int]:
+        """Return the ids of all streams that engines make, by their topics.
+
+        The id is 0 while it is not certain that an engine makes the requested stream there, from
+        the requested streams: its report may not have been compared yet, or it may have received
+        samples of another stream than the one that the manager knows.
+        """
+        made = {each.topic: each for each in self._registry.streams() if _is_made(each)}
+        found = {topic: self._reported_id(stream) for topic, stream in made.items()}
+        readers: dict[str, list[str]] = {}
+        doubtful = [topic for topic, stream_id in found.items() if not stream_id]
+        for topic, stream in made.items():
+            report = self._engines.reports(str(stream.engine)).get(stream.name)
+            for source in report.sources if report else ():
+                readers.setdefault(source.topic, []).append(topic)
+                if source.stream_id and source.stream_id != found.get(
+                    source.topic, source.stream_id
+                ):
+                    doubtful.append(topic)
+        for topic in doubtful:  # The list grows in the loop.
+            found[topic] = 0
+            doubtful += [each for each in readers.pop(topic, ()) if each in found]
+        return found
+
+    def _reported_id(self, stream: CreatedStream) -> int:
+        """Return the id that an engine reports for a stream; 0 if it may be of another stream."""
+        engine, name = str(stream.engine), stream.name
+        report = self._engines.reports(engine).get(name)
+        if report is None:
+            return stream.stream_id
+        is_same = self._is_compared(engine, report) and report.topic == stream.topic
+        return report.stream_id if is_same else 0
+
+    def _is_compared(self, engine: str, report: StreamReport) -> bool:
+        """Return True if a reported stream was found to be the requested one."""
+        compared = self._compared.get((engine, report.name), ())
+        return compared[:2] == (report.specification, report.constraints)
 
     def reconcile_soon(self) -> None:
         """Update the registry from the engines and make the streams that wait, soon.
@@ -209,6 +255,8 @@ class Placement:
         is_unwanted = key in self._unwanted
         if known is None and not is_unwanted:
             self._registry.add(found)
+            reported = report.specification, report.constraints
+            self._compared[key] = *reported, found.specification, found.constraints
         elif isinstance(known, CreatedStream) and self._is_copy(found, known, report):
             self.conflicts.pop(key, None)
             if known.waits:
@@ -311,7 +359,7 @@ class Placement:
         while not self._engines.ready() and clock.now().nanoseconds < deadline:
             await self._node.deadlines.after(POLL_PERIOD_S)
 
-    async def _make(self, stream: CreatedStream) -> Any:
+    async def _make(self, stream: CreatedStream, chosen: Mapping[str, int] = _ANY) -> Any:
         """Make a stream on the engine with the fewest streams; on another if that one dies.
 
         No engine is asked whose namespace has another stream of the name: both would be published
@@ -329,7 +377,7 @@ class Placement:
                 namespaces = self._registry.engine_namespaces
                 raise engines_missing(self._engines.remotes, namespaces)
             try:
-                return await self._make_on(stream, engine)
+                return await self._make_on(stream, engine, chosen)
             except DyKnowError as error:
                 if error.code is not ExitCode.UNAVAILABLE or self._engines.is_ready(engine):
                     raise
@@ -348,14 +396,15 @@ class Placement:
                 )
         return others
 
-    async def _make_on(self, stream: CreatedStream, engine: str) -> Any:
+    async def _make_on(self, stream: CreatedStream, engine: str, chosen: Mapping[str, int]) -> Any:
         name = stream.name
         text, sources = self._registry.text_for(stream, engine)
+        identities = self._chosen_sources(sources.values(), chosen)
         self._registry.assign(name, engine)
         try:
             if (engine, name) in self._unwanted:
                 await self._destroy_on(engine, name)
-            response = await self._request(stream, engine, text)
+            response = await self._request(stream, engine, text, identities)
         except DyKnowError as error:
             if error.code in _NO_RESPONSE:
                 self._unwanted.add((engine, name))
@@ -365,14 +414,35 @@ class Placement:
         message = f'recreated on {engine} at {time}: {stream.lost}' if stream.lost else ''
         known = stream.specification, stream.constraints
         self._compared[engine, name] = text, stream.constraints, *known
-        self._registry.place(name, engine, response.stream_topic, sources, message)
+        self._registry.place(
+            name, engine, response.stream_topic, sources, message, response.stream_id
+        )
         self._on_change()
         return response
 
-    async def _request(self, stream: CreatedStream, engine: str, text: str) -> Any:
+    def _chosen_sources(
+        self, topics: Iterable[str], chosen: Mapping[str, int]
+    ) -> Mapping[str, int]:
+        """Return the ids of streams that a new stream must be made from, by their topics.
+
+        Raises:
+            StreamError: UNAVAILABLE, if a chosen stream is known to be another one now.
+        """
+        known = self.identities()
+        for topic, stream_id in chosen.items():
+            if known.get(topic, stream_id) != stream_id:
+                raise stream_replaced(topic)
+        return {topic: known.get(topic, 0) for topic in topics} | dict(chosen)
+
+    async def _request(
+        self, stream: CreatedStream, engine: str, text: str, sources: Mapping[str, int]
+    ) -> Any:
         constraints = constraints_to_message(stream.constraints)
         spec = StreamSpec(name=stream.name, specification=text, constraints=constraints)
-        response = await self._engines.remotes[engine].call(StreamCreateFromSpec, spec=spec)
+        identities = [StreamIdentity(topic=each, stream_id=sources[each]) for each in sources]
+        response = await self._engines.remotes[engine].call(
+            StreamCreateFromSpec, spec=spec, sources=identities
+        )
         if not self._engines.is_ready(engine):
             raise DyKnowError(f'node {engine} has died', ExitCode.UNAVAILABLE)
         self._engines.discard_report(engine, stream.name)
@@ -397,3 +467,7 @@ class Placement:
                 return
         self._unwanted.discard((engine, name))
         self._engines.discard_report(engine, name)
+
+
+def _is_made(stream: Stream) -> TypeGuard[CreatedStream]:
+    return isinstance(stream, CreatedStream) and bool(stream.topic)

@@ -52,15 +52,19 @@ class SampleWriter:
     """
 
     def __init__(self) -> None:
-        # Zero is the id of publishers that are no engines.
-        self.stream_id: Final = 1 + secrets.randbits(63)
-        self.number = 0
-        """The number of samples that were written."""
-        self._message: Any = SampleMessage(stream_id=self.stream_id)
+        self._message: Any = SampleMessage()
         self._message.header.stamp = self._message.valid_time
+        self.renew()
         self._watermark = Time()
         self._layout: tuple[list[str], list[type]] = ([], [])
         self._formatters: list[tuple[Any, Callable[[Any], str]]] = []
+
+    def renew(self) -> None:
+        """Let the next samples be of another stream, as an input of the stream is another one."""
+        # Zero is the id of publishers that are no engines.
+        self.stream_id = self._message.stream_id = 1 + secrets.randbits(63)
+        self.number = 0
+        """The number of samples that were written since."""
 
     def write(self, sample: Sample) -> Any:
         """Return the message with a sample; the stamp of its header is the valid time."""

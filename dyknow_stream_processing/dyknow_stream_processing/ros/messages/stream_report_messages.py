@@ -36,6 +36,7 @@ _COMMON_FIELDS: Final = (
     'message',
     'engine',
     'topic',
+    'stream_id',
     'message_type',
     'specification',
     'samples',
@@ -111,6 +112,7 @@ def report_to_message(report: StreamReport) -> Any:
         sources=[
             StreamSource(
                 topic=source.topic,
+                stream_id=source.stream_id,
                 samples=source.samples,
                 latest=nanoseconds_to_time(source.latest or 0),
                 delay=nanoseconds_to_duration(source.delay),
@@ -147,6 +149,7 @@ def report_from_message(message: Any) -> StreamReport:
                 time_to_nanoseconds(source.delay),
                 time_to_nanoseconds(source.before_sending),
                 time_to_nanoseconds(source.transport),
+                source.stream_id,
             )
             for source in message.sources
         ),

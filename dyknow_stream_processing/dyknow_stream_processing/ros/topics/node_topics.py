@@ -193,6 +193,16 @@ class NodeTopics:
             is_complete = all(feed.has_publishers for feed in feeds)
             self._refresh_every(WATCH_PERIOD_NS if is_complete else SEARCH_PERIOD_NS)
 
+    def expect(self, topic: str, stream_id: int) -> bool:
+        """Expect the samples of a stream on a topic, given its absolute name.
+
+        Those of another stream are a violation `source`. Returns False if it is known that another
+        stream has replaced this one.
+        """
+        feeds = [each for each in self._feeds.values() if each.topic == topic]
+        # Each is told, also those after one that knows better.
+        return False not in [each.expect(stream_id) for each in feeds]
+
     def fault(self, topic: str) -> str:
         """Return why a topic, given its absolute name, cannot be subscribed to; empty if it can."""
         return next((each.fault for each in self._feeds.values() if each.topic == topic), '')

@@ -174,6 +174,13 @@ class TopicFeed:
             )
         self._pass_watermark_on(message.receipt_time)
 
+    def expect(self, stream_id: int) -> bool:
+        """Expect the samples of a stream; return False if another one has replaced it."""
+        origin = self.watermarks.expect(stream_id)
+        if origin is SampleOrigin.RECREATED:
+            self._on_gap(0)
+        return origin is not SampleOrigin.FORMER
+
     def _admits(self, sample: Any) -> bool:
         """Return False for a sample of a stream that another one has replaced on the topic."""
         origin = self.watermarks.note_sample(sample.stream_id, sample.number)

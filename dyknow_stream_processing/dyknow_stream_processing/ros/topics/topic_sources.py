@@ -124,13 +124,26 @@ class TopicSources:
         """Return for how long the oldest message has waited, in nanoseconds."""
         return self._topics.lag(self._node.get_clock().now().nanoseconds)
 
+    def expect(self, topic: str, stream_id: int) -> bool:
+        """Expect the samples of a stream on a topic; see `NodeTopics.expect`."""
+        for source, _ in self._sources.values():
+            if self._node.resolve_topic_name(source.topic) == topic:
+                source.stream_id = stream_id
+        return self._topics.expect(topic, stream_id)
+
     def report(self, topic: str) -> SourceReport:
         """Return the report of a topic that is subscribed to."""
         source, _ = self._sources[topic]
         name = self._node.resolve_topic_name(topic)
         transport = source.clock.transport or 0
         return SourceReport(
-            name, source.received, source.latest, source.delay, source.before_sending, transport
+            name,
+            source.received,
+            source.latest,
+            source.delay,
+            source.before_sending,
+            transport,
+            source.stream_id,
         )
 
     def reason(self, topic: str, since: int | None) -> str:
@@ -262,6 +275,8 @@ class _Source:
     latest: int | None = None
     delay: int = 0
     is_sample: bool = False
+    stream_id: int = 0
+    """The stream whose samples come or are expected; 0 for other messages."""
     fault: str = ''
     """Why no message could be used so far."""
     zero_warning: Throttle = field(default_factory=lambda: Throttle(WARNING_PERIOD_S))
@@ -302,6 +317,8 @@ class _Source:
     def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:
         self.received += 1
         self.latest = now
+        if self.is_sample and message.stream_id:
+            self.stream_id = message.stream_id
         if self.extract is None:
             return  # The type cannot be used, which is logged.
         unstamped = sent_at or now
