@@ -192,3 +192,22 @@ def test_suggestions(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_topic_that_was_not_recorded(capsys: pytest.CaptureFixture[str]) -> None:
     assert run('suggest', '/uav9/battery', RECORDINGS / 'nominal') == 2
     assert "no topic '/uav9/battery' (it has: /uav1/battery" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('formula', 'warns'),
+    [
+        ('always ("/on".data -> eventually[0 s, 1 s] "/scan".range_min >= 0)', True),
+        ('always "/scan".range_min >= 0 and always "/fix".altitude > 0', False),
+        ('always "/on".data', False),
+    ],
+)
+def test_lint_warns_of_topics_without_stamps_beside_others(
+    formula: str, *, warns: bool, arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'formulas.txt'
+    path.write_text(f'{formula}\n', encoding='utf-8')
+    assert run('lint', path, '--recording', arm) == int(warns)
+    shown = capsys.readouterr().out
+    assert ('1:1: warning: it compares /on, which has no stamps' in shown) is warns
+    assert ('with /scan, which is valid from its stamps' in shown) is warns

@@ -43,6 +43,7 @@ from dyknow_semantics import (
     parse_bridges,
 )
 from dyknow_stream_processing import (
+    WHOLE,
     Dataflow,
     SourceType,
     load_units,
@@ -93,6 +94,9 @@ class VocabularyChecks:
                 yield from self._formula_findings(vocabulary)
             else:
                 yield from self._reference_findings()
+                for formula in inputs.formulas:
+                    named = {topic: frozenset({field}) for topic, field in references_of(formula)}
+                    yield from self._stamp_findings(formula, named)
             if vocabulary.knowledge is not None:
                 yield from self._unused(vocabulary.knowledge, vocabulary)
 
@@ -127,13 +131,33 @@ class VocabularyChecks:
         for formula in self._inputs.formulas:
             requested = formula.requested
             try:
-                grounder.ground(requested.text, constants=requested.constants)
+                grounded = grounder.ground(requested.text, constants=requested.constants)
+                found = streams.prepare(grounded.inputs.candidates.found)
+                yield from self._stamp_findings(formula, found)
             except DyKnowError as error:
                 reason = _reason(error)
                 is_unfit = any(f'no stream carries {each}' in reason for each in self._unfit)
                 if not is_unfit and not self._inputs.is_consequence(reason):
                     yield error_at(formula.place(_mentioned(reason, requested.text)), reason)
         yield from self._reference_findings()
+
+    def _stamp_findings(
+        self, formula: PlacedFormula, topics: Mapping[str, frozenset[str]]
+    ) -> Iterator[Finding]:
+        """Yield that a formula compares topics with stamps with others; given the fields read."""
+        # The built-in sources of whole messages find the stamps in them.
+        read = [
+            name for name in sorted(topics) if name in self._contents and WHOLE not in topics[name]
+        ]
+        stamped = [name for name in read if self._contents[name].has_stamp]
+        unstamped = [name for name in read if not self._contents[name].has_stamp]
+        if stamped and unstamped:
+            text = (
+                f'it compares {unstamped[0]}, which has no stamps and is valid from its sending, '
+                f'with {stamped[0]}, which is valid from its stamps: the times differ by what the '
+                'sensors and their drivers take; publish a type with a stamp if that matters'
+            )
+            yield warning_at(formula.place(0), text)
 
     def _reference_findings(self) -> Iterator[Finding]:
         """Yield the fields of topics that formulas name, and that messages lack."""

@@ -182,6 +182,8 @@ def proposed_timing(topics: Sequence[TopicTimes]) -> ProposedTiming:
             found['max_delay'] = max(LEAST_BOUND_NS, rounded_up(with_margin(delay)))
         if lead > 0:
             found['max_lead'] = max(LEAST_BOUND_NS, rounded_up(with_margin(lead)))
+    else:
+        remarks.append('The messages have no stamps: a value holds from the time of its sending.')
     if any(each.disorders for each in topics):
         if 'max_delay' in found:
             found['reorder'] = True
