@@ -49,7 +49,7 @@ def test_a_stream_that_is_not_needed_any_more_is_destroyed_after_its_creation() 
 def test_a_better_stream_that_comes_with_the_verdict_is_not_used() -> None:
     """Nobody would destroy the states that are made of it."""
     context = MagicMock()
-    context.wall_time.return_value = 0
+    context.wall_time.return_value = context.wall_time_s.return_value = 0
     context.clients.evaluate_group = AsyncMock()
     context.clients.create_stream = AsyncMock(return_value=('states_2', 'states_2/violations'))
     spawned: list[Any] = []
