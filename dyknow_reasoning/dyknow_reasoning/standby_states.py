@@ -53,6 +53,10 @@ class StandbyStates(Generic[State]):
         if len(states) > MAX_KEPT:
             states.popleft()
 
+    def continue_from(self, latest: int | None) -> bool:
+        """Return True if none is missing between a progressed state and these."""
+        return continue_from(self._states, latest)
+
     def take(self) -> list[State]:
         """Return all states in their order, and forget them."""
         states = list(self._states)
