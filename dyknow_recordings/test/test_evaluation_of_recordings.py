@@ -358,7 +358,7 @@ def test_a_stand_in_that_broke_its_constraint_gives_a_gap(files: MonitoringFiles
 
 def test_a_late_sample_gives_a_gap(files: MonitoringFiles) -> None:
     """States that were progressed without it lack it."""
-    main = [*series('/main', steps(0, 1)), sample('/main', 0.55, delay=0.6, p=7.0)]
+    main = [*series('/main', steps(0, 1)), sample('/main', 0.55, delay=0.41, p=7.0)]
     source = recording([*main, *series('/spare', steps(0, 3, 0.2))])
     report = check(source, 'always[0 s, 2 s] Power[r1] < 5', files)
     assert report.episodes[0].verdict is Verdict.UNDECIDED
