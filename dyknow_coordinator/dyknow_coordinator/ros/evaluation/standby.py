@@ -93,7 +93,8 @@ class Standby:
         affected = known.affected((*self._in_use, *self._chosen), violation.stream_name)
         is_own = stream is self._stream
         self.exclude(affected or (self._chosen if is_own else ()))
-        if is_own or set(affected) & set(self._chosen):
+        # Without a name, it concerns all streams: the clock was set back.
+        if is_own or not violation.stream_name or set(affected) & set(self._chosen):
             self._drop()
 
     def note_engine_lost(self, stream: StateStream) -> None:
@@ -122,6 +123,8 @@ class Standby:
             if wanted != self._chosen or is_outdated:
                 await self._replace(wanted)
             self._look = self._context.node.deadlines.after(LOOK_PERIOD_S)
+            if self._look.done():
+                break  # The node ends, and no wait lasts any more.
             await self._look
         self._look = None
 
