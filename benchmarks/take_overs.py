@@ -10,7 +10,7 @@ from collections.abc import Callable
 from statistics import median
 from typing import Any, Final
 
-from dyknow_interfaces.msg import EvaluationStatusArray, FormulaResult
+from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray, FormulaResult
 from parts import measure
 from processes import use_private_domain
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -25,6 +25,9 @@ RATE: Final = 20.0
 PERIOD_NS: Final = round(SECOND_NS / RATE)
 BATTERIES: Final = 5
 """One in use, and others enough for one to be well: each is excluded for 10 s after its fault."""
+
+SETTLED_S: Final = 2.0
+"""Time after which a standby has had states, and better sources are in use again."""
 
 EVER: Final = 'always Power[uav1] < 5'
 SOON: Final = 'always[0 s, 2 s] Power[uav1] < 5'
@@ -57,8 +60,13 @@ class TakeOvers:
     @property
     def source(self) -> str:
         """The battery that the states are made of."""
-        (status,) = (each for each in self._reports[-1] if each.formula == EVER)
-        return str(status.groundings[0].stream).partition(' from ')[2].removesuffix('_power')
+        # All formulas of the group have the same states.
+        groundings = [
+            each.groundings
+            for each in self._reports[-1]
+            if each.formula_group_id == self._key[0] and each.phase != EvaluationStatus.ENDED
+        ]
+        return _battery(groundings[0])
 
     @property
     def lost(self) -> int:
@@ -66,10 +74,12 @@ class TakeOvers:
         states, valid = self._system.progress[self._key][-1]
         return (valid - self._first) // PERIOD_NS + 1 - states
 
-    @property
-    def is_false(self) -> bool:
-        """True if the formula has become false."""
-        return bool(self._answer.done()) and self._answer.result().verdict == FormulaResult.FALSE
+    def falsifying(self) -> str:
+        """Wait until the formula is false, and return the battery that decided it."""
+        self._until(self._answer.done, 'the surge of the stand-in is seen')
+        answer = self._answer.result()
+        assert answer.verdict == FormulaResult.FALSE, answer
+        return _battery(answer.groundings)
 
     def wait_for_standby(self) -> None:
         """Wait until another standby has had states for a while."""
@@ -82,7 +92,7 @@ class TakeOvers:
 
         self._until(is_new, 'a standby', 30.0)
         self._standby = set(found)
-        self._system.wait(1.0)
+        self._system.wait(SETTLED_S)
 
     def silence(self) -> str:
         """Silence the source in use, and return its name."""
@@ -101,6 +111,10 @@ class TakeOvers:
 
     def _until(self, condition: Callable[[], bool], what: str, limit: float = 10.0) -> None:
         self._system.client.spin_until(condition, what, limit)
+
+
+def _battery(groundings: Any) -> str:
+    return str(groundings[0].stream).partition(' from ')[2].removesuffix('_power')
 
 
 def states(*, quick: bool) -> Any:
@@ -140,8 +154,7 @@ def _check(*, composition: bool) -> None:
             time.sleep(0.1)
             for each in system.batteries:
                 system.command('set', each, level)
-        system.client.spin_until(lambda: running.is_false, 'the surge of the stand-in is seen')
-        assert running.source != silent
+        assert running.falsifying() != silent
 
 
 def cost(*, quick: bool) -> Any:

@@ -64,11 +64,23 @@ class SourceChoice:
         )
 
     def stand_ins(
-        self, in_use: Sequence[FeatureSource], candidates: Candidates, known: KnownStreams, now: int
+        self,
+        in_use: Sequence[FeatureSource],
+        candidates: Candidates,
+        known: KnownStreams,
+        now: int,
+        present: Sequence[FeatureSource] = (),
     ) -> tuple[FeatureSource, ...]:
         """Return another available source of each feature that has one, else the one in use.
 
         Return none if no feature has another one, or if one has only a source that failed recently.
+
+        Args:
+            in_use: the sources in use.
+            candidates: all sources.
+            known: all streams.
+            now: the time.
+            present: sources that are preferred, as they stand by already.
         """
         used = frozenset(in_use)
 
@@ -76,7 +88,9 @@ class SourceChoice:
             return not self.is_excluded(source, now) and known.is_available(source)
 
         features = [each.feature for each in in_use]
-        found = candidates.choose(features, is_well, lambda source: source not in used)
+        found = candidates.choose(
+            features, is_well, lambda source: source not in used, present.__contains__
+        )
         return found if set(found) != used and all(map(is_well, found)) else ()
 
     def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:

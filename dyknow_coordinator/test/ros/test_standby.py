@@ -103,6 +103,22 @@ def test_the_same_standby_stays(world: World) -> None:
     assert world.taken() == (C, G)
 
 
+def test_a_better_source_does_not_replace_a_standby(world: World) -> None:
+    """Its states are kept since a while."""
+    world.standby.exclude([B])
+    world.follow(A, G)
+    world.follow(A, G, seconds=12)
+    assert world.kept == ['/states_2']
+    assert world.taken() == (C, G)
+
+
+def test_the_standby_changes_at_once_with_the_sources_in_use(world: World) -> None:
+    world.follow(A, G)
+    world.follow(B, G)
+    assert world.kept == ['/states_2', '/states_3']
+    assert world.taken() == (A, G)
+
+
 @pytest.mark.parametrize('kind', [ViolationKind.MAX_GAP, ViolationKind.LOST])
 def test_a_violation_of_the_standby_excludes_its_source(world: World, kind: ViolationKind) -> None:
     world.follow(A, G)

@@ -26,7 +26,7 @@ from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
 
 LOOK_PERIOD_S: Final = 2.0
-"""The period of looks at the available sources, and the minimum time between two standbys."""
+"""The period of looks at the available sources, and the least age of a standby without a change."""
 
 
 class TakenStandby(NamedTuple):
@@ -70,11 +70,12 @@ class Standby:
 
     def follow(self, in_use: tuple[FeatureSource, ...], candidates: Candidates) -> None:
         """Stand by for the sources in use, with others among the candidates."""
+        has_changed = in_use != self._in_use
         self._in_use, self._candidates = in_use, candidates
         if self._look is None and self._has_alternatives():
             self._look = Future()
             self._context.node.spawn(self._run)
-        elif self._context.wall_time_s() - self._created_at_s > LOOK_PERIOD_S:
+        elif has_changed or self._context.wall_time_s() - self._created_at_s > LOOK_PERIOD_S:
             self._wake()
 
     def end(self) -> None:
@@ -118,7 +119,9 @@ class Standby:
         """Look for a better standby periodically, as long as there can be one."""
         while self._has_alternatives() and not self._has_ended:
             known, now = self._context.streams.known, self._context.wall_time()
-            wanted = self._choice.stand_ins(self._in_use, self._candidates, known, now)
+            wanted = self._choice.stand_ins(
+                self._in_use, self._candidates, known, now, self._chosen
+            )
             is_outdated = bool(self._kept_topic) and self._stream is None
             if wanted != self._chosen or is_outdated:
                 await self._replace(wanted)
