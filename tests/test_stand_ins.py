@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
@@ -12,7 +13,7 @@ from std_msgs.msg import Float64
 from dyknow_bringup.processes.composition import NODES
 from evaluations import Evaluations, Spares
 from services import nanoseconds
-from system import SOON_NOTICED, SPARES, Batteries, SharedSystem, System
+from system import POLL, SOON_NOTICED, SPARES, Batteries, SharedSystem, System
 
 TRUE, FALSE, UNDECIDED = FormulaResult.TRUE, FormulaResult.FALSE, FormulaResult.UNDECIDED
 SECOND = 1_000_000_000
@@ -111,25 +112,134 @@ def test_no_state_has_a_value_that_is_not_known(
     assert nanoseconds(future.result().decided_at) > rise
 
 
+def wait_for_standby(system: System, former: Iterable[str] = ()) -> set[str]:
+    """Wait until two streams of states, one of them new, have had states; return them."""
+
+    def found() -> set[str]:
+        return {each for each in system.streams() if 'states_' in each}
+
+    system.client.spin_until(
+        lambda: len(found() | set(former)) == 2 + bool(former),
+        'a standby',
+        pause=POLL,
+    )
+    made = system.batteries.stamp
+    system.client.spin_until(lambda: system.batteries.stamp > made + SECOND, 'states of it')
+    return found()
+
+
+def test_a_stand_in_that_published_all_the_time_loses_no_state(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    spares.power(SPARE, 'spare1', of='uav1')
+    calm = system.ask('always[0 s, 5 s] Power[uav1] < 150', timeout=20.0)
+    evaluations.wait_for_state()
+    wait_for_standby(system)
+    batteries.silent.add('uav1')
+    evaluations.wait_for_event(SPARE)
+    system.client.spin_until(calm.done, 'the verdict')
+    answer = calm.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == TRUE
+    assert 'missing' not in answer.explanation
+    assert SPARE in answer.groundings[0].stream
+
+
+def test_states_from_before_a_stand_in_is_in_use_count(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    """Its surge begins and ends before anybody knows that the stream in use is silent."""
+    spares.power(SPARE, 'spare1', of='uav1')
+    surges = system.ask('eventually Power[uav1] > 150', timeout=20.0)
+    evaluations.wait_for_state()
+    wait_for_standby(system)
+    silence = batteries.stamp
+    batteries.silent.add('uav1')
+    system.client.spin_until(lambda: batteries.stamp > silence + Batteries.PERIOD, 'silence')
+    batteries.power['spare1'] = 240.0
+    surge = batteries.stamp
+    system.client.spin_until(lambda: batteries.stamp > surge, 'a sample')
+    batteries.power['spare1'] = 100.0
+    system.client.spin_until(surges.done, 'the verdict')
+    assert surges.result().verdict == TRUE, surges.result()
+    assert surge < nanoseconds(surges.result().decided_at) <= surge + 2 * Batteries.PERIOD
+
+
+def test_after_a_stand_in_another_one_takes_over(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    spares.power(SPARE, 'spare1', of='uav1')
+    spares.power('uav1_zpower', 'spare2', of='uav1')
+    calm = system.ask('always[0 s, 9 s] Power[uav1] < 150', timeout=20.0)
+    evaluations.wait_for_state()
+    streams: set[str] = set()
+    for name, stand_in in (('uav1', SPARE), ('spare1', 'uav1_zpower')):
+        streams = wait_for_standby(system, streams)
+        batteries.silent.add(name)
+        evaluations.wait_for_event(f'from {stand_in}')
+    system.client.spin_until(calm.done, 'the verdict')
+    assert calm.result().verdict == TRUE, calm.result()
+
+
 @pytest.mark.parametrize('power', [100.0, 240.0])
 def test_a_verdict_that_depends_on_what_was_missed(
     system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares, power: float
 ) -> None:
+    """The stand-in begins when it is needed."""
+    batteries.silent.add('spare1')
     spares.power(SPARE, 'spare1', of='uav1')
     batteries.power['spare1'] = power
-    once = system.ask('eventually[1 s, 4 s] Power[uav1] > 150', timeout=20.0)
-    ever = system.ask('always[1 s, 4 s] Power[uav1] < 150', timeout=20.0)
+    once = system.ask('eventually[1 s, 6 s] Power[uav1] > 150', timeout=20.0)
+    ever = system.ask('always[1 s, 6 s] Power[uav1] < 150', timeout=20.0)
     evaluations.wait_for_state(2)
     batteries.silent.add('uav1')
-    system.client.spin_until(lambda: once.done() and ever.done(), 'the answers')
+    evaluations.wait_for_event(SPARE)
+    batteries.silent.discard('spare1')
     known = {100.0: (UNDECIDED, UNDECIDED), 240.0: (TRUE, FALSE)}
-    assert (once.result().verdict, ever.result().verdict) == known[power]
+    check_missed(system, once, ever, known[power])
+
+
+def check_missed(system: System, once: Any, ever: Any, verdicts: tuple[int, int]) -> None:
+    """Wait for two answers; those that are undecided must say that states are missing."""
+    system.client.spin_until(lambda: once.done() and ever.done(), 'the answers')
+    assert (once.result().verdict, ever.result().verdict) == verdicts
     for answer in (once.result(), ever.result()):
         if answer.verdict == UNDECIDED:
             assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
             assert 'missing' in answer.exit_status.message
         else:
             assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+
+
+def test_a_stand_in_that_broke_its_own_constraint(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    """Both fall silent, and the stand-in comes back before the other one is missed."""
+    spares.power(SPARE, 'spare1', of='uav1', timing='max_gap = 300 ms')
+    once = system.ask('eventually[0 s, 6 s] Power[uav1] > 150', timeout=20.0)
+    ever = system.ask('always[0 s, 6 s] Power[uav1] < 150', timeout=20.0)
+    evaluations.wait_for_state(2)
+    wait_for_standby(system)
+    broken = batteries.stamp
+    batteries.silent.add('spare1')
+    system.client.spin_until(lambda: batteries.stamp > broken + SECOND, 'a second')
+    batteries.silent.add('uav1')
+    batteries.silent.discard('spare1')
+    check_missed(system, once, ever, (UNDECIDED, UNDECIDED))
+
+
+def test_what_a_late_sample_says_is_missed(
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
+) -> None:
+    """States that were progressed without it lack it, whatever the standby has."""
+    spares.power(SPARE, 'spare1', of='uav1')
+    once = system.ask('eventually[0 s, 6 s] Power[uav1] > 150', timeout=20.0)
+    ever = system.ask('always[0 s, 6 s] Power[uav1] < 150', timeout=20.0)
+    evaluations.wait_for_state(2)
+    wait_for_standby(system)
+    batteries.publish_after_latest('uav1', -3 * SECOND, 240.0)
+    evaluations.wait_for_event('max_delay', SPARE)
+    check_missed(system, once, ever, (UNDECIDED, UNDECIDED))
 
 
 def test_without_a_stand_in_the_caller_hears_what_broke(

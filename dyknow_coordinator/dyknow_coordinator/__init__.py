@@ -17,6 +17,7 @@ from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.source_choice import (
+    EXCLUSION_NS,
     TRANSIENT,
     SourceChoice,
     StateFault,
@@ -45,6 +46,7 @@ from dyknow_coordinator.reporting.node_status import has_loaded
 from dyknow_coordinator.reporting.verdict_topics import verdict_token
 
 __all__ = [
+    'EXCLUSION_NS',
     'TRANSIENT',
     'Answer',
     'CandidateSearch',

@@ -59,6 +59,25 @@ def test_replacements_must_be_available_and_well() -> None:
     assert not choice.can_replace([B], [C], KNOWN, 0)
 
 
+def test_stand_ins_avoid_the_sources_in_use() -> None:
+    other = FeatureSource('G', 'g', 'stream g = select x as G from "/b"')
+    candidates = Candidates((A, B, C, other))
+    choice = SourceChoice()
+    assert choice.stand_ins([B, other], candidates, KNOWN, 0) == (C, other)
+    assert choice.stand_ins([C, other], candidates, KNOWN, 0) == (B, other)
+    assert choice.stand_ins([other], candidates, KNOWN, 0) == ()
+    assert choice.stand_ins([C], Candidates((A, C)), KNOWN, 0) == ()
+    everything = KnownStreams([], lambda _: True)
+    assert choice.stand_ins([B], CANDIDATES, everything, 0) == (A,)
+    assert choice.stand_ins([B], CANDIDATES, everything, 0, [C]) == (C,)
+    assert choice.stand_ins([C], CANDIDATES, everything, 0, [C]) == (A,)
+    choice.exclude([C], 0)
+    assert choice.stand_ins([B, other], candidates, KNOWN, 0) == ()
+    assert choice.stand_ins([B, other], candidates, KNOWN, 10 * SECOND_NS) == (C, other)
+    choice.exclude([other], 11 * SECOND_NS)
+    assert choice.stand_ins([B, other], candidates, KNOWN, 11 * SECOND_NS) == ()
+
+
 def test_silent_topics() -> None:
     received = {'/a': 4, '/b': 9, '/c': 0}
     silent = silent_topics([A, B, C], KNOWN, received, since=2, oldest=5)

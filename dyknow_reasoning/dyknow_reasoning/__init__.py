@@ -42,6 +42,7 @@ from dyknow_reasoning.progression.functions import call_function_on_vectors
 from dyknow_reasoning.progression.instances import Domains, ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.results import FormulaResult
+from dyknow_reasoning.standby_states import StandbyStates, continue_from
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
 from dyknow_reasoning.trace import RecordedState, read_trace
 from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_trial
@@ -79,6 +80,7 @@ __all__ = [
     'ReasoningError',
     'RecordedState',
     'Since',
+    'StandbyStates',
     'Term',
     'TrialFormula',
     'Until',
@@ -91,6 +93,7 @@ __all__ = [
     'check_trace',
     'check_trial',
     'check_types',
+    'continue_from',
     'ground_atoms',
     'notes_on',
     'objects_text',

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
 
-from dyknow_common import SECOND_NS, ExitCode, InlineText
+from dyknow_common import SECOND_NS, ExitCode, InlineText, Verdict
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
@@ -271,6 +271,65 @@ def test_stand_ins(drawn: Drawn, data: st.DataObject, batch: int) -> None:
     formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + "/b".v > 4']
     with mock.patch.object(evaluation, 'load_vocabulary', return_value=TwoStreams({})):
         compare(made(drawn), batch, formulas)
+
+
+class ThreeStreams(NoVocabulary):
+    """A vocabulary in which three streams carry Power, and two carry Height."""
+
+    def matching_streams(self, concept: str) -> tuple[str, ...]:
+        texts = {
+            'Power': (
+                'stream p = select v as Power from "/a" with max_gap = 300 ms, max_delay = 60 ms',
+                'stream q = select v as Power from "/c" with max_gap = 500 ms',
+                'stream r = select v as Power from "/d"',
+            ),
+            'Height': (
+                'stream s = select v as Height from "/b" with max_gap = 400 ms',
+                'stream t = select v as Height from "/e"',
+            ),
+        }
+        if concept not in texts:
+            raise RecordingError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
+        return texts[concept]
+
+
+@settings(max_examples=60, deadline=None)
+@given(MESSAGES, st.data(), BATCHES, st.sampled_from(STARTS[:3]))
+def test_stand_ins_of_several_features(
+    drawn: Drawn, data: st.DataObject, batch: int, start: EpisodeStart
+) -> None:
+    for _ in range(data.draw(st.integers(0, 3))):
+        row = data.draw(st.integers(0, len(drawn) - 1))
+        drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
+    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+        compare(made(drawn), batch, formulas, start)
+
+
+@pytest.mark.parametrize('batch', [16, 64, 1000])
+def test_a_stand_in_after_states_as_columns(batch: int) -> None:
+    """The states that are kept of it were made as columns, too."""
+    messages = sorted(
+        [
+            *regular('/a', 300, 10 * MS),
+            *regular('/b', 1200, 10 * MS),
+            *regular('/c', 1200, 10 * MS),
+            *regular('/e', 1200, 10 * MS),
+        ],
+        key=lambda each: each.log_time,
+    )
+    formulas = ['always[0 s, 9 s] Power < 4', 'always[0 s, 9 s] Power + Height < 4']
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+        taken = compare(messages, batch, formulas)
+        report = evaluate_recording(recording(messages), [RequestedFormula(formulas[1])])
+    assert taken > (10 if batch < 100 else 2)
+    (found,) = report.formulas
+    assert [each.verdict for each in found.episodes] == [Verdict.TRUE]
+    assert found.gaps == ()
+    assert 'max_gap' in found.events[0]
+    # The other stream for Height has taken over, too, and is left again.
+    assert 'other streams are better now' in found.events[1]
+    assert '"/b"' in found.events[1]
 
 
 def test_a_silent_topic_is_replaced() -> None:

@@ -334,9 +334,41 @@ def test_a_topic_is_silent_by_its_own_rate(times: list[float], end: float, reaso
     assert str(late.error) == 'the recording has no state: /a has fallen silent'
 
 
-def test_a_stand_in_replaces_a_broken_stream(files: MonitoringFiles) -> None:
+def test_a_stand_in_that_published_all_the_time_loses_no_state(files: MonitoringFiles) -> None:
     main = series('/main', [*steps(0, 1), *steps(1.5, 3)])
-    spare = [*series('/spare', steps(0, 2.95, 0.2)), sample('/spare', 3.0, p=7.0)]
+    spare = series('/spare', steps(0, 3, 0.2))
+    report = check(recording([*main, *spare]), 'always[0 s, 2 s] Power[r1] < 5', files)
+    (episode,) = report.episodes
+    assert episode.verdict is Verdict.TRUE
+    assert report.gaps == ()
+    assert 'states are made of select power as "Power[r1]" from spare' in report.events[0]
+    # The state between the last one of the former stream and the fault counts, too.
+    spare[5] = sample('/spare', 1.0, p=7.0)
+    report = check(recording([*main, *spare]), 'always[0 s, 2 s] Power[r1] < 5', files)
+    assert (report.episodes[0].verdict, report.episodes[0].decided_at) == (Verdict.FALSE, at(1.0))
+
+
+def test_a_stand_in_that_broke_its_constraint_gives_a_gap(files: MonitoringFiles) -> None:
+    main = series('/main', [*steps(0, 1), *steps(1.5, 3)])
+    spare = series('/spare', [*steps(0, 0.3, 0.2), *steps(0.8, 3, 0.2)])
+    report = check(recording([*main, *spare]), 'always[0 s, 2 s] Power[r1] < 5', files)
+    assert report.episodes[0].verdict is Verdict.UNDECIDED
+    assert [each.after for each in report.gaps] == [at(0.9)]
+
+
+def test_a_late_sample_gives_a_gap(files: MonitoringFiles) -> None:
+    """States that were progressed without it lack it."""
+    main = [*series('/main', steps(0, 1)), sample('/main', 0.55, delay=0.41, p=7.0)]
+    source = recording([*main, *series('/spare', steps(0, 3, 0.2))])
+    report = check(source, 'always[0 s, 2 s] Power[r1] < 5', files)
+    assert report.episodes[0].verdict is Verdict.UNDECIDED
+    (gap,) = report.gaps
+    assert gap.after == at(0.9)
+
+
+def test_a_stand_in_that_begins_late_gives_a_gap(files: MonitoringFiles) -> None:
+    main = series('/main', [*steps(0, 1), *steps(1.5, 3)])
+    spare = [*series('/spare', steps(1.2, 2.95, 0.2)), sample('/spare', 3.0, p=7.0)]
     report = check(recording([*main, *spare]), 'always Power[r1] < 5', files)
     (episode,) = report.episodes
     assert (episode.verdict, episode.decided_at) == (Verdict.FALSE, at(3.0))
@@ -348,7 +380,7 @@ def test_a_stand_in_replaces_a_broken_stream(files: MonitoringFiles) -> None:
 
 def test_a_verdict_that_depends_on_a_gap_is_an_error(files: MonitoringFiles) -> None:
     main = series('/main', [*steps(0, 1), *steps(1.5, 3)])
-    source = recording([*main, *series('/spare', steps(0, 3, 0.2))])
+    source = recording([*main, *series('/spare', steps(1.2, 3, 0.2))])
     report = check(source, 'eventually[0 s, 1 s] Power[r1] > 5', files)
     assert report.outcome is Outcome.ERROR
     assert 'states that are missing' in str(report.episodes[0].error)

@@ -26,12 +26,10 @@ class StateFault:
     Args:
         error: the error of the formulas if nothing can replace them.
         transient: True if the streams themselves are not at fault, and may be chosen again.
-        settled_at_s: the time from which the stream manager knows what has replaced them.
     """
 
     error: CoordinationError
     transient: bool
-    settled_at_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +62,36 @@ class SourceChoice:
         return candidates.choose(
             features, lambda source: not self.is_excluded(source, now), known.is_available
         )
+
+    def stand_ins(
+        self,
+        in_use: Sequence[FeatureSource],
+        candidates: Candidates,
+        known: KnownStreams,
+        now: int,
+        present: Sequence[FeatureSource] = (),
+    ) -> tuple[FeatureSource, ...]:
+        """Return another available source of each feature that has one, else the one in use.
+
+        Return none if no feature has another one, or if one has only a source that failed recently.
+
+        Args:
+            in_use: the sources in use.
+            candidates: all sources.
+            known: all streams.
+            now: the time.
+            present: sources that are preferred, as they stand by already.
+        """
+        used = frozenset(in_use)
+
+        def is_well(source: FeatureSource) -> bool:
+            return not self.is_excluded(source, now) and known.is_available(source)
+
+        features = [each.feature for each in in_use]
+        found = candidates.choose(
+            features, is_well, lambda source: source not in used, present.__contains__
+        )
+        return found if set(found) != used and all(map(is_well, found)) else ()
 
     def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
         """Record that sources have failed."""

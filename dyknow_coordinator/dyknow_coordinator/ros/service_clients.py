@@ -151,6 +151,10 @@ class ServiceClients:
             gap=gap,
         )
 
+    async def keep_states(self, group_id: int, topic: str) -> None:
+        """Have a group under evaluation keep the states of a stream on standby; '': of none."""
+        await self._call_group(FormulaGroupEvaluate, group_id, standby=topic)
+
     async def create_stream(
         self,
         name: str,

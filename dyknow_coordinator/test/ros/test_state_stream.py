@@ -24,7 +24,7 @@ def test_a_stream_that_was_destroyed_before_its_creation_is_not_created() -> Non
     stream = StateStream(context, 'states_2', MagicMock(), MagicMock())
     stream.destroy()
     with pytest.raises(CoordinationError, match='is not needed any more') as caught:
-        asyncio.run(stream.create('select data from "/a"', StreamConstraints(), {}))
+        asyncio.run(stream.create((), StreamConstraints()))
     assert caught.value.code is ExitCode.CANCELLED
     context.cleanup.keep_stream.assert_not_called()
     context.clients.create_stream.assert_not_called()
@@ -41,7 +41,7 @@ def test_a_stream_that_is_not_needed_any_more_is_destroyed_after_its_creation() 
         return 'states_2', 'states_2/violations'
 
     context.clients.create_stream = create
-    asyncio.run(stream.create('select data from "/a"', StreamConstraints(), {}))
+    asyncio.run(stream.create((), StreamConstraints()))
     context.cleanup.destroy_stream.assert_called_once_with('states_2')
     context.node.create_subscription.assert_not_called()
 
@@ -49,7 +49,7 @@ def test_a_stream_that_is_not_needed_any_more_is_destroyed_after_its_creation() 
 def test_a_better_stream_that_comes_with_the_verdict_is_not_used() -> None:
     """Nobody would destroy the states that are made of it."""
     context = MagicMock()
-    context.wall_time.return_value = 0
+    context.wall_time.return_value = context.wall_time_s.return_value = 0
     context.clients.evaluate_group = AsyncMock()
     context.clients.create_stream = AsyncMock(return_value=('states_2', 'states_2/violations'))
     spawned: list[Any] = []

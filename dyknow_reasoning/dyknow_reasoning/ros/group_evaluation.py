@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from typing import Any
@@ -13,57 +13,47 @@ from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 from dyknow_interfaces.msg import Symbol as SymbolMessage
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, listed, shortened
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, shortened
 from dyknow_common.ros import (
     LATCHED_HISTORY,
     Background,
     DirectPublisher,
     DyKnowNode,
     absolute_topic,
-    margin_to_message,
-    nanoseconds_to_time,
 )
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.ros.episode_reports import EpisodeReports
-from dyknow_reasoning.ros.group_work import HEAVY_PARTS, MAX_QUEUED_STATES, GroupWork
-from dyknow_reasoning.ros.result_messages import result_to_message
+from dyknow_reasoning.ros.fixed_inputs import FixedInputs
+from dyknow_reasoning.ros.group_work import (
+    HEAVY_PARTS,
+    HEAVY_STEP_S,
+    HEAVY_TEXT,
+    MAX_QUEUED_STATES,
+    GroupWork,
+)
+from dyknow_reasoning.ros.result_messages import progress_to_message, result_to_message
 from dyknow_reasoning.ros.state_subscription import (
     VIOLATIONS_SUFFIX,
     Breach,
+    Pause,
     State,
     StateSubscription,
 )
+from dyknow_reasoning.standby_states import StandbyStates, continue_from
 from dyknow_stream_processing.ros import sample_fields
 
 _MAX_EVENTS = 20
-_HEAVY_TEXT = 1000
-"""The characters of a formula from which on it takes tens of milliseconds to parse it."""
-
-_HEAVY_STEP_S = 0.02
-"""The time of the latest step from which on the next one happens in the background."""
-
-
-@dataclass(frozen=True, slots=True)
-class Pause:
-    """A pause of the progression after a violation of a constraint.
-
-    Args:
-        since: the start by the wall clock, in nanoseconds.
-        breach: the violation.
-    """
-
-    since: int
-    breach: Breach
 
 
 class GroupEvaluation:
     """One formula group and the state stream that it is progressed over.
 
     To change to another stream without a gap, the states of the new stream are queued until the
-    old stream has delivered a state as late as the first of them.
+    old stream has delivered a state as late as the first of them. A stream on standby replaces the
+    old one at once, also after a violation, with the states that were kept of it.
 
     Work that takes long, of requests, states and reports, happens in the background.
     """
@@ -91,12 +81,13 @@ class GroupEvaluation:
         self._states_before: dict[int, int] = {}
         self._latest: int | None = None
         self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
-        self._domains: Mapping[str, Sequence[str]] = {}
-        self._result_topic = ''
+        self._inputs = FixedInputs()
         self._results: DirectPublisher | None = None
         self._current: StateSubscription | None = None
         self._next: StateSubscription | None = None
         self._queue: list[State] = []
+        self._standby: StateSubscription | None = None
+        self._kept: StandbyStates[State] = StandbyStates()
         self._pause: Pause | None = None
         # True until the current stream delivers a state later than those of the former one.
         self._catches_up = False
@@ -126,9 +117,11 @@ class GroupEvaluation:
         """Add a formula and return its id; raise the errors of `FormulaGroup.add_formula`."""
         formula_id = await self._work.run(
             lambda: self.group.add_formula(name, text, margin=margin, every_state=every_state),
-            lambda: len(text) > _HEAVY_TEXT or (self.has_begun and self._is_large()),
+            lambda: len(text) > HEAVY_TEXT or (self.has_begun and self._is_large()),
         )
         self._states_before[formula_id] = self._states
+        # The first state of the formula is a later one, also if the standby takes over.
+        self._kept.take()
         if self.has_begun:
             self.publish(self.group.decided_at_once())
         return formula_id
@@ -167,7 +160,7 @@ class GroupEvaluation:
             self._reserved_parts = 0
         if self._is_destroyed:
             raise ReasoningError('the formula group was destroyed meanwhile', ExitCode.NOT_FOUND)
-        self._domains, self._result_topic = domains, result_topic
+        self._inputs = FixedInputs(domains, result_topic)
         node = self._node
         self._results = DirectPublisher(node, FormulaResultMessage, result_topic, LATCHED_HISTORY)
         self.publish(self.group.decided_at_once())
@@ -187,13 +180,14 @@ class GroupEvaluation:
             domains: empty, or the domains of the evaluation.
             state_stream: the topic of the new states.
             result_topic: empty, or the result topic of the evaluation.
-            gap: True if states may be missing between those of the two streams.
+            gap: True if states may be missing between those of the two streams; for the standby,
+                if a violation may make states doubtful of which it is not known from when on.
 
         Raises:
             ReasoningError: for an invalid topic name, or other domains or another result topic.
         """
         absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
-        self._check_same(domains, result_topic)
+        self._inputs.check(domains, result_topic)
         await self._work.run(lambda: self._change_stream(state_stream, gap=gap))
 
     def _change_stream(self, state_stream: str, *, gap: bool) -> None:
@@ -205,16 +199,40 @@ class GroupEvaluation:
         is_current = self._current and self._current.topic == state_stream
         if is_current and not (gap or self._pause):
             return
+        if self._standby and self._standby.topic == state_stream:
+            self._take_over(gap=gap)
+            return
         self._next = self._subscribe(state_stream)
         if self._latest is None or gap or self._pause:
-            self._switch(gap=True)
+            self._switch()
+
+    def _take_over(self, *, gap: bool) -> None:
+        """Change to the standby, and use its kept states unless former ones may be wrong."""
+        self._next, self._standby = self._standby, None
+        doubtful_from = self._current.doubtful_from if self._current else None
+        if doubtful_from is not None:
+            gap = self._latest is not None and doubtful_from <= self._latest
+        self._queue = [] if gap else self._kept.take()
+        self._switch()
+
+    def set_standby(self, topic: str) -> None:
+        """Keep the states of a stream on standby; of none if the topic is empty.
+
+        Raises:
+            ReasoningError: for an invalid topic name.
+        """
+        if topic:
+            absolute_topic(self._node, topic, 'standby', VIOLATIONS_SUFFIX)
+        if self._standby:
+            self._standby.destroy()
+        self._kept.take()
+        self._standby = self._subscribe(topic) if topic else None
 
     def destroy(self) -> None:
         """Destroy the subscriptions and the publisher."""
         self._is_destroyed = True
-        for stream in (self._current, self._next):
-            if stream:
-                stream.destroy()
+        for stream in filter(None, (self._current, self._next, self._standby)):
+            stream.destroy()
         if self._results is not None:
             self._results.destroy()
 
@@ -249,17 +267,10 @@ class GroupEvaluation:
         self._events.clear()
         for formula_id in sorted(self.group.undecided):
             states = self._states - self._states_before[formula_id]
-            latest = self._latest if states else None
-            yield FormulaProgress(
-                formula_group_id=self._id,
-                formula_id=formula_id,
-                states_progressed=states,
-                latest_valid_time=nanoseconds_to_time(latest or 0),
-                residual_formula=self.group.residual(formula_id),
-                presumably_false=self.group.presumably_false(formula_id),
-                margin=margin_to_message(self.group.margin(formula_id)),
-                events=events,
-            )
+            report = progress_to_message(self.group, formula_id, self._latest if states else None)
+            report.formula_group_id, report.states_progressed = self._id, states
+            report.events = events
+            yield report
 
     def publish(self, results: Iterable[FormulaResult]) -> None:
         """Publish the results of formulas."""
@@ -281,25 +292,14 @@ class GroupEvaluation:
     def _subscribe(self, topic: str) -> StateSubscription:
         return StateSubscription(self._node, topic, self._on_state, self._on_breach)
 
-    def _check_same(self, domains: Mapping[str, Sequence[str]], result_topic: str) -> None:
-        for sort, objects in domains.items():
-            if objects != self._domains.get(sort):
-                was = listed(self._domains.get(sort, ())) or 'none'
-                raise ReasoningError(
-                    f"domains: the objects of the sort '{sort}' are fixed while the group is "
-                    f'evaluated ({was}); make a new group for others'
-                )
-        if result_topic not in {'', self._result_topic}:
-            raise ReasoningError(
-                f"result_topic: the group publishes its results on '{self._result_topic}' as long "
-                f"as it is evaluated, not on '{result_topic}'"
-            )
-
     def _is_large(self) -> bool:
-        return self._step_s > _HEAVY_STEP_S or self.parts > HEAVY_PARTS
+        return self._step_s > HEAVY_STEP_S or self.parts > HEAVY_PARTS
 
     def _on_state(self, stream: StateSubscription, state: State) -> None:
         """Receive a state; if too many wait, drop it, and note the loss with the next one."""
+        if stream is self._standby:
+            self._kept.add(state, self._latest)
+            return
         if self._work.waiting_states >= MAX_QUEUED_STATES:
             self._dropped[stream] += 1
             return
@@ -308,38 +308,36 @@ class GroupEvaluation:
             state = replace(state, loss=loss)
         self._work.receive(lambda: self._handle(stream, state))
 
-    def _handle(self, stream: StateSubscription, state: State) -> None:
+    def _handle(self, stream: StateSubscription | None, state: State) -> None:
         if stream is self._current:
             self._receive(state)
         elif stream is self._next:
             self._queue.append(state)
-        latest = self._latest
         if self._next is None:
             return
-        if latest is not None and self._queue and self._queue[0].valid_time <= latest:
-            self._switch(gap=False)
+        if continue_from(self._queue, self._latest):
+            self._switch()
         elif len(self._queue) >= MAX_QUEUED_STATES and not self._work.is_busy:
             self._node.get_logger().warning(
                 f"the group '{self.name}' changes to '{self._next.topic}' with a gap: the former "
                 f'stream has no state as late as the {len(self._queue)} queued ones'
             )
-            self._switch(gap=True)
+            self._switch()
 
-    def _switch(self, *, gap: bool) -> None:
-        """Change to the next stream now, and progress its queued states."""
+    def _switch(self) -> None:
+        """Change to the next stream now, and progress its queued states, perhaps after a gap."""
         if self._current:
             self._current.destroy()
         self._current, self._next = self._next, None
         self._pause = None
         self._catches_up = self._latest is not None
-        if gap and self._latest is not None:
-            self.group.gap()
         queue, self._queue = self._queue, []
-        breach = self._current and self._current.breach
-        if breach:
+        if self._latest is not None and not continue_from(queue, self._latest):
+            self.group.gap()
+        if breach := self._current and self._current.breach:
             self._pause_after(breach)
         for state in queue:
-            self._work.receive(partial(self._receive, state))
+            self._work.receive(partial(self._handle, self._current, state))
 
     def _on_breach(self, stream: StateSubscription, breach: Breach) -> None:
         """Change to the next stream, or pause: a verdict over these states would be unsound."""
@@ -350,7 +348,7 @@ class GroupEvaluation:
         if stream is not self._current or self._pause:
             return
         if self._next:
-            self._switch(gap=True)
+            self._switch()
         else:
             self._pause_after(breach)
 

@@ -15,6 +15,12 @@ MAX_QUEUED_STATES: Final = 1000
 HEAVY_PARTS: Final = 1000
 """The parts of formulas from which on work that concerns all of them takes tens of milliseconds."""
 
+HEAVY_TEXT: Final = 1000
+"""The characters of a formula from which on it takes tens of milliseconds to parse it."""
+
+HEAVY_STEP_S: Final = 0.02
+"""The time of the latest step from which on the next one happens in the background."""
+
 Result = TypeVar('Result')
 
 

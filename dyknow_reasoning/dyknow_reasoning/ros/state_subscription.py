@@ -17,6 +17,7 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_stream_processing import ViolationKind
 from dyknow_stream_processing.ros import SequenceGaps, publishers_of, sample_valid_time
 
 VIOLATIONS_SUFFIX: Final = '/violations'
@@ -51,6 +52,19 @@ class Breach:
     message: str
 
 
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """A pause of the progression after a violation of a constraint.
+
+    Args:
+        since: the start by the wall clock, in nanoseconds.
+        breach: the violation.
+    """
+
+    since: int
+    breach: Breach
+
+
 class StateSubscription:
     """Subscription to the states of one stream, and to its violations.
 
@@ -72,6 +86,12 @@ class StateSubscription:
     ) -> None:
         self.topic = topic
         self.breach: Breach | None = None
+        """The latest violation."""
+        self.doubtful_from: int | None = None
+        """The valid time from which on violations make states doubtful; None without a violation.
+
+        They may have been received before: if a sample is late, its time may have passed.
+        """
         self._on_state = on_state
         self._on_breach = on_breach
         self._start_time = node.now()
@@ -115,4 +135,9 @@ class StateSubscription:
         # The topic is latched: violations before the subscription are ignored.
         if time_to_nanoseconds(message.available_time) >= self._start_time:
             self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
+            # By a wrong clock, all states may have wrong times.
+            is_clock = message.constraint == ViolationKind.CLOCK
+            doubtful_from = 0 if is_clock else self.breach.valid_time
+            if self.doubtful_from is None or doubtful_from < self.doubtful_from:
+                self.doubtful_from = doubtful_from
             self._on_breach(self, self.breach)

@@ -132,7 +132,14 @@ class StreamReasoningEngine(DyKnowNode):
         evaluation = self._find(request.formula_group_id)
         domains = {domain.sort: domain.objects for domain in request.domains}
         arguments = domains, request.state_stream, request.result_topic
-        if evaluation.has_begun:
+        if evaluation.has_begun and not request.state_stream:
+            evaluation.set_standby(request.standby)
+        elif request.standby:
+            raise ReasoningError(
+                'standby: the group must be evaluated before it can have one; then name it in a '
+                'request without state_stream'
+            )
+        elif evaluation.has_begun:
             await evaluation.change_stream(*arguments, gap=request.gap)
         else:
             self._check_parts(evaluation.group.parts_for(domains))

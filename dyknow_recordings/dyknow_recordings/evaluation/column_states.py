@@ -31,7 +31,8 @@ from dyknow_recordings.evaluation.columns.series import (
     Series,
 )
 from dyknow_recordings.evaluation.columns.topic_streams import TopicStream
-from dyknow_recordings.evaluation.state_group import SILENCE_LIMIT_NS, GroupStream, StateGroup
+from dyknow_recordings.evaluation.state_group import SILENCE_LIMIT_NS, StateGroup
+from dyknow_recordings.evaluation.states.standby import GroupStream
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.topic_history import TopicHistory
 from dyknow_recordings.reading.columns import MessageColumns
@@ -53,7 +54,7 @@ class _UsedStreams:
     """The streams that states are made of.
 
     Args:
-        states: the state stream of each group.
+        states: the state stream of each group, and its standby.
         columns: the same, as columns.
         others: those that may take the place of others.
     """
@@ -106,9 +107,9 @@ class ColumnStates:
         kept = self._needed(received, used, ends)
         if max(map(len, kept.values())) > MAX_WAITING:
             return False
-        for group, series, found in zip(groups, made, rows, strict=True):
+        for state, series, found in zip(used.states, made, rows, strict=True):
             columns = {name: column[found] for name, column in series.columns.items()}
-            group.receive_many(series.valid_times[found], columns)
+            state.receive_many(series.valid_times[found], columns)
         self._streams.note_received({topic: int(each.log_times[-1]) for topic, each in new.items()})
         self._is_behind = True
         self._keep(received, new, kept)
@@ -199,12 +200,12 @@ class ColumnStates:
         states: list[GroupStream] = []
         columns: list[ColumnStream] = []
         for group in groups:
-            state = group.group_stream
-            stream = None if state is None else self._streams.column_stream(state.name)
-            if state is None or stream is None:
+            found = group.group_streams
+            made = [self._streams.column_stream(each.name) for each in found]
+            if not found or None in made:
                 return None
-            states.append(state)
-            columns.append(stream)
+            states += found
+            columns += filter(None, made)
         others: list[TopicStream] = []
         parts = {part for each in columns for part in each.parts()}
         names = {name for each in states for name in each.alternatives}
@@ -219,6 +220,8 @@ class ColumnStates:
     def _suffice(self, used: _UsedStreams, received: ReceivedMessages, new: Histories) -> bool:
         """Return True if all samples continue those before, and no topic is silent for too long."""
         for state, stream in zip(used.states, used.columns, strict=True):
+            if state.until is not None and received.end >= state.until:
+                return False
             is_watched = state.is_replaceable or stream.is_periodic
             if is_watched and self._has_silence(state, stream, received, new):
                 return False

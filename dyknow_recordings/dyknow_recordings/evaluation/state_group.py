@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -24,12 +24,14 @@ from dyknow_coordinator import (
     SourceChoice,
     StateFault,
     SymbolGrounding,
-    describe_violation,
     silent_topics,
     state_specification,
     worst_fault,
 )
+from dyknow_reasoning import continue_from
 from dyknow_recordings.evaluation.episodes import EpisodeGroup
+from dyknow_recordings.evaluation.states.descriptions import sources_text, violation_text
+from dyknow_recordings.evaluation.states.standby import GroupStream, Standby, StandbyStream
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import END, LostMessages
 from dyknow_stream_processing import Sample, Violation
@@ -42,25 +44,6 @@ WAITING_LIMIT_NS: Final = 3 * SECOND_NS
 
 REPORT_NS: Final = 1200 * NANOSECONDS['ms']
 """Time after which it is known which topics are silent when states break a constraint."""
-
-
-@dataclass(frozen=True, slots=True)
-class GroupStream:
-    """A state stream whose states may be made as columns.
-
-    Args:
-        name: of the stream.
-        created_at: the log time from which on it receives samples, in nanoseconds.
-        latest: the valid time of its latest state; None before the first.
-        is_replaceable: True if another stream may replace it when a topic is silent.
-        alternatives: the streams of files that such a stream may be made of.
-    """
-
-    name: str
-    created_at: int
-    latest: int | None
-    is_replaceable: bool
-    alternatives: frozenset[str]
 
 
 class StateGroup:
@@ -93,6 +76,7 @@ class StateGroup:
         self._begin = begin
         self._on_fault = on_fault
         self._choice = SourceChoice()
+        self._standby = Standby(inputs, streams, self._create, lambda: self._latest)
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
         sources = inputs.candidates.found if self._is_replaceable else ()
@@ -102,7 +86,8 @@ class StateGroup:
         self._faults: list[StateFault] = []
         self._chosen: tuple[FeatureSource, ...] = ()
         self._stream = ''
-        self._created_at = 0
+        # The log times from which on it is made, and in use.
+        self._created_at = self._used_since = 0
         self._streams_made = 0
         # The valid time of the latest state of the stream in use.
         self._latest_tick: int | None = None
@@ -111,6 +96,8 @@ class StateGroup:
         # True from a change of streams to the first state after the last one before.
         self._is_in_gap = False
         self._latest_error = CoordinationError('')
+        # The valid time from which on violations make states doubtful.
+        self._doubtful_from = END
         # States after a violation may be wrong: none is progressed before the next stream.
         self._is_paused = False
         self._silence: tuple[int, Violation] | None = None
@@ -134,28 +121,31 @@ class StateGroup:
         return self.episodes.has_ended and not (self._stream and self.episodes.observer)
 
     @property
-    def group_stream(self) -> GroupStream | None:
-        """The stream, if its states may be made as columns, and nothing is the matter with it."""
+    def group_streams(self) -> Sequence[GroupStream]:
+        """The stream in use, and the standby; none unless their states may be made as columns."""
         is_well = self._stream and not (self._is_in_gap or self._is_paused or self._faults)
-        if not is_well or self.has_ended:
-            return None
-        return GroupStream(
+        if not is_well or self.has_ended or self._is_behind or self._standby.is_better:
+            return ()
+        stream = GroupStream(
             self._stream,
             self._created_at,
             self._latest_tick,
+            self._receive_many,
             self._is_replaceable,
             self._alternatives,
+            self._standby.due,
         )
+        return stream, *self._standby.group_streams
 
-    def receive_many(
+    @property
+    def _is_behind(self) -> bool:
+        """True if the stream in use has not delivered a state as late as the former one."""
+        latest, tick = self._latest, self._latest_tick
+        return latest is not None and (tick is None or tick < latest)
+
+    def _receive_many(
         self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
     ) -> None:
-        """Process states of the stream in use that were made as columns.
-
-        Args:
-            valid_times: in nanoseconds, increasing; of shape (n,).
-            columns: the values of each feature at these states; of shape (n,).
-        """
         if not len(valid_times):
             return
         self._latest_tick = int(valid_times[-1])
@@ -171,20 +161,29 @@ class StateGroup:
         """Replace streams that have failed, or fail; free the states at the end."""
         while self._faults and not self.episodes.has_ended:
             fault, count = worst_fault(self._faults), len(self._faults)
-            chosen = self._choose(now)
-            if not fault.transient and any(self._choice.is_excluded(each, now) for each in chosen):
+            standby = self._standby.take(now)
+            chosen = standby.chosen if standby else self._choose(now)
+            failed = any(self._choice.is_excluded(each, now) for each in chosen)
+            if not standby and not fault.transient and failed:
                 self._fail(fault.error)
                 break
             try:
-                self._switch(chosen, now)
+                if standby:
+                    self._take_over(standby, now)
+                else:
+                    self._switch(chosen, now)
             except DyKnowError as error:
                 reason = f'{fault.error.message}; no other states: {error.message}'
                 self._fail(CoordinationError(reason, fault.error.code))
                 break
             del self._faults[:count]
             self._latest_error = fault.error
-            made_of = ', '.join(sorted(map(str, chosen)))
-            self.episodes.add_event(f'{fault.error.message}; states are made of {made_of}')
+            self.episodes.add_event(f'{fault.error.message}; {sources_text(chosen)}')
+        if self._standby.can_improve and (better := self._standby.take(now)):
+            self._take_over(better, now)
+            made_of = sources_text(better.chosen)
+            self.episodes.add_event(f'other streams are better now; {made_of}')
+        self._renew_standby(now)
         # States that are only observed any more are not made of other streams.
         if self.episodes.has_ended and (self._faults or not self.episodes.observer):
             self._faults.clear()
@@ -198,6 +197,8 @@ class StateGroup:
             now: the log time, in nanoseconds.
             is_late: True if there are states that lack these messages.
         """
+        if self._standby.lose(lost):
+            self._on_fault()
         if not self._stream or not lost.concerns(self._streams.topics(self._stream)):
             return
         self._created_at = now
@@ -218,10 +219,11 @@ class StateGroup:
         if not self._stream:
             return
         self._find_silent_sources(now)
+        self._renew_standby(now)
         received = self._streams.received(self._stream)
         oldest, known = now - SILENCE_LIMIT_NS, self._streams.known
-        for silent in silent_topics(self._chosen, known, received, self._created_at, oldest):
-            self._choice.exclude(silent.sources, now)
+        for silent in silent_topics(self._chosen, known, received, self._used_since, oldest):
+            self._exclude(silent.sources, now)
             others = self._choose(now)
             can_replace = self._choice.can_replace(self._chosen, others, known, now)
             if can_replace or silent.is_overdue:
@@ -241,7 +243,7 @@ class StateGroup:
             return
         # What would pass for an undecided formula may be one whose states have failed.
         if self._silence is not None:
-            text = _description(self._silence[1])
+            text = violation_text(self._silence[1])
             self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
         elif self._is_in_gap and not self.episodes.has_losses:
             reason = self._streams.waits_for(self._stream, start - 1) or 'no state has come since'
@@ -261,20 +263,56 @@ class StateGroup:
     def _switch(self, chosen: tuple[FeatureSource, ...], now: int) -> None:
         """Make the states of other sources from now on."""
         self._destroy()
-        self._streams_made += 1
-        name = f'{self._name}.{self._streams_made}'
+        stream = StandbyStream(self._next_name(), chosen, now)
+        self._note_gap()
+        self._create(stream.name, chosen)
+        self._use(stream, now)
+
+    def _take_over(self, standby: StandbyStream, now: int) -> None:
+        """Use the states that were kept of the standby, unless former ones may be wrong."""
+        self._streams.destroy(self._stream)
+        is_doubtful = self._latest is not None and self._doubtful_from <= self._latest
+        kept = [] if is_doubtful else standby.states.take()
+        if not continue_from(kept, self._latest):
+            self._note_gap()
+        self._use(standby, now)
+        for state in kept:
+            self._progress(state)
+
+    def _use(self, stream: StandbyStream, now: int) -> None:
+        self._stream, self._chosen, self._latest_tick = stream.name, stream.chosen, stream.latest
+        self._created_at, self._used_since = stream.created_at, now
+        self._is_paused, self._silence, self._doubtful_from = False, None, END
+        self.groundings = self._inputs.candidates.symbol_groundings(stream.chosen)
+        self._stand_by(now)
+
+    def _stand_by(self, now: int) -> None:
+        self._standby.follow(self._next_name(), self._chosen, self._choose(now), now)
+
+    def _renew_standby(self, now: int) -> None:
+        if self._stream and self._standby.is_outdated(now) and not self.episodes.has_ended:
+            self._stand_by(now)
+
+    def _note_gap(self) -> None:
         if self._latest is not None:
             self.episodes.gap(self._latest)
             self._is_in_gap = True
-        specification = state_specification(chosen)
-        constraints = self._inputs.constraints
-        self._streams.create(name, specification, constraints, self._receive, self._on_violation)
-        self._stream, self._chosen, self._created_at = name, chosen, now
-        self._latest_tick = None
-        self._is_paused, self._silence = False, None
-        self.groundings = self._inputs.candidates.symbol_groundings(chosen)
+
+    def _next_name(self) -> str:
+        self._streams_made += 1
+        return f'{self._name}.{self._streams_made}'
+
+    def _create(self, name: str, chosen: tuple[FeatureSource, ...]) -> None:
+        self._streams.create(
+            name,
+            state_specification(chosen),
+            self._inputs.constraints,
+            partial(self._receive, name),
+            partial(self._on_violation, name),
+        )
 
     def _destroy(self) -> None:
+        self._standby.end()
         if self._stream:
             self._streams.destroy(self._stream)
             self._stream = ''
@@ -284,33 +322,48 @@ class StateGroup:
         self.episodes.fail(error)
         self._destroy()
 
-    def _receive(self, state: Sample) -> None:
+    def _receive(self, name: str, state: Sample) -> None:
+        if name != self._stream:
+            self._standby.receive(state)
+            if self._standby.can_improve:
+                self._on_fault()
+            return
         if self._latest_tick is not None and state.valid_time <= self._latest_tick:
             # A state that was made as a column before.
             if state.valid_time == self._latest:
                 self._latest_receipt = state.available_time
             return
         self._latest_tick = state.valid_time
+        self._progress(state)
+
+    def _progress(self, state: Sample) -> None:
         if self._is_paused or state.valid_time < self._begin or self.has_ended:
             return
+        # A new stream may begin with states that the former one had already.
+        if self._latest is not None and state.valid_time <= self._latest:
+            return
         if self._is_in_gap and self._latest is not None:
-            # The new stream may begin with states that the former one had already.
-            if state.valid_time <= self._latest:
-                return
             self._is_in_gap = False
             self.episodes.end_gap(state.valid_time)
         self._latest, self._latest_receipt = state.valid_time, state.available_time
         self.episodes.progress(state.valid_time, state.fields)
-        if self.episodes.has_ended and not self.episodes.observer:
+        is_unused = self.episodes.has_ended and not self.episodes.observer
+        if is_unused or self._standby.can_improve:
             self._on_fault()
 
-    def _on_violation(self, violation: Violation) -> None:
+    def _on_violation(self, name: str, violation: Violation) -> None:
         if self.has_ended:
             return
+        if name != self._stream:
+            self._standby.break_off(violation)
+            self._on_fault()
+            return
+        self._standby.note_violation(violation)
+        self._doubtful_from = min(self._doubtful_from, violation.valid_time)
         self._is_paused = True
         self.episodes.add_violation(violation)
         if violation.constraint in TRANSIENT:
-            error = CoordinationError(_description(violation), ExitCode.UNAVAILABLE)
+            error = CoordinationError(violation_text(violation), ExitCode.UNAVAILABLE)
             self._interrupt(StateFault(error, transient=True))
         elif violation.stream_name == self._stream:
             self._silence = self._silence or (violation.available_time + REPORT_NS, violation)
@@ -332,17 +385,15 @@ class StateGroup:
         )
 
     def _replace(self, sources: Sequence[FeatureSource], violation: Violation) -> None:
-        error = CoordinationError(_description(violation), ExitCode.CONSTRAINT_VIOLATION)
+        error = CoordinationError(violation_text(violation), ExitCode.CONSTRAINT_VIOLATION)
         # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
-        self._choice.exclude(sources or self._chosen, violation.available_time)
+        self._exclude(sources or self._chosen, violation.available_time)
         self._interrupt(StateFault(error, transient=False))
+
+    def _exclude(self, sources: Sequence[FeatureSource], now: int) -> None:
+        self._choice.exclude(sources, now)
+        self._standby.exclude(sources, now)
 
     def _interrupt(self, fault: StateFault) -> None:
         self._faults.append(fault)
         self._on_fault()
-
-
-def _description(violation: Violation) -> str:
-    return describe_violation(
-        violation.message, violation.constraint, violation.observed, violation.allowed
-    )

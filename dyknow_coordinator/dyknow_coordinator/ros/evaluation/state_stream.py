@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from dyknow_interfaces.msg import ConstraintViolation
 
-from dyknow_common import ExitCode, StreamConstraints
+from dyknow_common import DyKnowError, ExitCode, StreamConstraints
 from dyknow_common.ros import VIOLATIONS, PublisherWatch, only_from, only_publishers_of
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.feature_sources import FeatureSource
+from dyknow_coordinator.grounding.state_specification import state_specification
 from dyknow_coordinator.ros.context import CoordinatorContext
+
+SETTLING_S: Final = 0.5
+"""Time within which the stream manager reports which streams have replaced others."""
+
+POLL_PERIOD_S: Final = 0.1
 
 
 class StateStream:
@@ -31,6 +38,8 @@ class StateStream:
     ) -> None:
         self.name = name
         self.topic = context.state_topic(name)
+        self.sources: Mapping[str, int] = {}
+        """The ids of the streams that it is made from, by their topics."""
         self.created_at_s = context.wall_time_s()
         self._context = context
         self._on_violation = on_violation
@@ -41,23 +50,62 @@ class StateStream:
         self._is_destroyed = False
 
     async def create(
-        self, specification: str, constraints: StreamConstraints, sources: Mapping[str, int]
+        self, chosen: tuple[FeatureSource, ...], constraints: StreamConstraints
     ) -> bool:
         """Create the stream (steps 9 to 11); return True if it has the expected topic.
 
         Args:
-            specification: of the stream.
-            constraints: added to those of the specification.
-            sources: the ids of the streams that it is made from, by their topics.
+            chosen: the sources that it is made from.
+            constraints: added to those of the sources.
 
         Raises:
             DyKnowError: if it cannot be created, or was destroyed before that.
         """
         self._check_is_needed()
+        self.sources = await self._identities(chosen)
+        try:
+            return await self._create(chosen, constraints)
+        except DyKnowError as error:
+            # The stream manager may know by now that one of them is another stream.
+            if error.code is not ExitCode.UNAVAILABLE or not self.sources:
+                raise
+            self.sources = await self._identities(chosen, error)
+            return await self._create(chosen, constraints)
+
+    async def _identities(
+        self, chosen: tuple[FeatureSource, ...], refusal: DyKnowError | None = None
+    ) -> Mapping[str, int]:
+        """Return the ids of the sources, once the stream manager is certain of them.
+
+        If the present ids were refused, wait for other ones.
+
+        Raises:
+            DyKnowError: the refusal, or the reason why an id is unknown, after SETTLING_S.
+        """
+        deadlines = self._context.node.deadlines
+        limit = deadlines.after(SETTLING_S)
+        while True:
+            reason = refusal
+            try:
+                sources = self._context.streams.known.identities(chosen)
+            except CoordinationError as error:
+                reason = error
+            else:
+                if refusal is None or sources != self.sources:
+                    limit.cancel()
+                    return sources
+            if reason is not None and (limit.done() or self._is_destroyed):
+                raise reason
+            await deadlines.after(POLL_PERIOD_S)
+
+    async def _create(
+        self, chosen: tuple[FeatureSource, ...], constraints: StreamConstraints
+    ) -> bool:
+        self._check_is_needed()
         self._context.cleanup.keep_stream(self.name)
         try:
             topic, violations = await self._context.clients.create_stream(
-                self.name, specification, constraints, sources
+                self.name, state_specification(chosen), constraints, self.sources
             )
         finally:
             self._is_created = True

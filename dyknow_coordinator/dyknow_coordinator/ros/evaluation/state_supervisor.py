@@ -4,7 +4,7 @@ The states are made from the best available source of each ground feature. When 
 another one replaces it (step 13); when a better one appears, it replaces the one in use
 (section IX). Example: two streams carry `Power[uav1]`, `a` (better) and `b`.
 
-With a gap, because a stream breaks:
+With a gap, because a stream breaks and no `Standby` is ready:
 
      0.0 s  state stream states_1, made from a, is created; the phase is RUNNING
      4.0 s  a breaks max_delay: states_1 is destroyed, a is excluded for EXCLUSION_NS, INTERRUPTED
@@ -23,7 +23,7 @@ Without a gap, because a better stream is available:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final, Protocol
 
@@ -40,24 +40,24 @@ from dyknow_coordinator.grounding.source_choice import (
     describe_violation,
     worst_fault,
 )
-from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
+from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
-from dyknow_coordinator.ros.evaluation.state_stream import StateStream
+from dyknow_coordinator.ros.evaluation.standby import Standby, TakenStandby
+from dyknow_coordinator.ros.evaluation.state_stream import (
+    POLL_PERIOD_S,
+    SETTLING_S,
+    StateStream,
+)
 from dyknow_stream_processing import ViolationKind
 
 RESUME_TIMEOUT_S: Final = 2.0
 """Time within which other streams must replace those that failed."""
-
-SETTLING_S: Final = 0.5
-"""Time within which the stream manager reports which streams have replaced others."""
 
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
 
 NEXT_REPORT_S: Final = 1.2
 """Time after which the stream manager has reported the current status of all streams."""
-
-POLL_PERIOD_S: Final = 0.1
 
 
 class StateObserver(Protocol):
@@ -102,7 +102,9 @@ class StateSupervisor:
         self._group_id = group_id
         self._observer = observer
         self._choice = SourceChoice()
+        self._standby = Standby(context, group_id, inputs.constraints, self._new_stream)
         self._faults: list[StateFault] = []
+        self._settled_at_s = 0.0
         self._obstacle = ''
         """Why the last attempt to recover has failed."""
         self._missing_since: float | None = None
@@ -110,8 +112,6 @@ class StateSupervisor:
         self._has_ended = False
         self.chosen = self._choose(inputs.candidates)
         self.stream = self._new_stream(name)
-        self._sources: Mapping[str, int] = {}
-        """The ids of the streams that the states are made from, by their topics."""
         # Streams that will be used, or were used and have not been unsubscribed from.
         self._others: list[StateStream] = []
         self._topics: tuple[str, ...] = ()
@@ -144,11 +144,12 @@ class StateSupervisor:
         """
         if self.chosen:
             await self._create(self.stream, self.chosen, gap=False)
-        self._observer.set_phase(EvaluationPhase.RUNNING)
+        self._run_on()
 
     def end(self) -> None:
         """Destroy the state stream."""
         self._has_ended = True
+        self._standby.end()
         self._destroy_streams()
 
     def update_candidates(self, candidates: Candidates) -> None:
@@ -194,8 +195,9 @@ class StateSupervisor:
         known, now = self._context.streams.known, self._context.wall_time()
         return self._choice.choose(self.inputs.features, candidates, known, now)
 
-    def _exclude(self, sources: Iterable[FeatureSource]) -> None:
+    def _exclude(self, sources: Sequence[FeatureSource]) -> None:
         self._choice.exclude(sources, self._context.wall_time())
+        self._standby.exclude(sources)
 
     def _is_excluded(self, source: FeatureSource) -> bool:
         return self._choice.is_excluded(source, self._context.wall_time())
@@ -204,13 +206,14 @@ class StateSupervisor:
         return self._has_ended or stream not in (self.stream, *self._others)
 
     def _on_violation(self, stream: StateStream, violation: Any) -> None:
+        self._standby.note_violation(stream, violation)
         if self._is_obsolete(stream):
             return
         if violation.constraint in TRANSIENT:
             error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
-            is_recreated = violation.constraint == ViolationKind.SOURCE
-            settled_at_s = self._context.wall_time_s() + SETTLING_S if is_recreated else 0.0
-            self._interrupt(StateFault(error, transient=True, settled_at_s=settled_at_s))
+            if violation.constraint == ViolationKind.SOURCE:
+                self._settled_at_s = self._context.wall_time_s() + SETTLING_S
+            self._interrupt(StateFault(error, transient=True))
         elif violation.stream_name == stream.name:
             self._context.node.spawn(self._find_silent_sources, stream, violation)
         else:
@@ -223,8 +226,7 @@ class StateSupervisor:
         await self._context.node.deadlines.after(NEXT_REPORT_S)
         if not self._has_ended and stream is self.stream:
             known = self._context.streams.known
-            allowed = time_to_nanoseconds(violation.allowed)
-            silent = known.silent_topics(stream.name, allowed)
+            silent = known.silent_topics(stream.name, time_to_nanoseconds(violation.allowed))
             sources = [each for topic in silent for each in known.affected(self.chosen, topic)]
             self._replace(sources, violation)
 
@@ -235,6 +237,7 @@ class StateSupervisor:
         self._interrupt(StateFault(error, transient=False))
 
     def _on_engine_lost(self, stream: StateStream) -> None:
+        self._standby.note_engine_lost(stream)
         if self._is_obsolete(stream):
             return
         known = self._context.streams.known.get(stream.name)
@@ -256,19 +259,18 @@ class StateSupervisor:
         self._obstacle = ''
         limit = self._context.node.deadlines.after(RESUME_TIMEOUT_S)
         limit.add_done_callback(lambda _: self._give_up())
+        standby = None
         while self._faults and not self._has_ended:
-            settled_at_s = max(each.settled_at_s for each in self._faults)
-            wait_s = settled_at_s - self._context.wall_time_s()
-            if wait_s > 0 and not self._are_replaced():
-                await self._context.node.deadlines.after(min(wait_s, POLL_PERIOD_S))
+            standby = self._standby.take()
+            if standby is None and await self._settle():
                 continue
             fault, count = worst_fault(self._faults), len(self._faults)
             chosen = self._choose(self.inputs.candidates)
-            if not fault.transient and any(map(self._is_excluded, chosen)):
+            if not standby and not fault.transient and any(map(self._is_excluded, chosen)):
                 self._observer.fail(fault.error)
                 break
             try:
-                await self._switch(chosen, gap=True)
+                await (self._take_over(standby) if standby else self._switch(chosen, gap=True))
             except DyKnowError as error:
                 self._obstacle = error.message
                 self._context.node.get_logger().info(f'{self.stream.name}: {error}')
@@ -281,7 +283,28 @@ class StateSupervisor:
         limit.cancel()
         self._is_changing = False
         if not self._has_ended:
-            self._observer.set_phase(EvaluationPhase.RUNNING)
+            self._run_on()
+        if standby:
+            self.improve()  # The standby avoids all sources in use, also those that are well.
+
+    def _run_on(self) -> None:
+        self._observer.set_phase(EvaluationPhase.RUNNING)
+        self._standby.follow(self.chosen, self.inputs.candidates)
+
+    async def _settle(self) -> bool:
+        """Wait until it is known what has replaced failed streams; return False if it was."""
+        wait_s = self._settled_at_s - self._context.wall_time_s()
+        is_open = wait_s > 0 and not self._are_replaced()
+        if is_open:
+            await self._context.node.deadlines.after(min(wait_s, POLL_PERIOD_S))
+        return is_open
+
+    async def _take_over(self, standby: TakenStandby) -> None:
+        """Switch to the standby; without a gap if its states allow it and former ones are right."""
+        is_violated = not all(each.transient for each in self._faults)
+        self._destroy_streams()
+        self.stream, self.chosen = standby
+        await self._evaluate(self.stream, gap=is_violated)
 
     def _give_up(self) -> None:
         if self._faults and not self._has_ended:
@@ -290,6 +313,8 @@ class StateSupervisor:
             self._observer.fail(CoordinationError(f'{error.message}{reason}', error.code))
 
     async def _improve(self) -> None:
+        while await self._settle():
+            pass
         try:
             chosen = self._choose(self.inputs.candidates)
             # If it has ended since this was spawned, nobody would destroy another stream.
@@ -335,52 +360,14 @@ class StateSupervisor:
     async def _create(
         self, stream: StateStream, chosen: tuple[FeatureSource, ...], *, gap: bool
     ) -> None:
-        specification, constraints = state_specification(chosen), self.inputs.constraints
-        sources = await self._identities(chosen)
-        try:
-            as_expected = await stream.create(specification, constraints, sources)
-        except DyKnowError as error:
-            # The stream manager may know by now that one of them is another stream.
-            if error.code is not ExitCode.UNAVAILABLE or not sources:
-                raise
-            sources = await self._identities(chosen, error, sources)
-            as_expected = await stream.create(specification, constraints, sources)
-        self._sources = sources
+        as_expected = await stream.create(chosen, self.inputs.constraints)
         if not as_expected:
             await self._evaluate(stream, gap=gap)
-
-    async def _identities(
-        self,
-        chosen: tuple[FeatureSource, ...],
-        refusal: DyKnowError | None = None,
-        refused: Mapping[str, int] | None = None,
-    ) -> Mapping[str, int]:
-        """Return the ids of the chosen streams, once the stream manager is certain of them.
-
-        If a request for `refused` ids was refused, wait for other ones.
-
-        Raises:
-            DyKnowError: the refusal, or the reason why an id is unknown, after SETTLING_S.
-        """
-        deadlines = self._context.node.deadlines
-        limit = deadlines.after(SETTLING_S)
-        while True:
-            try:
-                sources = self._context.streams.known.identities(chosen)
-            except CoordinationError as error:
-                reason: DyKnowError | None = error
-            else:
-                if refused is None or sources != refused:
-                    return sources
-                reason = refusal
-            if reason is not None and (limit.done() or self._has_ended):
-                raise reason
-            await deadlines.after(POLL_PERIOD_S)
 
     def _are_replaced(self) -> bool:
         """Return True if the stream manager knows other streams in the place of those in use."""
         try:
-            return self._context.streams.known.identities(self.chosen) != self._sources
+            return self._context.streams.known.identities(self.chosen) != self.stream.sources
         except CoordinationError:
             return False
 

@@ -1,0 +1,243 @@
+"""Changes to a standby: a gap exactly if a state may be missing, and no state is used twice."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Self
+from unittest import mock
+
+import pytest
+from dyknow_interfaces.msg import ConstraintViolation
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from dyknow_common.ros import nanoseconds_to_time
+from dyknow_reasoning import FormulaGroup, StandbyStates
+from dyknow_reasoning.ros import group_evaluation
+from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
+from dyknow_reasoning.ros.state_subscription import State, StateSubscription
+from dyknow_reasoning.standby_states import MAX_KEPT
+from dyknow_stream_processing import Sample, ViolationKind
+
+DOMAINS = {'UAV': ['uav1']}
+
+
+class Group:
+    """A group whose streams of states a test feeds, and what it progresses."""
+
+    def __init__(self) -> None:
+        self.progressed: list[int | str] = []
+        group = FormulaGroup()
+        group.add_formula('calm', 'always power < 150')
+        progress, gap = group.progress, group.gap
+
+        def note(valid_time: int, fields: Any) -> Any:
+            self.progressed.append(valid_time)
+            return progress(valid_time, fields)
+
+        def note_gap() -> None:
+            self.progressed.append('gap')
+            gap()
+
+        group.progress, group.gap = note, note_gap  # type: ignore[method-assign]
+        node, background = mock.MagicMock(), mock.MagicMock()
+        node.wall_clock.now.return_value.nanoseconds = node.now.return_value = 0
+        node.resolve_topic_name = lambda topic: topic
+        self._spawned: deque[Any] = deque()
+        node.spawn = lambda function, *arguments: self._spawned.append(function(*arguments))
+
+        async def run(function: Callable[[], Any], **_: Any) -> Any:
+            return function()
+
+        background.run = run
+        self.streams: dict[str, StateSubscription] = {}
+        self.evaluation = GroupEvaluation(node, 1, 'group', group, background, mock.MagicMock())
+
+        def subscribe(*arguments: Any) -> StateSubscription:
+            with mock.patch(f'{StateSubscription.__module__}.DirectSubscription'):
+                made = StateSubscription(*arguments)
+            self.streams[made.topic] = made
+            return made
+
+        with mock.patch.object(group_evaluation, 'DirectPublisher'):
+            self._patch = mock.patch.object(group_evaluation, 'StateSubscription', subscribe)
+            self._patch.start()
+            asyncio.run(self.evaluation.begin({}, '/former', '/results'))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._patch.stop()
+
+    def state(self, topic: str, valid_time: int, loss: str = '') -> None:
+        stream = self.streams[topic]
+        sample = Sample(valid_time, valid_time, {'power': 100.0})
+        stream._on_state(stream, State(valid_time, sample, loss))
+
+    def violate(self, topic: str, valid_time: int, kind: str = 'max_delay') -> None:
+        stamp = nanoseconds_to_time(valid_time)
+        message = ConstraintViolation(constraint=kind, valid_time=stamp, available_time=stamp)
+        self.streams[topic]._on_violation(message, None)
+
+    def take_over(self, *, gap: bool = False) -> None:
+        asyncio.run(self.evaluation.change_stream({}, '/standby', '', gap=gap))
+        while self._spawned:
+            asyncio.run(self._spawned.popleft())
+
+
+@pytest.fixture
+def group() -> Any:
+    with Group() as made:
+        made.evaluation.set_standby('/standby')
+        yield made
+
+
+@dataclass
+class Reference:
+    """The states in the order of a take-over, kept as all that there are."""
+
+    former: list[int] = field(default_factory=list)
+    standby: list[int] = field(default_factory=list)
+
+    def expected(self, later: list[int]) -> list[int | str]:
+        used = [each for each in [*self.standby, *later] if each > max(self.former, default=-1)]
+        is_complete = not self.former or (self.standby and self.standby[0] <= self.former[-1])
+        return [*self.former, *([] if is_complete else ['gap']), *used]
+
+
+STEPS = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), max_size=30)
+
+
+@given(STEPS, st.lists(st.integers(1, 3), max_size=3), st.integers(0, 9))
+def test_states_after_a_take_over(
+    steps: list[tuple[bool, int]], later: list[int], begin: int
+) -> None:
+    with Group() as made:
+        made.evaluation.set_standby('/standby')
+        reference = Reference()
+        times = {'/former': 0, '/standby': begin}
+        for is_former, distance in steps:
+            topic = '/former' if is_former else '/standby'
+            times[topic] += distance
+            (reference.former if is_former else reference.standby).append(times[topic])
+            made.state(topic, times[topic])
+        made.take_over()
+        after = [times['/standby'] + sum(later[: count + 1]) for count in range(len(later))]
+        for each in after:
+            made.state('/standby', each)
+        assert made.progressed == reference.expected(after)
+
+
+@given(st.lists(st.integers(0, 1), max_size=60), st.lists(st.integers(0, 60), max_size=60))
+@example([1] * 5, [0, 0, 4, 4, 4])
+def test_only_what_a_take_over_needs_is_kept(steps: list[int], progressed: list[int]) -> None:
+    states: StandbyStates[Sample] = StandbyStates()
+    every: list[int] = []
+    latest = None
+    for step, reached in zip(steps, progressed, strict=False):
+        every.append((every[-1] if every else 0) + 1 + step)
+        latest = max(latest or 0, reached)
+        states.add(Sample(every[-1], every[-1], {}), latest)
+        needed = [each for each in every if each > latest]
+        before = [each for each in every if each <= latest][-1:]
+        assert states.continue_from(latest) == bool(before)
+        assert [each.valid_time for each in list(states._states)] == before + needed
+    assert len(states.take()) <= len(every)
+    assert not states.continue_from(latest)
+
+
+def test_a_standby_that_runs_ahead_for_too_long_gives_a_gap(group: Group) -> None:
+    group.state('/former', 5)
+    for valid_time in range(5, 5 + MAX_KEPT):
+        group.state('/standby', valid_time)
+    assert group.evaluation._kept.continue_from(5)
+    group.state('/standby', 5 + MAX_KEPT)
+    group.take_over()
+    assert group.progressed[:3] == [5, 'gap', 6]
+
+
+@pytest.mark.parametrize(
+    ('valid_time', 'kind', 'expected'),
+    [
+        (3, ViolationKind.SAMPLE_PERIOD, [1, 2, 3, 4]),
+        (2, ViolationKind.MAX_DELAY, [1, 2, 'gap']),
+        (9, ViolationKind.CLOCK, [1, 2, 'gap']),
+    ],
+)
+@pytest.mark.parametrize('gap', [False, True])
+def test_states_that_a_violation_makes_doubtful(
+    group: Group,
+    valid_time: int,
+    kind: ViolationKind,
+    expected: list[int | str],
+    gap: bool,  # noqa: FBT001
+) -> None:
+    for each in (1, 2):
+        group.state('/former', each)
+    for each in (1, 2, 3, 4):
+        group.state('/standby', each)
+    group.violate('/former', valid_time, kind)
+    group.state('/former', 3)
+    group.take_over(gap=gap)
+    assert group.progressed == expected
+    group.state('/standby', 5)
+    assert group.progressed == [*expected, 5]
+
+
+def test_the_earliest_of_several_violations_counts(group: Group) -> None:
+    group.state('/former', 2)
+    group.state('/standby', 2)
+    group.violate('/former', 3, ViolationKind.SAMPLE_PERIOD)
+    group.violate('/former', 1)
+    group.take_over()
+    assert group.progressed == [2, 'gap']
+
+
+def test_a_violation_that_has_not_arrived_yet_gives_a_gap(group: Group) -> None:
+    """It is not known from when on it concerns states."""
+    group.state('/former', 2)
+    group.state('/standby', 2)
+    group.take_over(gap=True)
+    assert group.progressed == [2, 'gap']
+
+
+def test_states_of_a_standby_that_broke_a_constraint_are_not_used(group: Group) -> None:
+    group.state('/former', 2)
+    for each in (2, 3):
+        group.state('/standby', each)
+    group.violate('/standby', 3)
+    group.take_over()
+    group.state('/standby', 4)
+    assert group.progressed == [2]
+
+
+def test_a_loss_in_the_standby_is_a_gap(group: Group) -> None:
+    group.state('/former', 2)
+    group.state('/standby', 2)
+    group.state('/standby', 4, loss='1 states were lost')
+    group.take_over()
+    assert group.progressed == [2, 'gap', 4]
+
+
+def test_no_state_from_before_a_formula_was_added_is_used(group: Group) -> None:
+    group.state('/former', 2)
+    for each in (2, 3, 4):
+        group.state('/standby', each)
+    asyncio.run(group.evaluation.add_formula('late', 'eventually power > 150'))
+    group.state('/standby', 5)
+    group.take_over()
+    assert group.progressed == [2, 'gap', 5]
+
+
+def test_there_may_be_no_standby(group: Group) -> None:
+    former = group.streams['/standby']
+    with mock.patch.object(former, 'destroy') as destroy:
+        group.evaluation.set_standby('')
+    destroy.assert_called_once_with()
+    group.state('/former', 2)
+    group.take_over(gap=True)
+    assert group.progressed == [2, 'gap']

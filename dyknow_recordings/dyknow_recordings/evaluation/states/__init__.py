@@ -1,0 +1,1 @@
+"""State streams of a group of formulas."""

@@ -1,0 +1,218 @@
+"""The standby of a group: states of other sources, which can replace those in use.
+
+The rules are those of the coordinator (`Standby`) and of the reasoning engine (`StandbyStates`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import DyKnowError
+from dyknow_coordinator import (
+    EXCLUSION_NS,
+    FeatureSource,
+    FormulaInputs,
+    SourceChoice,
+)
+from dyknow_reasoning import StandbyStates
+from dyknow_recordings.evaluation.streams import RecordedStreams
+from dyknow_recordings.reading.lost_messages import LostMessages
+from dyknow_stream_processing import Sample, Violation
+
+NO_STREAMS: Final[frozenset[str]] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class GroupStream:
+    """A state stream whose states may be made as columns.
+
+    Args:
+        name: of the stream.
+        created_at: the log time from which on it receives samples, in nanoseconds.
+        latest: the valid time of its latest state; None before the first.
+        receive_many: processes states that were made as columns: their valid times in nanoseconds,
+            increasing, of shape (n,), and the values of each feature, of shape (n,).
+        is_replaceable: True if another stream may replace it when a topic is silent.
+        alternatives: the streams of files that such a stream may be made of.
+        until: the log time before which no other stream is made.
+    """
+
+    name: str
+    created_at: int
+    latest: int | None
+    receive_many: Callable[[NDArray[np.int64], Mapping[str, NDArray[np.generic]]], None]
+    is_replaceable: bool = False
+    alternatives: frozenset[str] = NO_STREAMS
+    until: int | None = None
+
+
+@dataclass(slots=True)
+class StandbyStream:
+    """A state stream whose latest states are kept.
+
+    Args:
+        name: of the stream.
+        chosen: its sources.
+        created_at: the log time from which on it receives samples, in nanoseconds.
+        is_better: True if it replaces the stream in use as soon as it can.
+        latest: the valid time of its latest state; None before the first.
+        states: from the one before the latest progressed state on.
+    """
+
+    name: str
+    chosen: tuple[FeatureSource, ...]
+    created_at: int
+    is_better: bool = False
+    latest: int | None = None
+    states: StandbyStates[Sample] = field(default_factory=StandbyStates)
+
+
+class Standby:
+    """Keeps the states of other sources than those in use, for features that have some.
+
+    Args:
+        inputs: of the formulas.
+        streams: of the recording.
+        create: makes a stream of some sources, whose states and violations reach `receive` and
+            `break_off` until it is taken.
+        progressed: returns the valid time of the latest progressed state; None before the first.
+    """
+
+    def __init__(
+        self,
+        inputs: FormulaInputs,
+        streams: RecordedStreams,
+        create: Callable[[str, tuple[FeatureSource, ...]], None],
+        progressed: Callable[[], int | None],
+    ) -> None:
+        self.stream: StandbyStream | None = None
+        self.due: int | None = None
+        """The log time at which sources may be used again that have failed; None without any."""
+        self._inputs = inputs
+        self._streams = streams
+        self._create = create
+        self._progressed = progressed
+        self._choice = SourceChoice()
+        self._in_use: tuple[FeatureSource, ...] = ()
+        self._is_broken = False
+
+    def follow(
+        self,
+        name: str,
+        in_use: tuple[FeatureSource, ...],
+        best: tuple[FeatureSource, ...],
+        now: int,
+    ) -> None:
+        """Stand by for the sources in use with the best ones; if they are the best, with others."""
+        self.end()
+        self._in_use = in_use
+        inputs, known = self._inputs, self._streams.known
+        others = self._choice.stand_ins(in_use, inputs.candidates, known, now)
+        failed = any(self._choice.is_excluded(each, now) for each in best)
+        is_better = best != in_use and not failed
+        chosen = best if is_better else others
+        if not chosen:
+            found = inputs.candidates.found
+            is_one_excluded = any(self._choice.is_excluded(each, now) for each in found)
+            self.due = now + EXCLUSION_NS if is_one_excluded else None
+            return
+        try:
+            self._create(name, chosen)
+        except DyKnowError:
+            return  # It would be the error of a switch to these sources.
+        self.stream = StandbyStream(name, chosen, now, is_better)
+
+    def end(self) -> None:
+        """Destroy the stream."""
+        if self.stream is not None:
+            self._streams.destroy(self.stream.name)
+        self.stream, self.due, self._is_broken = None, None, False
+
+    def is_outdated(self, now: int) -> bool:
+        """Return True if another standby is to be made."""
+        return self._is_broken or (self.due is not None and self.due <= now)
+
+    def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
+        """Use no states of sources that have failed."""
+        self._choice.exclude(sources, now)
+
+    def note_violation(self, violation: Violation) -> None:
+        """Use no sources that a violation in the stream in use concerns."""
+        chosen = self.stream.chosen if self.stream else ()
+        known = self._streams.known
+        affected = known.affected((*self._in_use, *chosen), violation.stream_name)
+        self.exclude(affected, violation.available_time)
+        self._is_broken = self._is_broken or not set(affected).isdisjoint(chosen)
+
+    def lose(self, lost: LostMessages) -> bool:
+        """Give the stream up if messages are lost that it is made of; return True if they are."""
+        concerned = self.stream and lost.concerns(self._streams.topics(self.stream.name))
+        self._is_broken = self._is_broken or bool(concerned)
+        return self._is_broken
+
+    def take(self, now: int) -> StandbyStream | None:
+        """Return the stream, which is then the caller's; None if there is none that is well."""
+        taken = self.stream
+        if taken is None or self._is_broken:
+            return None
+        if any(self._choice.is_excluded(each, now) for each in taken.chosen):
+            return None
+        self.stream = None
+        return taken
+
+    @property
+    def is_better(self) -> bool:
+        """True if the stream is to replace the one in use."""
+        return self.stream is not None and self.stream.is_better
+
+    @property
+    def can_improve(self) -> bool:
+        """True if it is better than the stream in use, and can replace it without a gap."""
+        stream = self.stream
+        if stream is None or not stream.is_better or self._is_broken:
+            return False
+        return stream.states.continue_from(self._progressed())
+
+    @property
+    def group_streams(self) -> Sequence[GroupStream]:
+        """The stream, if there is one."""
+        stream = self.stream
+        if stream is None:
+            return ()
+        return [GroupStream(stream.name, stream.created_at, stream.latest, self._receive_many)]
+
+    def receive(self, state: Sample) -> None:
+        """Keep a state."""
+        stream = self.stream
+        if stream is None or (stream.latest is not None and state.valid_time <= stream.latest):
+            return  # A state that was made as a column before.
+        stream.latest = state.valid_time
+        stream.states.add(state, self._progressed())
+
+    def _receive_many(
+        self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
+    ) -> None:
+        """Keep the states that are later than the latest progressed one, and the one before."""
+        stream, progressed = self.stream, self._progressed()
+        if stream is None or not len(valid_times):
+            return
+        stream.latest = int(valid_times[-1])
+        later = 0 if progressed is None else int(np.searchsorted(valid_times, progressed, 'right'))
+        first = max(later - 1, 0)
+        values = {name: column[first:].tolist() for name, column in columns.items()}
+        for row, valid_time in enumerate(valid_times[first:].tolist()):
+            fields = {name: column[row] for name, column in values.items()}
+            stream.states.add(Sample(valid_time, valid_time, fields), progressed)
+
+    def break_off(self, violation: Violation) -> None:
+        """Use neither the stream, which has broken a constraint, nor the sources at fault."""
+        if self.stream is not None:
+            known, chosen = self._streams.known, self.stream.chosen
+            affected = known.affected(chosen, violation.stream_name) or chosen
+            self.exclude(affected, violation.available_time)
+            self._is_broken = True
