@@ -45,10 +45,15 @@ def test_a_better_stream_comes_and_goes(
     monitored = Monitored(system.client, 'always Power[uav1] < 150', timeout=40.0)
     system.client.spin_until(lambda: bool(monitored.feedback), 'states')
     assert 'from uav1_power' in monitored.feedback[-1].streams[0]
+    former = system.streams() - system.fleet_streams
     spares.power(SPARE, 'spare1', of='uav1', timing=FAST)
     evaluations.wait_for_event('better', SPARE)
     # What the other stream says does not count any more, once all states are made of this one.
-    wait_for_own_streams(system, 2)
+    system.client.spin_until(
+        lambda: former.isdisjoint(system.streams()), 'the former states are gone', pause=POLL
+    )
+    # The spare stream, the states, and those of the other stream on standby.
+    wait_for_own_streams(system, 3)
     batteries.power['uav1'] = 240.0
     said = batteries.stamp
     system.client.spin_until(lambda: batteries.stamp >= said + 10**9, 'a second')

@@ -52,9 +52,14 @@ class World:
     def _new_stream(self, name: str) -> StateStream:
         return StateStream(self.context, name, MagicMock(), MagicMock())
 
-    def follow(self, *in_use: FeatureSource, seconds: int = 0) -> None:
+    def follow(
+        self,
+        *in_use: FeatureSource,
+        seconds: int = 0,
+        found: tuple[FeatureSource, ...] = (A, B, C, G),
+    ) -> None:
         self.now += seconds * SECOND_NS
-        self.standby.follow(in_use, Candidates((A, B, C, G)))
+        self.standby.follow(in_use, Candidates(found))
         while self._looks:
             asyncio.run(self._looks.pop()())
 
@@ -181,6 +186,15 @@ def test_the_reasoning_engine_keeps_nothing_in_vain(world: World) -> None:
     world.follow(A, G)
     world.standby.note_violation(MagicMock(), violation('/b'))
     world.follow(A, G, seconds=3)
+    assert world.kept == ['/states_2', '']
+
+
+def test_a_stream_that_carries_nothing_any_more_is_not_kept(world: World) -> None:
+    """Otherwise, nobody could destroy it."""
+    world.follow(A, G)
+    world.context.cleanup.destroy_stream.assert_not_called()
+    world.follow(A, G, found=(A, G))
+    world.context.cleanup.destroy_stream.assert_called_once_with('states_2')
     assert world.kept == ['/states_2', '']
 
 

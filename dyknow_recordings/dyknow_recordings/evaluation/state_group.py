@@ -31,7 +31,7 @@ from dyknow_coordinator import (
 from dyknow_reasoning import continue_from
 from dyknow_recordings.evaluation.episodes import EpisodeGroup
 from dyknow_recordings.evaluation.states.descriptions import sources_text, violation_text
-from dyknow_recordings.evaluation.states.standby import GroupStream, Standby, StandbyStream
+from dyknow_recordings.evaluation.states.standby import GroupStream, RecordedStandby, StandbyStream
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import END, LostMessages
 from dyknow_stream_processing import Sample, Violation
@@ -70,13 +70,10 @@ class StateGroup:
         self.episodes = episodes
         self.groundings: tuple[SymbolGrounding, ...] = ()
         self.waits_for = ''
-        self._name = name
-        self._inputs = inputs
-        self._streams = streams
-        self._begin = begin
-        self._on_fault = on_fault
+        self._name, self._inputs, self._streams = name, inputs, streams
+        self._begin, self._on_fault = begin, on_fault
         self._choice = SourceChoice()
-        self._standby = Standby(inputs, streams, self._create, lambda: self._latest)
+        self._standby = RecordedStandby(inputs, streams, self._create, lambda: self._latest)
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
         sources = inputs.candidates.found if self._is_replaceable else ()

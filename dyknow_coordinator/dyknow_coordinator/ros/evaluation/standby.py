@@ -69,9 +69,9 @@ class Standby:
 
     def follow(self, in_use: tuple[FeatureSource, ...], candidates: Candidates) -> None:
         """Stand by for the sources in use, with others among the candidates."""
-        has_changed = in_use != self._in_use
+        has_changed = (in_use, candidates) != (self._in_use, self._candidates)
         self._in_use, self._candidates = in_use, candidates
-        if self._look is None and self._has_alternatives():
+        if self._look is None and (self._has_alternatives() or self._stream is not None):
             self._look = Future()
             self._context.node.spawn(self._run)
         elif has_changed or self._context.wall_time_s() - self._created_at_s > LOOK_PERIOD_S:
@@ -115,8 +115,8 @@ class Standby:
         return taken
 
     async def _run(self) -> None:
-        """Look for a better standby periodically, as long as there can be one."""
-        while self._has_alternatives() and not self._has_ended:
+        """Look for another standby periodically, as long as there can be one."""
+        while not self._has_ended:
             known, now = self._context.streams.known, self._context.wall_time()
             wanted = self._choice.stand_ins(
                 self._in_use, self._candidates, known, now, self._chosen
@@ -125,8 +125,8 @@ class Standby:
             if wanted != self._chosen or is_outdated:
                 await self._replace(wanted)
             self._look = self._context.node.deadlines.after(LOOK_PERIOD_S)
-            if self._look.done():
-                break  # The node ends, and no wait lasts any more.
+            if self._look.done() or not self._has_alternatives():
+                break  # If it is done already, the node ends, and no wait lasts any more.
             await self._look
         self._look = None
 

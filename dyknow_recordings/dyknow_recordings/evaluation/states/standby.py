@@ -72,7 +72,7 @@ class StandbyStream:
     states: StandbyStates[Sample] = field(default_factory=StandbyStates)
 
 
-class Standby:
+class RecordedStandby:
     """Keeps the states of other sources than those in use, for features that have some.
 
     Args:
