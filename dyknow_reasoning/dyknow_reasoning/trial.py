@@ -33,14 +33,11 @@ from dyknow_reasoning.language.formula import (
     Forall,
     Formula,
     FutureFormula,
-    Historically,
     Implies,
     Not,
-    Once,
     Or,
     PastFormula,
-    Previous,
-    Since,
+    parts,
     walk,
 )
 from dyknow_reasoning.language.grammar import LANGUAGE
@@ -51,7 +48,7 @@ from dyknow_reasoning.language.terms import Truth
 from dyknow_reasoning.language.type_checking import Kinds, check_types
 from dyknow_reasoning.progression.atoms import Values, predicate
 from dyknow_reasoning.progression.instances import Domains, ground
-from dyknow_reasoning.progression.past_operators import PastMemory, memory_of
+from dyknow_reasoning.progression.past_operators import PastMemory, is_dual, memory_of
 from dyknow_reasoning.progression.sizes import (
     FormulaLimits,
     check_size,
@@ -158,9 +155,7 @@ class TrialFormula:
         """Add the state of the latest call of `holds` to the history."""
         self._memories, self._latest = self._proposed, self._time
 
-    def _compiled(  # noqa: PLR0911 - one for each kind
-        self, formula: Formula
-    ) -> _Truth:
+    def _compiled(self, formula: Formula) -> _Truth:
         """Return the function of a ground formula; all of its parts are read at each state."""
         match formula:
             case Truth(value):
@@ -175,23 +170,21 @@ class TrialFormula:
             case CountOf(bound, number, members):
                 compare, each = _COUNTS[bound], [self._compiled(member) for member in members]
                 return lambda *state: compare(sum([part(*state) for part in each]), number)
-            case Historically() | Once() | Previous():
-                return self._remembered(formula, None, self._compiled(formula.body))
-            case Since():
-                left, right = self._compiled(formula.left), self._compiled(formula.right)
-                return self._remembered(formula, left, right)
+            case _ if isinstance(formula, PastFormula):
+                return self._remembered(formula)
             case _:
                 read = predicate(cast('Any', formula), self._kinds)
                 return lambda _memories, _time, values: read(values)
 
-    def _remembered(self, formula: PastFormula, left: _Truth | None, right: _Truth) -> _Truth:
+    def _remembered(self, formula: PastFormula) -> _Truth:
         """Return the function of a past operator, whose memory follows those of its operands."""
-        place, is_negated = len(self._memories), isinstance(formula, Historically)
+        sides = [self._compiled(cast('Formula', part)) for part in parts(formula)]
+        place, is_negated = len(self._memories), is_dual(formula)
         self._memories.append(memory_of(formula))
 
         def truth(memories: Sequence[PastMemory], time: int, values: Values) -> bool:
-            lasts = left is None or left(memories, time, values)
-            now = right(memories, time, values) is not is_negated
-            return memories[place].step(time, lasts, now) is not is_negated
+            *lasts, now = [side(memories, time, values) for side in sides]
+            found = memories[place].step(time, all(lasts), now is not is_negated)
+            return found is not is_negated
 
         return truth

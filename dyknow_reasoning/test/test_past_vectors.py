@@ -57,7 +57,7 @@ def test_vectors_remember_what_memories_do(seed: int) -> None:
                 vectors = VECTORS[kind](stored)
             sides = list(zip(left.tolist(), right.tolist(), strict=True))
             expected = [each.step(now, *side) for each, side in zip(plain, sides, strict=True)]
-            assert vectors.step(now, left if has_left else None, right).tolist() == expected
+            assert vectors.step(now, ~left if has_left else None, right).tolist() == expected
             if random.random() < 0.2:
                 vectors.put_back()
                 vectors = None

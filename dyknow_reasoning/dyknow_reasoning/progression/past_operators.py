@@ -12,10 +12,19 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Mapping
 from copy import copy
 from math import inf
+from typing import ClassVar, Final
 
-from dyknow_reasoning.language.formula import PastFormula, Previous
+from dyknow_common import SyntaxNode
+from dyknow_reasoning.language.formula import (
+    Historically,
+    Once,
+    PastFormula,
+    Previous,
+    Since,
+)
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.progression.gaps import Gap
 
@@ -29,6 +38,9 @@ class PastMemory(ABC):
 
     __slots__ = ('interval',)
 
+    may_look_forward: ClassVar[bool] = False
+    """True if `progression.memories` progresses operands that contain operators of the future."""
+
     def __init__(self, interval: Interval) -> None:
         self.interval = interval
 
@@ -41,6 +53,13 @@ class PastMemory(ABC):
             left: of the left operand; True for an operator with one operand.
             right: of the right operand.
         """
+
+    def constant(self, *, right: bool) -> bool | None:  # noqa: ARG002
+        """Return the truth of the operator at all states for a constant right operand.
+
+        Return None if it may change.
+        """
+        return None
 
     @abstractmethod
     def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:
@@ -91,6 +110,8 @@ class SinceMemory(PastMemory):
 
     __slots__ = ('_end', '_lost', '_start', 'until', 'younger')
 
+    may_look_forward = True
+
     def __init__(self, interval: Interval) -> None:
         super().__init__(interval)
         self._start, self._end = interval.start, interval.end
@@ -115,6 +136,10 @@ class SinceMemory(PastMemory):
                 return True
             self.add(time, time)
         return found
+
+    def constant(self, *, right: bool) -> bool | None:
+        """Return the truth of the operator at all states for a constant right operand, if any."""
+        return (None if self._start else True) if right else False
 
     def add(self, first: int, last: int) -> None:
         """Add candidates between two times."""
@@ -176,6 +201,8 @@ class PreviousMemory(PastMemory):
 
     __slots__ = ('_is_lost', 'value')
 
+    may_look_forward = True
+
     def __init__(self, interval: Interval) -> None:
         super().__init__(interval)
         self.value = False
@@ -186,6 +213,10 @@ class PreviousMemory(PastMemory):
         """Take the truth of the operand at a state; return that of the operator."""
         found, self.value, self._is_lost = self.value, right, False
         return found
+
+    def constant(self, *, right: bool) -> bool | None:
+        """Return the truth of the operator at all states for a constant operand, if any."""
+        return None if right else False
 
     def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:  # noqa: ARG002
         """Take a gap."""
@@ -205,12 +236,25 @@ class PreviousMemory(PastMemory):
         return self.value is other.value
 
 
+_MEMORIES: Final[Mapping[type[SyntaxNode], type[PastMemory]]] = {
+    Historically: SinceMemory,
+    Once: SinceMemory,
+    Since: SinceMemory,
+    Previous: PreviousMemory,
+}
+
+
 def memory_of(formula: PastFormula) -> PastMemory:
     """Return the memory of an operator before the first state."""
-    kind = PreviousMemory if isinstance(formula, Previous) else SinceMemory
-    return kind(interval_of(formula))
+    return _MEMORIES[type(formula)](interval_of(formula))
 
 
 def interval_of(formula: PastFormula) -> Interval:
-    """Return the interval of an operator; that of all states for `previous`."""
-    return ALL_FUTURE if isinstance(formula, Previous) else formula.interval
+    """Return the interval of an operator; all states for one without."""
+    found: Interval = getattr(formula, 'interval', ALL_FUTURE)
+    return found
+
+
+def is_dual(formula: PastFormula) -> bool:
+    """Return True if the memory is that of the negated operator over the negated operand."""
+    return isinstance(formula, Historically)

@@ -9,10 +9,10 @@ gap, `#1-` is the truth for the least favourable missing states, `#1+` for the m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
 from itertools import count
-from typing import Any
+from typing import Any, cast
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory, reach
@@ -53,7 +53,7 @@ class Histories:
         """The errors of formulas that begin now, and look back to states that are not known."""
         # What takes the states, in this order.
         self._units: list[Register | RegisterGroup | OperandHistory] = []
-        self._copied: Callable[[Values], Any] = dict
+        self._has_groups = False
         # True if something begins or ends with the next state.
         self._is_changed = False
         # The history of the formulas that begin with the next state.
@@ -147,11 +147,12 @@ class Histories:
             return values
         if self._is_changed:
             self._begin(time)
-        found = self._copied(values)
+        # A faster copy than a VectorState if no group of registers needs that.
+        found: Any = VectorState(values) if self._has_groups else dict(values)
         for each in self._units:
             each.step(time, found)
         self._latest = time
-        return found
+        return cast('Values', found)
 
     def extended_recording(self, recording: Recording) -> Recording:
         """Return the states of a recording, whose times increase, with the fields of registers."""
@@ -177,8 +178,7 @@ class Histories:
         for register in self.registers.values():
             register.begin(time)
         self._units = [*units(self.registers.values(), self._shared), *self.memories.values()]
-        has_groups = any(isinstance(each, RegisterGroup) for each in self._units)
-        self._copied = VectorState if has_groups else dict
+        self._has_groups = any(isinstance(each, RegisterGroup) for each in self._units)
         beginning, self._beginning = self._beginning, {}
         for formula_id, memories in beginning.items():
             errors = (memory.error_at(time) for memory in memories)

@@ -53,12 +53,12 @@ class MemoryVectors(Protocol):
         """True if single memories need much less space."""
         ...
 
-    def step(self, time: int, left: Array | None, right: Array) -> Array:
+    def step(self, time: int, breaks: Array | None, right: Array) -> Array:
         """Take the truth of the operands at a state; return that of the operators.
 
         Args:
             time: the valid time of the state, in nanoseconds.
-            left: of the left operand; None if it is true at all states.
+            breaks: of the negated left operand; None if the left operand is true at all states.
             right: of the right operand.
         """
         ...
@@ -84,30 +84,42 @@ class SinceVectors:
         ) > MAX_VECTOR_TIME:
             raise OverflowError
         self._younger = deque(sorted(younger.items()))
+        # The time of the state: a faster operand than a number of Python.
+        self._now = np.array(0)
         # The latest state of each at which the left side did not hold: earlier candidates are gone.
-        self._broken: Array = np.full(len(memories), _NEVER)
+        # None before there is such a state.
+        self._broken: Array | None = None
 
     @property
     def is_large(self) -> bool:
         """True if single memories need much less space."""
         return len(self._younger) * len(self._memories) > _MAX_YOUNGER
 
-    def step(self, time: int, left: Array | None, right: Array) -> Array:
+    def step(self, time: int, breaks: Array | None, right: Array) -> Array:
         """Take the truth of the operands at a state; return that of the operators."""
         until, younger = self._until, self._younger
+        self._now[()] = time
+        if self._start == 0:
+            until[right] = self._last(time)
         while younger and younger[0][0] <= time - self._start:
             candidate, rows = younger.popleft()
             until[self._valid(candidate, rows)] = self._last(candidate)
-        found: Array = until >= time
-        if left is not None and not left.all():
-            until[~left] = _NEVER
-            self._broken[~left] = time
-        if self._start:
-            if right.any():
-                younger.append((time, right))
-            return found
-        until[right] = self._last(time)
-        return found | right
+        found: Array = until >= self._now
+        if breaks is not None:
+            self._break(breaks, right)
+        if self._start and np.count_nonzero(right):
+            younger.append((time, right))
+        return found
+
+    def _break(self, breaks: Array, right: Array) -> None:
+        """Remove earlier candidates where the left side does not hold."""
+        if self._start == 0:
+            self._until[breaks > right] = _NEVER
+            return
+        self._until[breaks] = _NEVER
+        if self._broken is None:
+            self._broken = np.full(len(self._memories), _NEVER)
+        self._broken[breaks] = self._now
 
     def put_back(self) -> None:
         """Store what is remembered in the memories."""
@@ -124,7 +136,7 @@ class SinceVectors:
 
     def _valid(self, time: int, rows: Array) -> Array:
         """Return which candidates of a state are not gone."""
-        return rows & (self._broken <= time)
+        return rows if self._broken is None else rows & (self._broken <= time)
 
 
 class PreviousVectors:
@@ -136,7 +148,7 @@ class PreviousVectors:
         self._memories = memories
         self._value: Array = np.array([each.value for each in memories])
 
-    def step(self, time: int, left: Array | None, right: Array) -> Array:  # noqa: ARG002
+    def step(self, time: int, breaks: Array | None, right: Array) -> Array:  # noqa: ARG002
         """Take the truth of the operand at a state; return that of the operators."""
         found, self._value = self._value, right
         return found

@@ -6,8 +6,7 @@ registers take them one by one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from functools import partial
+from collections.abc import Hashable, Iterable, Sequence
 from itertools import repeat
 from operator import attrgetter
 from typing import Final
@@ -22,6 +21,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Columns,
     FieldVectors,
     SharedVectors,
+    Truths,
     UnreadableError,
     VectorState,
     bits,
@@ -29,7 +29,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.type_checking import Kind
 from dyknow_reasoning.progression.gaps import Gap
-from dyknow_reasoning.progression.nodes import TRUE, slots
+from dyknow_reasoning.progression.nodes import TRUE, Literal, Node, slots
 
 MIN_REGISTERS: Final = 24
 """The fewest registers that are faster together."""
@@ -49,32 +49,36 @@ class RegisterGroup:
         first = registers[0]
         self._registers = registers
         self._operands = FieldVectors(shared)
-        self._atoms = [
-            (
-                slot,
-                self._operands.truths(
-                    [each.operands.atoms[slot] for each in registers], first.kinds
-                ),
+        self._atoms: dict[int, Truths] = {
+            slot: self._operands.truths(
+                [each.operands.atoms[slot] for each in registers], first.kinds
             )
             for slot in slots(first.mask)
-        ]
-        # The truth of the operands by the truth of their atoms.
+        }
+        # The truth of the operands by that of their atoms.
         sides = np.array([first.sides[symbol] for symbol in range(1 << first.mask.bit_length())])
-        self._left: Array | None = None if first.operands.left is TRUE else sides[:, 0].copy()
-        self._right: Array = sides[:, 1].copy()
+        left, right = first.operands.left, first.operands.right
+        self._breaks = None if left is TRUE else self._truths_of(left, sides[:, 0], negated=True)
+        self._right = self._truths_of(right, sides[:, 1])
         fields = tuple(each.field for each in registers)
         self._target = FieldVectors(shared).vector(fields, Kind.BOOLEAN)
+        self._is_negated = first.is_negated
         self._vectors: MemoryVectors | None = None
         self._is_large = False
 
     def step(self, time: int, state: VectorState) -> None:
         """Take a state, and set the fields of the registers."""
-        found = self._stepped([time], lambda: self._operands.load(state))
-        if found:
-            self._target.compute(found[0], state)
+        try:
+            self._operands.load(state)
+            breaks, right = self._sides()
+            vectors = self._usable_vectors(time, time)
+        except (UnreadableError, OverflowError):
+            self.put_back()
+            for each in self._registers:
+                each.step(time, state)
             return
-        for each in self._registers:
-            each.step(time, state)
+        found = vectors.step(time, breaks, right)
+        self._target.compute(~found if self._is_negated else found, state)
 
     def columns(self, recording: Recording) -> Columns:
         """Return the fields of the registers at the states of a recording."""
@@ -90,39 +94,43 @@ class RegisterGroup:
             each.pass_gap(gap)
 
     def _block(self, recording: Recording) -> dict[str, Array]:
-        load = partial(self._operands.select, recording.columns, slice(0, len(recording)))
-        if found := self._stepped(recording.times.tolist(), load):
-            columns = np.ascontiguousarray(np.array(found).T)
-            return {each.field: row for each, row in zip(self._registers, columns, strict=True)}
-        singles = [each.columns(recording) for each in self._registers]
-        return {name: column for each in singles for name, column in each.items()}
-
-    def _stepped(self, times: Sequence[int], load: Callable[[], None]) -> list[Array]:
-        """Return the truth of the operators at some states; nothing if these do not fit."""
         try:
-            load()
-            symbols = bits(self._atoms)
-            vectors = self._vectors = self._vectors_for(times)
+            self._operands.select(recording.columns, slice(0, len(recording)))
+            breaks, right = self._sides()
+            vectors = self._usable_vectors(recording.time(0), recording.time(-1))
         except (UnreadableError, OverflowError):
             self.put_back()
-            return []
-        shape = len(times), len(self._registers)
-        rights = self._right.take(symbols).reshape(shape)
-        lefts = repeat(None) if self._left is None else self._left.take(symbols).reshape(shape)
-        found = [vectors.step(*each) for each in zip(times, lefts, rights)]  # noqa: B905
-        return [~each for each in found] if self._registers[0].is_negated else found
+            singles = [each.columns(recording) for each in self._registers]
+            return {name: column for each in singles for name, column in each.items()}
+        all_breaks = repeat(None, len(recording)) if breaks is None else breaks
+        states = zip(recording.times.tolist(), all_breaks, right, strict=True)
+        found = np.array([vectors.step(*each) for each in states]) != self._is_negated
+        columns = np.ascontiguousarray(found.T)
+        return {each.field: row for each, row in zip(self._registers, columns, strict=True)}
 
-    def _vectors_for(self, times: Sequence[int]) -> MemoryVectors:
-        """Return the vectors before some states; raise OverflowError if there can be none."""
+    def _truths_of(self, operand: Node, table: Array, *, negated: bool = False) -> Truths:
+        """Return the truth of an operand, or of its negation."""
+        if isinstance(operand, Literal):
+            holds = self._atoms[operand.slot]
+            return holds if operand.positive is not negated else lambda: ~holds()
+        found = table != negated
+        return lambda: found.take(bits(tuple(self._atoms.items())))
+
+    def _sides(self) -> tuple[Array | None, Array]:
+        """Return the truth of the negated left operand, if it varies, and of the right one."""
+        return self._breaks and self._breaks(), self._right()
+
+    def _usable_vectors(self, first: int, last: int) -> MemoryVectors:
+        """Return the vectors before some states; raise OverflowError if these do not fit."""
         vectors = self._vectors
         self._is_large = self._is_large or (vectors is not None and vectors.is_large)
-        if self._is_large or max(-times[0], times[-1]) > MAX_VECTOR_TIME:
+        if self._is_large or max(-first, last) > MAX_VECTOR_TIME:
             raise OverflowError
         if vectors is None:
             if not all(each.is_plain for each in self._registers):
                 raise OverflowError
             memories = [each.memory for each in self._registers]
-            vectors = VECTORS[type(memories[0])](memories)
+            vectors = self._vectors = VECTORS[type(memories[0])](memories)
         return vectors
 
     def put_back(self) -> None:

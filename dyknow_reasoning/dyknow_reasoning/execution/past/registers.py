@@ -19,7 +19,7 @@ from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.execution.vectors.batch_keys import MAX_BATCH_SLOTS, atom_form
-from dyknow_reasoning.language.formula import Atom, Historically, PastAtom
+from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import field_name, fields, predicate
 from dyknow_reasoning.progression.gaps import (
@@ -40,7 +40,7 @@ from dyknow_reasoning.progression.nodes import (
     Node,
     slots,
 )
-from dyknow_reasoning.progression.past_operators import PastMemory, memory_of
+from dyknow_reasoning.progression.past_operators import PastMemory, is_dual, memory_of
 
 Step: TypeAlias = Callable[[int, MutableMapping[str, Any]], None]
 """Takes the valid time of a state, and adds fields to its values."""
@@ -142,7 +142,7 @@ class Register:
         """The gap that it depends on."""
         self.first_state: int | None = None
         """The valid time of the first state."""
-        self.is_negated = isinstance(atom.formula, Historically)
+        self.is_negated = is_dual(atom.formula)
         self.kinds = kinds
         self.operands = operands
         self.depth: int = 1 + max((each.depth for each in inner), default=0)
