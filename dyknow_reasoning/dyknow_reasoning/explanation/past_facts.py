@@ -10,8 +10,10 @@ from dyknow_reasoning.language.formula import (
     Once,
     PastFormula,
     Previous,
+    Since,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.progression.past_operators import interval_of
 
 _MAX_FORMULA_LENGTH = 160
 
@@ -56,8 +58,9 @@ def past_fact(formula: PastFormula, states: PastStates, *, holds: bool) -> str:
         if holds:
             return f"'{operand}' held at the state before {time}"
         return f"there is no state just before {time} at which '{operand}' held"
-    span = _span(formula.interval, states)
-    if states.are_known_to_miss(formula.interval):
+    interval = interval_of(formula)
+    span = _span(interval, states)
+    if states.are_known_to_miss(interval):
         return f'there was no state {span}'
     match formula:
         case Once(body):
@@ -65,10 +68,12 @@ def past_fact(formula: PastFormula, states: PastStates, *, holds: bool) -> str:
         case Historically(body):
             held = 'held at every state' if holds else 'did not hold at every state'
             return f"'{shortened_text(body)}' {held} {span}"
-        case _:
-            left, right = shortened_text(formula.left), shortened_text(formula.right)
+        case Since(left, right):
             when = 'a' if holds else 'no'
-            return f"'{right}' held at {when} state {span} since when '{left}' has held"
+            held = f"'{shortened_text(right)}' held at {when} state {span}"
+            return f"{held} since when '{shortened_text(left)}' has held"
+        case _:  # pragma: no cover - an operator without words of its own
+            return f"'{shortened_text(formula)}' is {str(holds).lower()} at {format_time(now)}"
 
 
 def _span(interval: Interval, states: PastStates) -> str:
