@@ -48,7 +48,7 @@ from dyknow_reasoning.language.terms import Truth
 from dyknow_reasoning.language.type_checking import Kinds, check_types
 from dyknow_reasoning.progression.atoms import Values, predicate
 from dyknow_reasoning.progression.instances import Domains, ground
-from dyknow_reasoning.progression.past_operators import PastMemory, is_dual, memory_of
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is_dual, memory_of
 from dyknow_reasoning.progression.sizes import (
     FormulaLimits,
     check_size,
@@ -146,7 +146,7 @@ class TrialFormula:
         if self._latest is not None and time <= self._latest:
             raise ReasoningError(f'the state at {time} ns is not later than the one before')
         # Until it ends without an error, there is nothing to accept.
-        memories = [each.copy() for each in self._memories]
+        memories = [each.of_row(0) for each in self._memories]
         found = self._truth(memories, time, values)
         self._proposed, self._time = memories, time
         return found
@@ -183,8 +183,8 @@ class TrialFormula:
         self._memories.append(memory_of(formula))
 
         def truth(memories: Sequence[PastMemory], time: int, values: Values) -> bool:
-            *lasts, now = [side(memories, time, values) for side in sides]
-            found = memories[place].step(time, all(lasts), now is not is_negated)
-            return found is not is_negated
+            *lefts, right = [side(memories, time, values) for side in sides]
+            lasts = ALL_ROWS if all(lefts) else 0
+            return memories[place].step(time, lasts, int(right != is_negated)) != is_negated
 
         return truth

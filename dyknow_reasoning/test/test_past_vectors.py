@@ -7,19 +7,16 @@ from math import inf, nan
 from random import Random
 from typing import Any
 
-import numpy as np
 import pytest
 from reasoning_reference import random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.execution import fast_path, instance_pool
-from dyknow_reasoning.execution.past import memory_vectors, register_groups
-from dyknow_reasoning.execution.past.memory_vectors import VECTORS, MemoryVectors
+from dyknow_reasoning.execution.past import register_groups
 from dyknow_reasoning.execution.past.register_groups import RegisterGroup
-from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.interval import Interval
-from dyknow_reasoning.progression.past_operators import PreviousMemory, SinceMemory
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, PreviousMemory, SinceMemory
 
 CASES = random_cases(100)
 NAMES = [f'o{number}' for number in range(6)]
@@ -39,28 +36,26 @@ PAST = [
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_vectors_remember_what_memories_do(seed: int) -> None:
+def test_a_memory_of_many_objects_is_that_of_each(seed: int) -> None:
     random = Random(seed)  # noqa: S311 - no secret
     for _ in range(CASES):
         start = random.choice([0, 0, 1, 3, 5])
-        end = random.choice([None, start, start + 1, start + 6, MAX_VECTOR_TIME - 1])
-        has_left = random.random() < 0.7
+        end = random.choice([None, start, start + 1, start + 6])
         kind = random.choice([PreviousMemory, SinceMemory, SinceMemory])
-        plain, stored = ([kind(Interval(start, end)) for _ in range(5)] for _ in range(2))
-        vectors: MemoryVectors | None = None
-        offset = random.choice([0, -3, 1 << 62, -(1 << 62) - 1])
+        has_left = random.random() < 0.7
+        singles = [kind(Interval(start, end)) for _ in range(5)]
+        memory = kind(Interval(start, end))
         for time in accumulate(random.choice([1, 1, 2, 7]) for _ in range(30)):
-            now = time + offset - (40 * 7 if offset == 1 << 62 else 0)
-            left = np.array([not has_left or random.random() < 0.8 for _ in range(5)])
-            right = np.array([random.random() < 0.3 for _ in range(5)])
-            if vectors is None:
-                vectors = VECTORS[kind](stored)
-            sides = list(zip(left.tolist(), right.tolist(), strict=True))
-            expected = [each.step(now, *side) for each, side in zip(plain, sides, strict=True)]
-            assert vectors.step(now, ~left if has_left else None, right).tolist() == expected
+            left = random.getrandbits(5) | random.getrandbits(5) if has_left else ALL_ROWS
+            right = random.getrandbits(5) & random.getrandbits(5)
+            expected = [
+                each.step(time, -(left >> row & 1), right >> row & 1)
+                for row, each in enumerate(singles)
+            ]
+            found = memory.step(time, left, right)
+            assert [found >> row & 1 for row in range(5)] == expected
             if random.random() < 0.2:
-                vectors.put_back()
-                vectors = None
+                singles = [memory.of_row(row) for row in range(5)]
 
 
 States = list[tuple[int, dict[str, Any]]]
@@ -85,7 +80,7 @@ def outcomes(group: FormulaGroup, states: States, gaps: set[int], blocks: set[in
 def uses_vectors(group: FormulaGroup) -> bool:
     assert group._monitor is not None
     units = group._monitor.histories._units
-    return any(isinstance(each, RegisterGroup) and each._vectors for each in units)
+    return any(isinstance(each, RegisterGroup) and each._memory for each in units)
 
 
 def random_states(random: Random) -> States:
@@ -160,26 +155,7 @@ def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> N
     assert quick > CASES // 20
 
 
-def test_many_candidates_are_left_to_the_memories(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory_vectors, '_MAX_YOUNGER', 1000)
-    names = [f'o{number}' for number in range(30)]
-    group = FormulaGroup()
-    group.add_formula('it', 'forall x in S: always (not r[x] or once[1 us, 2 us] p[x])')
-    group.begin({'S': names})
-    values = {f'{feature}[{name}]': feature == 'p' for name in names for feature in 'pr'}
-    used = []
-    for time in range(100):
-        assert not group.progress(time, values)
-        used.append(uses_vectors(group))
-    assert used[10]
-    assert not used[-1]
-    values |= {'p[o7]': False, 'r[o7]': True}
-    assert not group.progress(1000, values)
-    [result] = group.progress(2100, values)
-    assert result.verdict is Verdict.FALSE
-
-
-def test_times_that_no_vector_holds_are_left_to_the_memories() -> None:
+def test_times_that_no_vector_holds() -> None:
     names = [f'o{number}' for number in range(30)]
     group = FormulaGroup()
     group.add_formula('it', 'forall x in S: always (r[x] -> once[0, 9 s] p[x])')

@@ -16,6 +16,8 @@ from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.progression.past_operators import interval_of
 
 _MAX_FORMULA_LENGTH = 160
+_WORDED = Historically, Once, Previous, Since
+"""The operators with words of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,8 @@ def past_fact(formula: PastFormula, states: PastStates, *, holds: bool) -> str:
         holds: True if it holds.
     """
     now = states.now
+    if type(formula) not in _WORDED:  # pragma: no cover - all have words
+        return f"'{shortened_text(formula)}' is {str(holds).lower()} at {format_time(now)}"
     if isinstance(formula, Previous):
         operand, time = shortened_text(formula.body), format_time(now)
         if holds:
@@ -68,12 +72,10 @@ def past_fact(formula: PastFormula, states: PastStates, *, holds: bool) -> str:
         case Historically(body):
             held = 'held at every state' if holds else 'did not hold at every state'
             return f"'{shortened_text(body)}' {held} {span}"
-        case Since(left, right):
+        case _:
+            left, right = shortened_text(formula.left), shortened_text(formula.right)
             when = 'a' if holds else 'no'
-            held = f"'{shortened_text(right)}' held at {when} state {span}"
-            return f"{held} since when '{shortened_text(left)}' has held"
-        case _:  # pragma: no cover - an operator without words of its own
-            return f"'{shortened_text(formula)}' is {str(holds).lower()} at {format_time(now)}"
+            return f"'{right}' held at {when} state {span} since when '{left}' has held"
 
 
 def _span(interval: Interval, states: PastStates) -> str:

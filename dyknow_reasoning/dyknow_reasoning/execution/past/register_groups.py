@@ -1,19 +1,13 @@
-"""Groups of registers that are alike, such as those of the instances of a quantified formula.
-
-A group takes states as vectors while their values and times fit into vectors. Otherwise, its
-registers take them one by one.
-"""
+"""Groups of registers that are alike, such as those of the instances of a quantified formula."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
-from itertools import repeat
 from operator import attrgetter
 from typing import Final
 
 import numpy as np
 
-from dyknow_reasoning.execution.past.memory_vectors import VECTORS, MemoryVectors
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
@@ -26,10 +20,10 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     VectorState,
     bits,
 )
-from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.type_checking import Kind
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.progression.nodes import TRUE, Literal, Node, slots
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory
 
 MIN_REGISTERS: Final = 24
 """The fewest registers that are faster together."""
@@ -38,7 +32,10 @@ _MOST_VALUES: Final = 1 << 20
 
 
 class RegisterGroup:
-    """Registers that are alike.
+    """Registers that are alike, and begin with the same state.
+
+    They share a memory, and read their operands as vectors. After a gap, or a value that does not
+    fit into vectors, each remembers for itself.
 
     Args:
         registers: the registers.
@@ -46,8 +43,10 @@ class RegisterGroup:
     """
 
     def __init__(self, registers: Sequence[Register], shared: SharedVectors) -> None:
+        self.registers = registers
         first = registers[0]
-        self._registers = registers
+        self._is_negated = first.is_negated
+        self._memory: PastMemory | None = first.memory.of_row(0)
         self._operands = FieldVectors(shared)
         self._atoms: dict[int, Truths] = {
             slot: self._operands.truths(
@@ -58,86 +57,81 @@ class RegisterGroup:
         # The truth of the operands by that of their atoms.
         sides = np.array([first.sides[symbol] for symbol in range(1 << first.mask.bit_length())])
         left, right = first.operands.left, first.operands.right
-        self._breaks = None if left is TRUE else self._truths_of(left, sides[:, 0], negated=True)
-        self._right = self._truths_of(right, sides[:, 1])
+        self._left = None if left is TRUE else self._truths_of(left, sides[:, 0] != 0)
+        self._right = self._truths_of(right, sides[:, 1] != 0)
         fields = tuple(each.field for each in registers)
         self._target = FieldVectors(shared).vector(fields, Kind.BOOLEAN)
-        self._is_negated = first.is_negated
-        self._vectors: MemoryVectors | None = None
-        self._is_large = False
 
     def step(self, time: int, state: VectorState) -> None:
         """Take a state, and set the fields of the registers."""
-        try:
-            self._operands.load(state)
-            breaks, right = self._sides()
-            vectors = self._usable_vectors(time, time)
-        except (UnreadableError, OverflowError):
-            self.put_back()
-            for each in self._registers:
-                each.step(time, state)
-            return
-        found = vectors.step(time, breaks, right)
-        self._target.compute(~found if self._is_negated else found, state)
+        if self._memory is not None:
+            try:
+                self._operands.load(state)
+                truths = self._stepped([time], self._memory)
+            except UnreadableError:
+                self._split()
+            else:
+                self._target.compute(truths[0], state)
+                return
+        for each in self.registers:
+            each.step(time, state)
 
     def columns(self, recording: Recording) -> Columns:
         """Return the fields of the registers at the states of a recording."""
-        size = max(1, _MOST_VALUES // len(self._registers))
+        size = max(1, _MOST_VALUES // len(self.registers))
         starts = range(0, len(recording), size)
         blocks = [self._block(recording.part(first, first + size)) for first in starts]
         return {name: np.concatenate([each[name] for each in blocks]) for name in blocks[0]}
 
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""
-        self.put_back()
-        for each in self._registers:
+        self._split()
+        for each in self.registers:
             each.pass_gap(gap)
 
-    def _block(self, recording: Recording) -> dict[str, Array]:
-        try:
-            self._operands.select(recording.columns, slice(0, len(recording)))
-            breaks, right = self._sides()
-            vectors = self._usable_vectors(recording.time(0), recording.time(-1))
-        except (UnreadableError, OverflowError):
-            self.put_back()
-            singles = [each.columns(recording) for each in self._registers]
-            return {name: column for each in singles for name, column in each.items()}
-        all_breaks = repeat(None, len(recording)) if breaks is None else breaks
-        states = zip(recording.times.tolist(), all_breaks, right, strict=True)
-        found = np.array([vectors.step(*each) for each in states]) != self._is_negated
-        columns = np.ascontiguousarray(found.T)
-        return {each.field: row for each, row in zip(self._registers, columns, strict=True)}
+    def _block(self, recording: Recording) -> Columns:
+        if self._memory is not None:
+            try:
+                self._operands.select(recording.columns, slice(0, len(recording)))
+                truths = self._stepped(recording.times.tolist(), self._memory)
+            except UnreadableError:
+                self._split()
+            else:
+                columns = np.ascontiguousarray(truths.T)
+                return {each.field: row for each, row in zip(self.registers, columns, strict=True)}
+        singles = [each.columns(recording) for each in self.registers]
+        return {name: column for each in singles for name, column in each.items()}
 
-    def _truths_of(self, operand: Node, table: Array, *, negated: bool = False) -> Truths:
-        """Return the truth of an operand, or of its negation."""
+    def _stepped(self, times: Sequence[int], memory: PastMemory) -> Array:
+        """Return the truth of the operators at the states that were loaded, a row for each."""
+        rights = self._rows(self._right())
+        lefts = [ALL_ROWS] * len(times) if self._left is None else self._rows(self._left())
+        step, count = memory.step, len(self.registers)
+        width = (count + 7) // 8
+        found = [
+            step(*each).to_bytes(width, 'little') for each in zip(times, lefts, rights, strict=True)
+        ]
+        packed = np.frombuffer(b''.join(found), np.uint8).reshape(len(times), width)
+        truths = np.unpackbits(packed, axis=1, count=count, bitorder='little').view(bool)
+        return ~truths if self._is_negated else truths
+
+    def _rows(self, truths: Array) -> list[int]:
+        """Return the truth for all registers at each state, as the bits of integers."""
+        packed = np.packbits(truths.reshape(-1, len(self.registers)), axis=1, bitorder='little')
+        return [int.from_bytes(each.tobytes(), 'little') for each in packed]
+
+    def _truths_of(self, operand: Node, table: Array) -> Truths:
         if isinstance(operand, Literal):
             holds = self._atoms[operand.slot]
-            return holds if operand.positive is not negated else lambda: ~holds()
-        found = table != negated
-        return lambda: found.take(bits(tuple(self._atoms.items())))
+            return holds if operand.positive else lambda: ~holds()
+        return lambda: table.take(bits(tuple(self._atoms.items())))
 
-    def _sides(self) -> tuple[Array | None, Array]:
-        """Return the truth of the negated left operand, if it varies, and of the right one."""
-        return self._breaks and self._breaks(), self._right()
-
-    def _usable_vectors(self, first: int, last: int) -> MemoryVectors:
-        """Return the vectors before some states; raise OverflowError if these do not fit."""
-        vectors = self._vectors
-        self._is_large = self._is_large or (vectors is not None and vectors.is_large)
-        if self._is_large or max(-first, last) > MAX_VECTOR_TIME:
-            raise OverflowError
-        if vectors is None:
-            if not all(each.is_plain for each in self._registers):
-                raise OverflowError
-            memories = [each.memory for each in self._registers]
-            vectors = self._vectors = VECTORS[type(memories[0])](memories)
-        return vectors
-
-    def put_back(self) -> None:
-        """Store what is remembered in the registers, before these take a state themselves."""
-        if self._vectors is not None:
-            self._vectors.put_back()
-            self._vectors = None
+    def _split(self) -> None:
+        """Let each register remember for itself."""
+        if self._memory is not None:
+            for row, each in enumerate(self.registers):
+                each.begin_with(self._memory.of_row(row))
+            self._memory = None
 
 
 def units(registers: Iterable[Register], shared: SharedVectors) -> list[Register | RegisterGroup]:
@@ -147,7 +141,6 @@ def units(registers: Iterable[Register], shared: SharedVectors) -> list[Register
         forms.setdefault(register.form or register, []).append(register)
     found: list[Register | RegisterGroup] = []
     for form, each in forms.items():
-        has_vectors = type(form) is tuple and type(each[0].memory) in VECTORS
-        is_group = has_vectors and len(each) >= MIN_REGISTERS
+        is_group = type(form) is tuple and len(each) >= MIN_REGISTERS
         found += [RegisterGroup(each, shared)] if is_group else each
     return found

@@ -40,7 +40,7 @@ from dyknow_reasoning.progression.nodes import (
     Node,
     slots,
 )
-from dyknow_reasoning.progression.past_operators import PastMemory, is_dual, memory_of
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is_dual, memory_of
 
 Step: TypeAlias = Callable[[int, MutableMapping[str, Any]], None]
 """Takes the valid time of a state, and adds fields to its values."""
@@ -49,8 +49,8 @@ _MAX_KEPT: Final = 1 << 8
 """The most symbols whose truth is kept."""
 
 
-class Sides(dict[int, tuple[bool, bool]]):
-    """The truth of the operands of an operator, left and right, by the truth of their atoms.
+class Sides(dict[int, tuple[int, int]]):
+    """The rows for which the operands of an operator hold, left and right, by their atoms.
 
     Args:
         left: the left operand, without windows.
@@ -61,8 +61,9 @@ class Sides(dict[int, tuple[bool, bool]]):
         super().__init__()
         self._left, self._right = left, right
 
-    def __missing__(self, symbol: int) -> tuple[bool, bool]:
-        found = _holds(self._left, symbol), _holds(self._right, symbol)
+    def __missing__(self, symbol: int) -> tuple[int, int]:
+        left = ALL_ROWS if _holds(self._left, symbol) else 0
+        found = left, int(_holds(self._right, symbol))
         if len(self) < _MAX_KEPT:
             self[symbol] = found
         return found
@@ -109,7 +110,7 @@ def make():
             if {source.unusual}: return careful(time, values)
             left, right = sides[{symbol}]
         except (KeyError, ReasoningError): return careful(time, values)
-        values[{register.field!r}] = {'not ' * register.is_negated}remember(time, left, right)
+        values[{register.field!r}] = remember(time, left, right) != {register.is_negated}
     return step
 """
             ),
@@ -179,10 +180,10 @@ class Register:
         operator = type(self.memory), self.memory.interval, self.is_negated
         return self.depth, operator, operands.left, operands.right, forms
 
-    def begin(self, time: int) -> None:
-        """Note the valid time of a state, which may be the first."""
-        if self.first_state is None:
-            self.first_state = time
+    def begin_with(self, memory: PastMemory) -> None:
+        """Take over what a group remembers, before the first step of the register itself."""
+        [(operands, _)] = self._branches
+        self.memory, self._branches = memory, ((operands, memory),)
 
     def _first_step(self, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state, and generate the code that takes the next ones."""
@@ -208,7 +209,7 @@ class Register:
             return
         self.gap = self.gap.join(gap) if self.gap else gap
         if len(self._branches) == 1:
-            memories = self.memory, self.memory.copy()
+            memories = self.memory, self.memory.of_row(0)
             self._branches = tuple(zip(self._bounded_operands(), memories, strict=True))
             self.step = self._step_carefully
         left_holds = self.operands.left is TRUE
@@ -239,7 +240,7 @@ class Register:
             self._lose(error, time, values)
             return
         found = [
-            memory.step(time, left, right) is not self.is_negated
+            memory.step(time, left, right) != self.is_negated
             for (left, right), (_, memory) in zip(sides, self._branches, strict=True)
         ]
         least, most = min(found), max(found)
