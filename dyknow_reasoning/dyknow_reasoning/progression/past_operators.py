@@ -141,15 +141,30 @@ class SinceMemory(PastMemory):
     def _hold(self, candidate: int, rows: int) -> None:
         """Replace the youngest candidates that are old enough."""
         if self._end is not None:
-            ends = self.ends
-            while ends and not ends[-1][1] & ~rows:
-                ends.pop()
-            if ends and self.holds & rows:
-                self.ends = ends = deque(
-                    [(end, left) for end, old in ends if (left := old & ~rows)]
-                )
-            ends.append((candidate + self._end, rows))
+            ends, end = self.ends, candidate + self._end
+            if ends and ends[-1][1] == rows:  # Of one object, this is always so.
+                ends[-1] = end, rows
+                return
+            self._release(rows)
+            ends.append((end, rows))
         self.holds |= rows
+
+    def _release(self, rows: int) -> None:
+        """Remove candidates that are old enough, mostly young ones."""
+        rows &= self.holds
+        if not rows:
+            return
+        self.holds ^= rows
+        ends = self.ends
+        for place in range(len(ends) - 1, -1, -1):
+            end, found = ends[place]
+            if common := found & rows:
+                ends[place] = end, found ^ common
+                rows ^= common
+                if not rows:
+                    break
+        while ends and not ends[-1][1]:
+            ends.pop()
 
     def _add(self, first: int, last: int, rows: int) -> None:
         """Add candidates between two times, none of which is old enough."""
@@ -177,11 +192,11 @@ class SinceMemory(PastMemory):
 
     def _keep(self, rows: int) -> None:
         """Remove the candidates of all but some rows."""
-        self.holds &= rows
-        self.ends = deque([(end, kept) for end, each in self.ends if (kept := each & rows)])
-        self.younger = deque(
-            [(first, last, kept) for first, last, each in self.younger if (kept := each & rows)]
-        )
+        self._release(~rows)
+        if self.younger:
+            self.younger = deque(
+                [(first, last, kept) for first, last, each in self.younger if (kept := each & rows)]
+            )
 
     def of_row(self, row: int) -> SinceMemory:
         """Return a memory of one of the objects, which steps by itself."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
+from itertools import repeat
 from operator import attrgetter
 from typing import Final
 
@@ -67,11 +68,11 @@ class RegisterGroup:
         if self._memory is not None:
             try:
                 self._operands.load(state)
-                truths = self._stepped([time], self._memory)
+                left, right = self._left and self._left(), self._right()
             except UnreadableError:
                 self._split()
             else:
-                self._target.compute(truths[0], state)
+                self._target.compute(self._stepped(self._memory, time, left, right), state)
                 return
         for each in self.registers:
             each.step(time, state)
@@ -93,32 +94,24 @@ class RegisterGroup:
         if self._memory is not None:
             try:
                 self._operands.select(recording.columns, slice(0, len(recording)))
-                truths = self._stepped(recording.times.tolist(), self._memory)
+                left, right = self._left and self._left(), self._right()
             except UnreadableError:
                 self._split()
             else:
-                columns = np.ascontiguousarray(truths.T)
+                lefts = repeat(None, len(right)) if left is None else left
+                states = zip(recording.times.tolist(), lefts, right, strict=True)
+                rows = [self._stepped(self._memory, *state) for state in states]
+                columns = np.ascontiguousarray(np.array(rows).T)
                 return {each.field: row for each, row in zip(self.registers, columns, strict=True)}
         singles = [each.columns(recording) for each in self.registers]
         return {name: column for each in singles for name, column in each.items()}
 
-    def _stepped(self, times: Sequence[int], memory: PastMemory) -> Array:
-        """Return the truth of the operators at the states that were loaded, a row for each."""
-        rights = self._rows(self._right())
-        lefts = [ALL_ROWS] * len(times) if self._left is None else self._rows(self._left())
-        step, count = memory.step, len(self.registers)
-        width = (count + 7) // 8
-        found = [
-            step(*each).to_bytes(width, 'little') for each in zip(times, lefts, rights, strict=True)
-        ]
-        packed = np.frombuffer(b''.join(found), np.uint8).reshape(len(times), width)
-        truths = np.unpackbits(packed, axis=1, count=count, bitorder='little').view(bool)
+    def _stepped(self, memory: PastMemory, time: int, left: Array | None, right: Array) -> Array:
+        """Return the truth of the operators at a state, given that of the operands."""
+        found = memory.step(time, ALL_ROWS if left is None else _rows(left), _rows(right))
+        # The row of a register is a byte, as numpy has them.
+        truths = np.frombuffer(found.to_bytes(len(self.registers), 'little'), bool)
         return ~truths if self._is_negated else truths
-
-    def _rows(self, truths: Array) -> list[int]:
-        """Return the truth for all registers at each state, as the bits of integers."""
-        packed = np.packbits(truths.reshape(-1, len(self.registers)), axis=1, bitorder='little')
-        return [int.from_bytes(each.tobytes(), 'little') for each in packed]
 
     def _truths_of(self, operand: Node, table: Array) -> Truths:
         if isinstance(operand, Literal):
@@ -129,9 +122,13 @@ class RegisterGroup:
     def _split(self) -> None:
         """Let each register remember for itself."""
         if self._memory is not None:
-            for row, each in enumerate(self.registers):
-                each.begin_with(self._memory.of_row(row))
+            for index, each in enumerate(self.registers):
+                each.begin_with(self._memory.of_row(8 * index))
             self._memory = None
+
+
+def _rows(truths: Array) -> int:
+    return int.from_bytes(truths.tobytes(), 'little')
 
 
 def units(registers: Iterable[Register], shared: SharedVectors) -> list[Register | RegisterGroup]:
