@@ -175,7 +175,7 @@ class Histories:
         new = [each for each in self.registers.values() if each.first_state is None]
         for register in new:
             register.first_state = time
-        kept = [each for each in self._units if self._is_needed(each)]
+        kept = [each for each in self._units if self.registers.keys() & each.fields]
         self._units = [*kept, *units(new, self._shared), *self.memories.values()]
         self._has_groups = any(isinstance(each, RegisterGroup) for each in self._units)
         beginning, self._beginning = self._beginning, {}
@@ -184,16 +184,6 @@ class Histories:
             if error := next(filter(None, errors), None):
                 self.refused[formula_id] = error
         self._next, self._is_changed, self._gap_follows = {}, False, False
-
-    def _is_needed(self, unit: Register | RegisterGroup | OperandHistory) -> bool:
-        """Return True if a formula depends on one of the registers of a unit."""
-        match unit:
-            case Register(field=field):
-                return field in self.registers
-            case RegisterGroup(registers=registers):
-                return any(each.field in self.registers for each in registers)
-            case OperandHistory():
-                return False
 
     def _with_fields(
         self, instances: Iterable[Instance], history: _History, kinds: Kinds

@@ -8,6 +8,7 @@ that begins later begins with what the history remembers then.
 from __future__ import annotations
 
 from math import inf
+from typing import Final
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
@@ -46,6 +47,9 @@ class OperandHistory:
         self._error: tuple[ReasoningError, int] | None = None
         self.times: Times = ()
         """The times of the states that the bounds of `node` count from, in nanoseconds."""
+
+    fields: Final = ()
+    """It sets no field."""
 
     @property
     def node(self) -> Node:

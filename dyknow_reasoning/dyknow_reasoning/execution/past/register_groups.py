@@ -44,7 +44,9 @@ class RegisterGroup:
     """
 
     def __init__(self, registers: Sequence[Register], shared: SharedVectors) -> None:
-        self.registers = registers
+        self._registers = registers
+        self.fields = [each.field for each in registers]
+        """The fields that it sets."""
         first = registers[0]
         self._is_negated = first.is_negated
         self._memory: PastMemory | None = first.memory.of_row(0)
@@ -60,8 +62,7 @@ class RegisterGroup:
         left, right = first.operands.left, first.operands.right
         self._left = None if left is TRUE else self._truths_of(left, sides[:, 0] != 0)
         self._right = self._truths_of(right, sides[:, 1] != 0)
-        fields = tuple(each.field for each in registers)
-        self._target = FieldVectors(shared).vector(fields, Kind.BOOLEAN)
+        self._target = FieldVectors(shared).vector(tuple(self.fields), Kind.BOOLEAN)
 
     def step(self, time: int, state: VectorState) -> None:
         """Take a state, and set the fields of the registers."""
@@ -74,12 +75,12 @@ class RegisterGroup:
             else:
                 self._target.compute(self._stepped(self._memory, time, left, right), state)
                 return
-        for each in self.registers:
+        for each in self._registers:
             each.step(time, state)
 
     def columns(self, recording: Recording) -> Columns:
         """Return the fields of the registers at the states of a recording."""
-        size = max(1, _MOST_VALUES // len(self.registers))
+        size = max(1, _MOST_VALUES // len(self._registers))
         starts = range(0, len(recording), size)
         blocks = [self._block(recording.part(first, first + size)) for first in starts]
         return {name: np.concatenate([each[name] for each in blocks]) for name in blocks[0]}
@@ -87,7 +88,7 @@ class RegisterGroup:
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""
         self._split()
-        for each in self.registers:
+        for each in self._registers:
             each.pass_gap(gap)
 
     def _block(self, recording: Recording) -> Columns:
@@ -102,15 +103,15 @@ class RegisterGroup:
                 states = zip(recording.times.tolist(), lefts, right, strict=True)
                 rows = [self._stepped(self._memory, *state) for state in states]
                 columns = np.ascontiguousarray(np.array(rows).T)
-                return {each.field: row for each, row in zip(self.registers, columns, strict=True)}
-        singles = [each.columns(recording) for each in self.registers]
+                return dict(zip(self.fields, columns, strict=True))
+        singles = [each.columns(recording) for each in self._registers]
         return {name: column for each in singles for name, column in each.items()}
 
     def _stepped(self, memory: PastMemory, time: int, left: Array | None, right: Array) -> Array:
         """Return the truth of the operators at a state, given that of the operands."""
         found = memory.step(time, ALL_ROWS if left is None else _rows(left), _rows(right))
         # The row of a register is a byte, as numpy has them.
-        truths = np.frombuffer(found.to_bytes(len(self.registers), 'little'), bool)
+        truths = np.frombuffer(found.to_bytes(len(self._registers), 'little'), bool)
         return ~truths if self._is_negated else truths
 
     def _truths_of(self, operand: Node, table: Array) -> Truths:
@@ -122,7 +123,7 @@ class RegisterGroup:
     def _split(self) -> None:
         """Let each register remember for itself."""
         if self._memory is not None:
-            for index, each in enumerate(self.registers):
+            for index, each in enumerate(self._registers):
                 each.begin_with(self._memory.of_row(8 * index))
             self._memory = None
 

@@ -245,7 +245,7 @@ class Register:
         ]
         least, most = min(found), max(found)
         known = least if self.gap is None or least == most else unknowable(self.gap)
-        for field, truth in zip(self._fields, (known, least, most), strict=False):
+        for field, truth in zip(self.fields, (known, least, most), strict=False):
             values[field] = self._error or truth
         # The operands are known from now on, and the memory is the same whatever was missing.
         if self.gap and all(each.gap is None for each in self._inner):
@@ -257,17 +257,17 @@ class Register:
         self._error, self.step = error, self._step_carefully
         for _, memory in self._branches:
             memory.lose(time)
-        values.update(dict.fromkeys(self._fields, error))
+        values.update(dict.fromkeys(self.fields, error))
 
     @property
-    def _fields(self) -> list[str]:
-        """The fields: the truth, and after a gap that for the least and most favourable states."""
+    def fields(self) -> list[str]:
+        """The fields: of the truth, after a gap also for the least and most favourable states."""
         bounds = ('', '-', '+')[: 2 * len(self._branches) - 1]
         return [f'{self.field}{each}' for each in bounds]
 
     def _columns_one_by_one(self, recording: Recording) -> Columns:
         names = {name for atom in self.operands.atoms for name in field_names(atom)}
-        found: dict[str, list[Any]] = {field: [] for field in self._fields}
+        found: dict[str, list[Any]] = {field: [] for field in self.fields}
         for time, values in recording.rows(names):
             self.step(time, values)
             for name, column in found.items():
