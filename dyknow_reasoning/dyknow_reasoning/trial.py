@@ -23,7 +23,6 @@ from typing import Any, TypeAlias, cast
 
 from dyknow_common import PositionedError, shortened
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import Machine, PreviousMachine, SinceMachine
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import (
     Always,
@@ -34,14 +33,11 @@ from dyknow_reasoning.language.formula import (
     Forall,
     Formula,
     FutureFormula,
-    Historically,
     Implies,
     Not,
-    Once,
     Or,
     PastFormula,
-    Previous,
-    Since,
+    parts,
     walk,
 )
 from dyknow_reasoning.language.grammar import LANGUAGE
@@ -52,6 +48,7 @@ from dyknow_reasoning.language.terms import Truth
 from dyknow_reasoning.language.type_checking import Kinds, check_types
 from dyknow_reasoning.progression.atoms import Values, predicate
 from dyknow_reasoning.progression.instances import Domains, ground
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is_dual, memory_of
 from dyknow_reasoning.progression.sizes import (
     FormulaLimits,
     check_size,
@@ -59,8 +56,8 @@ from dyknow_reasoning.progression.sizes import (
     object_counts,
 )
 
-_Truth: TypeAlias = Callable[[Sequence[Machine], int, Values], bool]
-"""The truth of a formula at a state; moves the machines of its past operators to the state."""
+_Truth: TypeAlias = Callable[[Sequence[PastMemory], int, Values], bool]
+"""The truth of a formula at a state; moves the memories of its past operators to the state."""
 
 _CONNECTIVES: Mapping[type, Callable[[bool, bool], bool]] = {
     And: lambda left, right: left and right,
@@ -130,9 +127,9 @@ class TrialFormula:
         check_units_are_known(formula)
         check_size(formula_size(formula, object_counts(domains, limits)), limits)
         self._kinds: Kinds = check_types(formula, text)
-        self._machines: list[Machine] = []
+        self._memories: list[PastMemory] = []
         self._truth = self._compiled(ground(asked_of_each_state(formula), {}, domains))
-        self._proposed: list[Machine] = self._machines
+        self._proposed: list[PastMemory] = self._memories
         self._latest: int | None = None
         self._time = 0
 
@@ -149,22 +146,20 @@ class TrialFormula:
         if self._latest is not None and time <= self._latest:
             raise ReasoningError(f'the state at {time} ns is not later than the one before')
         # Until it ends without an error, there is nothing to accept.
-        machines = [each.copy() for each in self._machines]
-        found = self._truth(machines, time, values)
-        self._proposed, self._time = machines, time
+        memories = [each.of_row(0) for each in self._memories]
+        found = self._truth(memories, time, values)
+        self._proposed, self._time = memories, time
         return found
 
     def accept(self) -> None:
         """Add the state of the latest call of `holds` to the history."""
-        self._machines, self._latest = self._proposed, self._time
+        self._memories, self._latest = self._proposed, self._time
 
-    def _compiled(  # noqa: PLR0911 - one for each kind
-        self, formula: Formula
-    ) -> _Truth:
+    def _compiled(self, formula: Formula) -> _Truth:
         """Return the function of a ground formula; all of its parts are read at each state."""
         match formula:
             case Truth(value):
-                return lambda _machines, _time, _values: value
+                return lambda _memories, _time, _values: value
             case Not(body):
                 inner = self._compiled(body)
                 return lambda *state: not inner(*state)
@@ -175,26 +170,21 @@ class TrialFormula:
             case CountOf(bound, number, members):
                 compare, each = _COUNTS[bound], [self._compiled(member) for member in members]
                 return lambda *state: compare(sum([part(*state) for part in each]), number)
-            case Historically() | Once() | Previous():
-                return self._remembered(formula, None, self._compiled(formula.body))
-            case Since():
-                left, right = self._compiled(formula.left), self._compiled(formula.right)
-                return self._remembered(formula, left, right)
+            case _ if isinstance(formula, PastFormula):
+                return self._remembered(formula)
             case _:
                 read = predicate(cast('Any', formula), self._kinds)
-                return lambda _machines, _time, values: read(values)
+                return lambda _memories, _time, values: read(values)
 
-    def _remembered(self, formula: PastFormula, left: _Truth | None, right: _Truth) -> _Truth:
-        """Return the function of a past operator, whose machine follows those of its operands."""
-        place, is_negated = len(self._machines), isinstance(formula, Historically)
-        if isinstance(formula, Previous):
-            self._machines.append(PreviousMachine())
-        else:
-            self._machines.append(SinceMachine(formula.interval.start, formula.interval.end))
+    def _remembered(self, formula: PastFormula) -> _Truth:
+        """Return the function of a past operator, whose memory follows those of its operands."""
+        sides = [self._compiled(cast('Formula', part)) for part in parts(formula)]
+        place, is_negated = len(self._memories), is_dual(formula)
+        self._memories.append(memory_of(formula))
 
-        def truth(machines: Sequence[Machine], time: int, values: Values) -> bool:
-            lasts = left is None or left(machines, time, values)
-            now = right(machines, time, values) is not is_negated
-            return machines[place].step(time, lasts, now) is not is_negated
+        def truth(memories: Sequence[PastMemory], time: int, values: Values) -> bool:
+            *lefts, right = [side(memories, time, values) for side in sides]
+            lasts = ALL_ROWS if all(lefts) else 0
+            return memories[place].step(time, lasts, int(right != is_negated)) != is_negated
 
         return truth

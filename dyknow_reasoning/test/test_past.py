@@ -27,7 +27,7 @@ from dyknow_reasoning import (
     FormulaResult,
     parse_formula,
 )
-from dyknow_reasoning.execution.past import histories
+from dyknow_reasoning.execution.past import register_groups
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -142,11 +142,11 @@ def outcomes(results: list[FormulaResult]) -> list[tuple[str, Verdict, int | Non
 
 
 @pytest.mark.timeout(7200)
-@pytest.mark.parametrize('quick', [1, 1000])
-def test_random_past_formulas_at_every_state(quick: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize('least', [1, 1000])
+def test_random_past_formulas_at_every_state(least: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """One by one, in blocks, and by the reference: the same truth, at the same states."""
-    monkeypatch.setattr(histories, '_MIN_STATES', quick)
-    random = Random(quick)  # noqa: S311 - no secret
+    monkeypatch.setattr(register_groups, 'MIN_REGISTERS', least)
+    random = Random(least)  # noqa: S311 - no secret
     for _ in range(CASES // 2):
         formula = random_past(random, 3)
         states = random.randint(2, 20)
@@ -232,6 +232,19 @@ def test_a_kept_history_recovers_from_unusable_values(at_once: bool) -> None:  #
     assert found == ['false', 'error', 'error', 'error', 'false', 'true']
 
 
+def test_previous_depends_on_unusable_values_of_the_state_before() -> None:
+    text = 'previous (x > 1)'
+    group = FormulaGroup()
+    group.begin({})
+    group.keep_history(text)
+    found = []
+    for time, value in enumerate([2.0, float('nan'), 2.0, 2.0]):
+        group.add_formula('it', text)
+        [result] = group.progress(time, {'x': value})
+        found.append('error' if result.error else result.verdict.name.lower())
+    assert found == ['false', 'error', 'error', 'true']
+
+
 def test_memory_does_not_grow_with_states() -> None:
     texts = ('always once p', 'always not (q since[1 s, inf) q)', 'always not once[1 s, 2 s] q')
     group = started(*texts, 'always not historically[1 s, 3 s] q')
@@ -239,8 +252,7 @@ def test_memory_does_not_grow_with_states() -> None:
         group.progress(time * 1_000_000, {'p': True, 'q': time < 900})
     assert group._monitor is not None
     for register in group._monitor.histories.registers.values():
-        [machine] = register._machines
-        assert len(getattr(machine, 'younger', ())) <= 3
+        assert len(getattr(register.memory, 'younger', ())) <= 3
 
 
 def test_a_past_operator_over_a_future_one_keeps_what_its_window_needs() -> None:

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from math import inf, nan
 from random import Random
 from typing import Any
 
-import numpy as np
 import pytest
 from reasoning_reference import random_cases
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.execution import fast_path, instance_pool
-from dyknow_reasoning.execution.past import histories, register_vectors
-from dyknow_reasoning.execution.past.machines import PreviousMachine, SinceMachine
-from dyknow_reasoning.execution.past.register_vectors import PreviousVectors, SinceVectors
-from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
+from dyknow_reasoning.execution.past import register_groups
+from dyknow_reasoning.execution.past.register_groups import RegisterGroup
+from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, PreviousMemory, SinceMemory
 
 CASES = random_cases(100)
 NAMES = [f'o{number}' for number in range(6)]
@@ -37,45 +36,54 @@ PAST = [
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_vectors_remember_what_machines_do(seed: int) -> None:
+def test_a_memory_of_many_objects_is_that_of_each(seed: int) -> None:
     random = Random(seed)  # noqa: S311 - no secret
     for _ in range(CASES):
         start = random.choice([0, 0, 1, 3, 5])
-        end = random.choice([None, start, start + 1, start + 6, MAX_VECTOR_TIME - 1])
+        end = random.choice([None, start, start + 1, start + 6])
+        kind = random.choice([PreviousMemory, SinceMemory, SinceMemory])
         has_left = random.random() < 0.7
-        kind = random.choice([PreviousMachine, SinceMachine, SinceMachine])
-        both: list[list[Any]] = [
-            [kind() if kind is PreviousMachine else SinceMachine(start, end) for _ in range(5)]
-            for _ in range(2)
-        ]
-        plain, stored = both
-        vectors: SinceVectors | PreviousVectors | None = None
-        offset = random.choice([0, -3, 1 << 62, -(1 << 62) - 1])
+        singles = [kind(Interval(start, end)) for _ in range(5)]
+        memory = kind(Interval(start, end))
         for time in accumulate(random.choice([1, 1, 2, 7]) for _ in range(30)):
-            now = time + offset - (40 * 7 if offset == 1 << 62 else 0)
-            left = np.array([not has_left or random.random() < 0.8 for _ in range(5)])
-            right = np.array([random.random() < 0.3 for _ in range(5)])
-            if vectors is None:
-                vectors = (SinceVectors if kind is SinceMachine else PreviousVectors)(stored)
-            sides = list(zip(left.tolist(), right.tolist(), strict=True))
-            expected = [each.step(now, *side) for each, side in zip(plain, sides, strict=True)]
-            assert vectors.step(now, ~left if has_left else None, right).tolist() == expected
+            left = random.getrandbits(5) | random.getrandbits(5) if has_left else ALL_ROWS
+            right = random.getrandbits(5) & random.getrandbits(5)
+            expected = [
+                each.step(time, -(left >> row & 1), right >> row & 1)
+                for row, each in enumerate(singles)
+            ]
+            found = memory.step(time, left, right)
+            assert [found >> row & 1 for row in range(5)] == expected
             if random.random() < 0.2:
-                vectors.put_back()
-                vectors = None
+                singles = [memory.of_row(row) for row in range(5)]
 
 
-def outcomes(group: FormulaGroup, states: list[tuple[int, dict[str, Any]]], gaps: set[int]) -> Any:
+States = list[tuple[int, dict[str, Any]]]
+
+
+def outcomes(group: FormulaGroup, states: States, gaps: set[int], blocks: set[int]) -> Any:
+    """The results; all states from each of some indices to the next one at once."""
     found = []
-    for index, (time, values) in enumerate(states):
-        if index in gaps:
+    for first, end in pairwise(sorted({0, *gaps, *blocks, len(states)})):
+        if first in gaps:
             group.gap()
-        found += group.progress(time, values)
+        part = states[first:end]
+        if first in blocks:
+            columns = {name: [values[name] for _, values in part] for name in part[0][1]}
+            found += group.progress_many([time for time, _ in part], columns)
+        else:
+            found += [each for state in part for each in group.progress(*state)]
     told = [(each.name, each.verdict, each.decided_at, each.explanation) for each in found]
     return told, [str(each.error) for each in found], group.standing.summary(1)
 
 
-def random_states(random: Random) -> list[tuple[int, dict[str, Any]]]:
+def uses_vectors(group: FormulaGroup) -> bool:
+    assert group._monitor is not None
+    units = group._monitor.histories._units
+    return any(isinstance(each, RegisterGroup) and each._memory for each in units)
+
+
+def random_states(random: Random) -> States:
     most, bias = random.choice([1, 2, 6]), random.random()
     odd = random.choice([0, 0, 0, 0.002])
     time = random.choice([0, 0, -(1 << 62) - 20, (1 << 62) - 20])
@@ -119,7 +127,6 @@ def random_formulas(random: Random) -> list[tuple[str, str]]:
 @pytest.mark.timeout(7200)
 def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> None:
     """With unusable values, gaps, formulas that come and go, and formulas at every state."""
-    monkeypatch.setattr(histories, '_MIN_STATES', 1)
     monkeypatch.setattr(fast_path, '_MIN_STATES', 1)
     random = Random(1)  # noqa: S311 - no secret
     used = quick = 0
@@ -128,44 +135,27 @@ def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> N
         texts += random_formulas(random) if random.random() < 0.5 else []
         gaps = {random.randrange(len(states))} if random.random() < 0.2 else set()
         every_state = random.random() < 0.3
+        is_whole = all(states[0][1].keys() == values.keys() for _, values in states)
+        blocks = {index for index in range(len(states)) if random.random() < 0.2 * is_whole}
         found = []
-        for least in (2, 1000):
-            monkeypatch.setattr(register_vectors, 'MIN_REGISTERS', least)
+        for least, recorded in ((2, set()), (1000, set()), (2, blocks), (1000, blocks)):
+            monkeypatch.setattr(register_groups, 'MIN_REGISTERS', least)
             monkeypatch.setattr(instance_pool, '_MIN_BATCH_SIZE', least)
+            monkeypatch.setattr(register_groups, '_MOST_VALUES', random.choice([1, 20, 1 << 20]))
             group = FormulaGroup()
             for name, text in texts:
                 group.add_formula(name, text, every_state=every_state)
             group.begin({'S': NAMES})
-            found.append(outcomes(group, states, gaps))
+            found.append(outcomes(group, states, gaps, recorded))
             assert group._monitor is not None
-            used += least == 2 and group._monitor.histories._vectors is not None
+            used += least == 2 and uses_vectors(group)
             quick += group._monitor._batch_path.leave() is not None
-        assert found[0] == found[1], (texts, states)
+        assert all(each == found[0] for each in found), (texts, states, gaps, blocks)
     assert used > CASES // 20
     assert quick > CASES // 20
 
 
-def test_many_candidates_are_left_to_the_machines(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(register_vectors, '_MAX_YOUNGER', 1000)
-    names = [f'o{number}' for number in range(30)]
-    group = FormulaGroup()
-    group.add_formula('it', 'forall x in S: always (not r[x] or once[1 us, 2 us] p[x])')
-    group.begin({'S': names})
-    assert group._monitor is not None
-    values = {f'{feature}[{name}]': feature == 'p' for name in names for feature in 'pr'}
-    uses_vectors = []
-    for time in range(100):
-        assert not group.progress(time, values)
-        uses_vectors.append(group._monitor.histories._vectors is not None)
-    assert uses_vectors[10]
-    assert not uses_vectors[-1]
-    values |= {'p[o7]': False, 'r[o7]': True}
-    assert not group.progress(1000, values)
-    [result] = group.progress(2100, values)
-    assert result.verdict is Verdict.FALSE
-
-
-def test_times_that_no_vector_holds_are_left_to_the_machines() -> None:
+def test_times_that_no_vector_holds() -> None:
     names = [f'o{number}' for number in range(30)]
     group = FormulaGroup()
     group.add_formula('it', 'forall x in S: always (r[x] -> once[0, 9 s] p[x])')

@@ -17,7 +17,7 @@ from reasoning_reference import formulas, random_cases
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
 from dyknow_reasoning.execution import fast_path, instance_pool
 from dyknow_reasoning.execution.automata import automaton, configurations
-from dyknow_reasoning.execution.past import histories
+from dyknow_reasoning.execution.past import register_groups
 from dyknow_reasoning.language.formula import Formula
 
 OBJECTS = ('a', 'b', 'c', 'd')
@@ -67,7 +67,7 @@ PATHS = list(product((one_by_one, at_once), (1, 1000), (0, 1 << 14), (8, 1 << 16
 def set_limits(patch: pytest.MonkeyPatch, batch: int, configurations_: int, nodes: int) -> None:
     patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
     patch.setattr(fast_path, '_MIN_STATES', 1)
-    patch.setattr(histories, '_MIN_STATES', 1 if batch == 1 else 4)
+    patch.setattr(register_groups, 'MIN_REGISTERS', batch)
     patch.setattr(configurations, '_MAX_CONFIGURATIONS', configurations_)
     patch.setattr(automaton, '_MAX_NODES', nodes)
 

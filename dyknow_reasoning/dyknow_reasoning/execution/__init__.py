@@ -22,7 +22,6 @@ from dyknow_reasoning.execution.automata.instance_states import (
 from dyknow_reasoning.execution.fast_path import Step
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
-from dyknow_reasoning.execution.past.machines import Machine, PreviousMachine, SinceMachine
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.failures import Failure
 from dyknow_reasoning.execution.standing.recorded_states import progress_recording
@@ -38,11 +37,8 @@ __all__ = [
     'InstanceMonitor',
     'InstanceState',
     'InstanceVerdict',
-    'Machine',
     'Outcomes',
-    'PreviousMachine',
     'Recording',
-    'SinceMachine',
     'StandingMonitor',
     'StartCounts',
     'Step',

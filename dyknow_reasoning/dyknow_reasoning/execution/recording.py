@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,6 +65,17 @@ class Recording:
         """Return the values of a state as plain Python objects."""
         return {name: column.item(index) for name, column in self.columns.items()}
 
+    def rows(self, names: AbstractSet[str]) -> Iterator[tuple[int, dict[str, Any]]]:
+        """Yield the valid time of each state, and its values of some fields."""
+        columns = {name: each.tolist() for name, each in self.columns.items() if name in names}
+        for index, time in enumerate(self.times.tolist()):
+            yield time, {name: column[index] for name, column in columns.items()}
+
+    def part(self, first: int, end: int) -> Recording:
+        """Return the states from one index to before another."""
+        columns = {name: column[first:end] for name, column in self.columns.items()}
+        return Recording(self.times[first:end], columns)
+
     def increasing(self, latest: int | None) -> Recording:
         """Return the states before the first one whose valid time is not later than the previous.
 
@@ -75,9 +87,7 @@ class Recording:
         late = np.flatnonzero(steps[first:] <= 0)
         if not late.size:
             return self
-        end = int(late[0]) + first
-        columns = {name: column[:end] for name, column in self.columns.items()}
-        return Recording(self.times[:end], columns)
+        return self.part(0, int(late[0]) + first)
 
     def steps(self, latest: int | None) -> Array:
         """Return the nanoseconds from the previous state to each state; `latest` as above."""

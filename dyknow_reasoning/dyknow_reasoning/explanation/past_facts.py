@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
-from dyknow_common import format_time
+from dyknow_common import SyntaxNode, format_time
 from dyknow_reasoning.language.formula import (
     Historically,
     Once,
     PastFormula,
     Previous,
+    Since,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.progression.past_operators import interval_of
 
 _MAX_FORMULA_LENGTH = 160
 
@@ -53,22 +56,23 @@ def past_fact(formula: PastFormula, states: PastStates, *, holds: bool) -> str:
     now = states.now
     if isinstance(formula, Previous):
         operand, time = shortened_text(formula.body), format_time(now)
-        if holds:
-            return f"'{operand}' held at the state before {time}"
-        return f"there is no state just before {time} at which '{operand}' held"
-    span = _span(formula.interval, states)
-    if states.are_known_to_miss(formula.interval):
+        held = f"'{operand}' held at the state before {time}"
+        return held if holds else f"there is no state just before {time} at which '{operand}' held"
+    interval = interval_of(formula)
+    span = _span(interval, states)
+    if states.are_known_to_miss(interval):
         return f'there was no state {span}'
-    match formula:
+    match cast('SyntaxNode', formula):
         case Once(body):
             return f"'{shortened_text(body)}' held at {'a' if holds else 'no'} state {span}"
         case Historically(body):
             held = 'held at every state' if holds else 'did not hold at every state'
             return f"'{shortened_text(body)}' {held} {span}"
-        case _:
-            left, right = shortened_text(formula.left), shortened_text(formula.right)
-            when = 'a' if holds else 'no'
-            return f"'{right}' held at {when} state {span} since when '{left}' has held"
+        case Since(left, right):
+            held = f"'{shortened_text(right)}' held at {'a' if holds else 'no'} state {span}"
+            return f"{held} since when '{shortened_text(left)}' has held"
+        case _:  # pragma: no cover - an operator without words of its own
+            return f"'{shortened_text(formula)}' is {str(holds).lower()} at {format_time(now)}"
 
 
 def _span(interval: Interval, states: PastStates) -> str:

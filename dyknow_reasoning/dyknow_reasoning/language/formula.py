@@ -190,13 +190,19 @@ class Once(_Temporal):
 
 
 @dataclass(frozen=True, slots=True)
-class Previous(SyntaxNode):
-    """The body at the state before; false at the first state."""
-
+class _Prefixed(SyntaxNode):
     body: Formula
+    symbol: ClassVar[str]
 
     def __str__(self) -> str:
-        return f'previous {operand_text(self.body)}'
+        return f'{self.symbol} {operand_text(self.body)}'
+
+
+@dataclass(frozen=True, slots=True)
+class Previous(_Prefixed):
+    """The body at the state before; false at the first state."""
+
+    symbol: ClassVar[str] = 'previous'
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +266,7 @@ FutureFormula: TypeAlias = Always | Eventually | Until
 """An operator of the future."""
 
 PastFormula: TypeAlias = Historically | Once | Previous | Since
-"""A formula whose operator looks back."""
+"""A formula whose operator looks back; its memory is in `progression.past_operators`."""
 
 StateAtom: TypeAlias = Feature | FieldReference | Comparison
 """A formula that is true or false in a single state."""
@@ -294,7 +300,7 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
-        case Not() | _Quantifier() | _Temporal() | Previous() | Let():
+        case Not() | _Quantifier() | _Temporal() | _Prefixed() | Let():
             return (node.body,)
         case PastAtom():
             return (node.formula,)
@@ -311,7 +317,7 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
-        case Not() | _Quantifier() | _Temporal() | Previous() | Let():
+        case Not() | _Quantifier() | _Temporal() | _Prefixed() | Let():
             return replace(node, body=change(node.body))
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))

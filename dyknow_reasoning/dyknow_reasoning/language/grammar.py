@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Final
 
-from dyknow_common import Language
+from dyknow_common import FORMULA_WORDS, Language
 
 _OPERATOR = 'an operator'
 _FORMULA = 'a formula'
 _SPELLINGS: Final = {
-    **dict.fromkeys(('_AND', '_OR', '_IMPLIES', '_EQUIVALENT', '_UNTIL', 'COMPARISON'), _OPERATOR),
-    **dict.fromkeys(('_HOLDS_UNTIL', '_UNLESS', '_RELEASE', '_SINCE'), _OPERATOR),
-    **dict.fromkeys(('HISTORICALLY', 'ONCE', 'PREVIOUS'), _FORMULA),
+    # A terminal with an underscore is no child of its rule: a word between two operands.
+    **{word.upper(): _FORMULA for word in FORMULA_WORDS},
+    **{f'_{word.upper()}': _OPERATOR for word in FORMULA_WORDS},
+    **dict.fromkeys(('_IMPLIES', '_EQUIVALENT', '_HOLDS_UNTIL', 'COMPARISON'), _OPERATOR),
     **dict.fromkeys(('PLUS', 'TIMES', 'DIVIDED_BY'), _OPERATOR),
-    **dict.fromkeys(('NOT', 'ALWAYS', 'EVENTUALLY', 'FORALL', 'EXISTS', 'TRUE', 'FALSE'), _FORMULA),
     **dict.fromkeys(('STRING', 'REFERENCE', 'QUOTED_REFERENCE', 'FUNCTION'), _FORMULA),
     'UNIT': 'a unit',
     'DURATION': 'a duration such as 5 s',

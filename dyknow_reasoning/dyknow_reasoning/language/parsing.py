@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from lark import Token
 
@@ -154,13 +154,6 @@ def _connective(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     return build
 
 
-def _temporal(kind: Callable[..., Formula]) -> Callable[..., Formula]:
-    def build(_: object, _word: Token, interval: Interval | None, body: Formula | Term) -> Formula:
-        return kind(_formula(body), interval or ALL_FUTURE)
-
-    return build
-
-
 def _binary(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     def build(
         _: object, left: Formula | Term, interval: Interval | None, right: Formula | Term
@@ -180,6 +173,15 @@ def _quantifier(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     return build
 
 
+_TEMPORAL: Final[Mapping[str, Callable[..., Formula]]] = {
+    kind.symbol: kind for kind in get_args(syntax.FutureFormula | syntax.PastFormula)
+}
+
+
+_NO_OPERANDS: Final = Token | Interval | None
+"""The other children of the rules of temporal operators: words and intervals."""
+
+
 @builder
 class _FormulaBuilder(SyntaxBuilder[Any]):
     """The builder of the abstract syntax: unbound names are features, arguments are objects."""
@@ -188,20 +190,19 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     implies = _connective(syntax.Implies)
     or_ = _connective(syntax.Or)
     and_ = _connective(syntax.And)
-    always = _temporal(syntax.Always)
-    eventually = _temporal(syntax.Eventually)
-    historically = _temporal(syntax.Historically)
-    once = _temporal(syntax.Once)
-    until = _binary(syntax.Until)
-    since = _binary(syntax.Since)
     holds_until = _binary(sugar.holds_until)
     unless = _binary(sugar.unless)
     release = _binary(sugar.release)
     forall = _quantifier(syntax.Forall)
     exists = _quantifier(syntax.Exists)
 
-    def previous(self, _word: Token, body: Formula | Term) -> Formula:
-        return syntax.Previous(_formula(body))
+    def __default__(self, rule: str, children: Sequence[Any], meta: Any) -> Formula:
+        """Build a temporal operator, whose rule has the name of its word."""
+        operands = [_formula(each) for each in children if not isinstance(each, _NO_OPERANDS)]
+        intervals = [each for each in children if isinstance(each, Interval)]
+        is_infix = len(operands) > 1
+        position = operands[0].position if is_infix else TextPosition.of(meta)
+        return _TEMPORAL[rule](*operands, *intervals, position=position)
 
     def count(
         self,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeAlias, cast
 
-from dyknow_common import Symbol, Verdict, listed
+from dyknow_common import Symbol, Verdict, listed, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -26,16 +26,13 @@ from dyknow_reasoning.language.formula import (
     Exists,
     Forall,
     Formula,
-    Historically,
     Implies,
     Let,
     Not,
-    Once,
     Or,
     PastAtom,
     PastFormula,
     Previous,
-    Since,
     StateAtom,
     Until,
     looks_forward,
@@ -57,6 +54,7 @@ from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, pred
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
+from dyknow_reasoning.progression.past_operators import interval_of, is_dual, memory_of
 from dyknow_reasoning.progression.thresholds import Thresholds
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
@@ -187,7 +185,7 @@ class _Translator:
                 return self._quantified(formula, binding)
             case And() | Or() | Implies() | Equivalent():
                 return self._connective(formula, binding)
-            case Historically() | Once() | Previous() | Since():
+            case _ if isinstance(formula, PastFormula):
                 return self._past(formula, binding)
             case PastAtom():
                 return self._literal(formula, positive=True)
@@ -204,11 +202,15 @@ class _Translator:
                 return constant(value=known)
             return self._literal(PastAtom(grounded), positive=True)
         *lefts, right = (self.node(cast('Formula', part), binding) for part in parts(formula))
-        universal = isinstance(formula, Historically)
+        if not memory_of(formula).may_look_forward:
+            raise ReasoningError(
+                f"'{shortened(formula)}' has an operator of the future in an operand, which "
+                f"'{formula.symbol}' does not allow; rewrite the formula without it"
+            )
         if isinstance(formula, Previous):
             return self._store.previous_state(right, universal=False)
+        universal, interval = is_dual(formula), interval_of(formula)
         left = lefts[0] if lefts else constant(value=not universal)
-        interval = formula.interval
         return self._store.past_window(
             interval.start, interval.end, left, right, universal=universal
         )
@@ -315,13 +317,12 @@ def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
     """Return the operands of a ground past operator."""
     translator = _Translator(store, {})
     *lefts, right = (translator.node(cast('Formula', part), {}) for part in parts(formula))
-    universal = isinstance(formula, Historically)
-    if universal:
+    if is_dual(formula):
         right = store.negation(right)
     value = None
-    starts_now = not isinstance(formula, Previous) and formula.interval.start == 0
-    if right is FALSE or (right is TRUE and starts_now):
-        value = (right is TRUE) is not universal
+    if type(right) is Constant:
+        known = memory_of(formula).constant(right=right.value)
+        value = known if known is None else known is not is_dual(formula)
     left = lefts[0] if lefts else TRUE
     return PastOperands(tuple(translator.slots), left, right, value)
 

@@ -38,11 +38,8 @@ from dyknow_reasoning import (
     And,
     Forall,
     Formula,
-    Historically,
     Interval,
-    Once,
-    Previous,
-    Since,
+    PastFormula,
     parse_formula,
     parts,
 )
@@ -56,7 +53,6 @@ BLACK_BOX: Final = 'dyknow_black_box'
 """The key of the content in the metadata of a bag."""
 
 _METADATA: Final = 'metadata.yaml'
-_PAST: Final = (Historically, Once, Previous, Since)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +203,7 @@ def _is_invariant(formula: Formula) -> bool:
 
 
 def _looks_back(formula: Any) -> bool:
-    return isinstance(formula, _PAST) or any(map(_looks_back, parts(formula)))
+    return isinstance(formula, PastFormula) or any(map(_looks_back, parts(formula)))
 
 
 def read_black_box(path: Path) -> BlackBoxContent | None:

@@ -12,21 +12,15 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
 from itertools import count
+from typing import Any, cast
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory, reach
-from dyknow_reasoning.execution.past.quick_registers import QuickRegisters, split
-from dyknow_reasoning.execution.past.quick_step import QuickStep, quick_step
+from dyknow_reasoning.execution.past.register_groups import RegisterGroup, units
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.vectors.atom_vectors import SharedVectors
-from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
-from dyknow_reasoning.language.formula import (
-    Atom,
-    Formula,
-    PastAtom,
-    PastFormula,
-)
+from dyknow_reasoning.execution.vectors.atom_vectors import SharedVectors, VectorState
+from dyknow_reasoning.language.formula import Atom, Formula, PastAtom, PastFormula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, fields, kind_of
 from dyknow_reasoning.progression.bounds import Chronology
@@ -35,13 +29,7 @@ from dyknow_reasoning.progression.instances import Instance, past_operands
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import slots
 
-_MIN_STATES = 4
-"""The states for which no registers come or go before code is generated."""
-_MAX_ATOMS = 512
-"""The most operators and atoms of operands: code for many takes long to compile."""
-
-_Key = tuple[PastFormula, Hashable]
-_History = dict[_Key, Register]
+_History = dict[tuple[PastFormula, Hashable], Register]
 
 
 class Histories:
@@ -63,11 +51,11 @@ class Histories:
         self.memories: dict[Instance, OperandHistory] = {}
         self.refused: dict[int, ReasoningError] = {}
         """The errors of formulas that begin now, and look back to states that are not known."""
-        # Takes a state, as long as nothing but the states changes.
-        self._quick_step: QuickStep | None = None
-        self._vectors: QuickRegisters | None = None
-        self._uses_vectors = True
-        self._states = 0
+        # What takes the states, in this order.
+        self._units: list[Register | RegisterGroup | OperandHistory] = []
+        self._has_groups = False
+        # True if something begins or ends with the next state.
+        self._is_changed = False
         # The history of the formulas that begin with the next state.
         self._next: _History = {}
         self._kept: dict[Formula, _History] = {}
@@ -95,14 +83,11 @@ class Histories:
         if formula in self._remembering:
             kept = self._remembering[formula]
             self._beginning[formula_id] = [self.memories[e] for e in kept if e in self.memories]
+            self._is_changed = True
             return kept
-        history = self._kept.get(formula, self._next)
-        used: dict[Register, None] = {}
-        found = [_with_fields(each, self, history, kinds, used) for each in instances]
+        found, used = self._with_fields(instances, self._kept.get(formula, self._next), kinds)
         if used:
-            self._used[formula_id] = list(used)
-            for register in used:
-                register.users += 1
+            self._used[formula_id] = used
         return found
 
     def keep(self, formula: Formula, instances: Iterable[Instance], kinds: Kinds) -> None:
@@ -110,10 +95,7 @@ class Histories:
         if formula in self._kept:
             return
         history = self._kept[formula] = {}
-        used: dict[Register, None] = {}
-        found = [_with_fields(each, self, history, kinds, used) for each in instances]
-        for register in used:
-            register.users += 1
+        found, _ = self._with_fields(instances, history, kinds)
         most = reach(formula)
         memories = {
             each: OperandHistory(each, kinds, most, self._node_limit)
@@ -123,6 +105,7 @@ class Histories:
         if memories:
             self.memories |= memories
             self._remembering[formula] = found
+            self._is_changed = True
 
     def release(self, formulas: Iterable[int]) -> None:
         """Forget the registers of formulas that no other formula depends on."""
@@ -132,14 +115,14 @@ class Histories:
                 register.users -= 1
                 if not register.users:
                     del self.registers[register.field]
-                    self._change()
+                    self._is_changed = True
                     if self._next:
                         self._next = {k: v for k, v in self._next.items() if v is not register}
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         self._gap_follows = self._latest is not None
-        self._change()
+        self._is_changed = True
 
     def gap_of(self, atoms: Sequence[Atom], mask: int) -> Gap | None:
         """Return the gap that the past operators in a mask depend on."""
@@ -162,129 +145,79 @@ class Histories:
         """
         if self._latest is not None and time <= self._latest:
             return values
-        if not self.memories:
-            return self._with_registers(time, values)
-        self._begin_formulas(time)
-        found = self._with_registers(time, values)
-        for memory in self.memories.values():
-            memory.step(time, found)
-        return found
-
-    def _with_registers(self, time: int, values: Values) -> Values:
-        """Return the values of a state with those of the registers."""
-        if self._quick_step and (quick := self._quick_step(time, values)):
-            self._latest = time
-            return quick
-        if self._vectors:
-            self._uses_vectors = not self._vectors.is_large
-            self._vectors.put_back()
-        self._begin(time)
-        found = dict(values)
-        for register in self.registers.values():
-            register.update(time, found)
+        if self._is_changed:
+            self._begin(time)
+        # A faster copy than a VectorState if no group of registers needs that.
+        found: Any = VectorState(values) if self._has_groups else dict(values)
+        for each in self._units:
+            each.step(time, found)
         self._latest = time
-        self._generate()
-        return found
+        return cast('Values', found)
 
     def extended_recording(self, recording: Recording) -> Recording:
         """Return the states of a recording, whose times increase, with the fields of registers."""
         if not len(recording):
             return recording
-        self._change()
-        self._begin_formulas(recording.time(0))
-        self._begin(recording.time(0))
-        found = Recording(recording.times, dict(recording.columns))
-        for register in self.registers.values():
-            found = Recording(found.times, {**found.columns, **register.columns(found)})
+        if self._is_changed:
+            self._begin(recording.time(0))
+        columns = dict(recording.columns)
+        found = Recording(recording.times, columns)
+        for each in self._units:
+            columns.update(each.columns(found))
         self._latest = recording.time(-1)
-        for index in range(len(found)) if self.memories else ():
-            values = found.values(index)
-            for memory in self.memories.values():
-                memory.step(found.time(index), values)
         return found
 
-    def _begin_formulas(self, time: int) -> None:
-        """Take the gap before a state, and refuse formulas that begin with it and depend on it."""
+    def _begin(self, time: int) -> None:
+        """Take the gap before a state, and what begins or ends with it."""
         if self._gap_follows and self._latest is not None:
-            for memory in self.memories.values():
-                memory.pass_gap(Gap(self._latest, time))
+            for each in self._units:
+                each.pass_gap(Gap(self._latest, time))
+        new = [each for each in self.registers.values() if each.first_state is None]
+        for register in new:
+            register.first_state = time
+        kept = [each for each in self._units if self.registers.keys() & each.fields]
+        self._units = [*kept, *units(new, self._shared), *self.memories.values()]
+        self._has_groups = any(isinstance(each, RegisterGroup) for each in self._units)
         beginning, self._beginning = self._beginning, {}
         for formula_id, memories in beginning.items():
             errors = (memory.error_at(time) for memory in memories)
             if error := next(filter(None, errors), None):
                 self.refused[formula_id] = error
+        self._next, self._is_changed, self._gap_follows = {}, False, False
 
-    def register(
-        self, formula: PastFormula, history: _History, kinds: Kinds, used: dict[Register, None]
-    ) -> PastAtom:
-        """Return a past operator with its field, for which it makes a register if there is none."""
+    def _with_fields(
+        self, instances: Iterable[Instance], history: _History, kinds: Kinds
+    ) -> tuple[list[Instance], list[Register]]:
+        """Return instances with fields for their past operators, and the registers of these."""
+        used: dict[Register, None] = {}
+        found = []
+        for each in instances:
+            mask = each.node.mask
+            atoms = (
+                self._field_of(atom, history, kinds, used) if mask >> slot & 1 else atom
+                for slot, atom in enumerate(each.atoms)
+            )
+            found.append(replace(each, atoms=tuple(atoms)))
+        for register in used:
+            register.users += 1
+        return found, list(used)
+
+    def _field_of(
+        self, atom: Atom, history: _History, kinds: Kinds, used: dict[Register, None]
+    ) -> Atom:
+        """Return an atom; a past operator with its field, and a register if there is none."""
+        if not isinstance(atom, PastAtom):
+            return atom
+        formula = atom.formula
         operands = past_operands(formula, self._store)
-        atoms = tuple(self.field_of(each, history, kinds, used) for each in operands.atoms)
+        atoms = tuple(self._field_of(each, history, kinds, used) for each in operands.atoms)
         key = formula, tuple(kind_of(each, kinds) for each in fields(formula))
         register = history.get(key)
         if register is None:
-            atom = PastAtom(formula, f'#{next(self._numbers)}')
+            named = PastAtom(formula, f'#{next(self._numbers)}')
             inner = [self.registers[each.field] for each in atoms if isinstance(each, PastAtom)]
-            register = Register(atom, replace(operands, atoms=atoms), inner, kinds, self._store)
+            register = Register(named, replace(operands, atoms=atoms), inner, kinds, self._store)
             history[key] = self.registers[register.field] = register
-            self._change()
+            self._is_changed = True
         used[register] = None
         return PastAtom(formula, register.field)
-
-    def field_of(
-        self, atom: Atom, history: _History, kinds: Kinds, used: dict[Register, None]
-    ) -> Atom:
-        """Return an atom; a past operator with its field."""
-        if not isinstance(atom, PastAtom):
-            return atom
-        return self.register(atom.formula, history, kinds, used)
-
-    def _change(self) -> None:
-        """Stop taking states quickly, as registers come or go."""
-        if self._vectors:
-            self._vectors.put_back()
-        self._quick_step = self._vectors = None
-        self._states = 0
-
-    def _generate(self) -> None:
-        """Take the next states quickly if the registers have been the same for some."""
-        registers = self.registers.values()
-        uses_vectors = self._uses_vectors and abs(self._latest or 0) <= MAX_VECTOR_TIME
-        if any(each.has_failed for each in registers) or (self._vectors and not uses_vectors):
-            self._change()
-            return
-        self._states += 1
-        if self._states != _MIN_STATES or not registers:
-            return
-        groups, others = split(registers) if uses_vectors else ([], list(registers))
-        if sum(each.size for each in others) > _MAX_ATOMS:
-            return
-        if groups:
-            self._vectors = QuickRegisters(groups, others, self._shared)
-            self._quick_step = self._vectors.step
-        else:
-            self._quick_step = quick_step(others)
-
-    def _begin(self, time: int) -> None:
-        """Take the gap before a state."""
-        if self._gap_follows and self._latest is not None:
-            gap = Gap(self._latest, time)
-            for register in self.registers.values():
-                register.pass_gap(gap)
-        self._gap_follows = False
-        self._next = {}
-
-
-def _with_fields(
-    instance: Instance,
-    histories: Histories,
-    history: _History,
-    kinds: Kinds,
-    used: dict[Register, None],
-) -> Instance:
-    mask = instance.node.mask
-    atoms = tuple(
-        histories.field_of(atom, history, kinds, used) if mask >> slot & 1 else atom
-        for slot, atom in enumerate(instance.atoms)
-    )
-    return replace(instance, atoms=atoms)

@@ -8,17 +8,22 @@ that begins later begins with what the history remembers then.
 from __future__ import annotations
 
 from math import inf
+from typing import Final
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 from dyknow_reasoning.execution.automata.readers import quick_reader
-from dyknow_reasoning.language.formula import Formula, PastFormula, Previous, parts
+from dyknow_reasoning.execution.past.registers import field_names
+from dyknow_reasoning.execution.recording import Recording
+from dyknow_reasoning.execution.vectors.atom_vectors import Columns
+from dyknow_reasoning.language.formula import Formula, PastFormula, parts
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, predicate
 from dyknow_reasoning.progression.gaps import Gap, unknowable
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import Node, slots
+from dyknow_reasoning.progression.past_operators import interval_of
 
 
 class OperandHistory:
@@ -35,12 +40,16 @@ class OperandHistory:
         atoms = instance.atoms
         predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(instance.node.mask)}
         self._read = quick_reader(atoms, kinds, predicates)
+        self._names = {name for slot in predicates for name in field_names(atoms[slot])}
         self._reach, self._node_limit = reach, node_limit
         self._automaton = Automaton(instance.node)
         self._location: Location = self._automaton.initial
         self._error: tuple[ReasoningError, int] | None = None
         self.times: Times = ()
         """The times of the states that the bounds of `node` count from, in nanoseconds."""
+
+    fields: Final = ()
+    """It sets no field."""
 
     @property
     def node(self) -> Node:
@@ -73,6 +82,12 @@ class OperandHistory:
         elif self._automaton.is_full:
             self._automaton.forget([self._location])
 
+    def columns(self, recording: Recording) -> Columns:
+        """Remember the states of a recording; they get no fields."""
+        for time, values in recording.rows(self._names):
+            self.step(time, values)
+        return {}
+
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""
         if not gap.is_empty:
@@ -89,6 +104,5 @@ def reach(formula: Formula | Term) -> float:
     inner = max((reach(part) for part in parts(formula)), default=0.0)
     if not isinstance(formula, PastFormula):
         return inner
-    if isinstance(formula, Previous) or formula.interval.end is None:
-        return inf
-    return formula.interval.end + inner
+    end = interval_of(formula).end
+    return inf if end is None else end + inner

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, MutableMapping, Sequence
-from typing import Any
+from functools import cached_property
+from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.readers import quick_reader
-from dyknow_reasoning.execution.past.columns import node_truths, step_many
-from dyknow_reasoning.execution.past.machines import Machine, PreviousMachine, SinceMachine
+from dyknow_reasoning.execution.automata.readers import (
+    MAX_GENERATED,
+    Reader,
+    ReaderCode,
+    quick_reader,
+)
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.vectors.atom_vectors import Array
-from dyknow_reasoning.language.formula import (
-    Atom,
-    Historically,
-    PastAtom,
-    PastFormula,
-    Previous,
-)
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
+from dyknow_reasoning.execution.vectors.batch_keys import MAX_BATCH_SLOTS, atom_form
+from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.atoms import Values, field_name, fields, predicate
+from dyknow_reasoning.progression.atoms import field_name, fields, predicate
 from dyknow_reasoning.progression.gaps import (
     Gap,
     apart,
@@ -41,11 +40,81 @@ from dyknow_reasoning.progression.nodes import (
     Node,
     slots,
 )
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is_dual, memory_of
 
-_MAX_MEMO_ATOMS = 8
+Step: TypeAlias = Callable[[int, MutableMapping[str, Any]], None]
+"""Takes the valid time of a state, and adds fields to its values."""
 
-Sides = tuple[bool, bool]
-"""The truth of the operands, left and right."""
+_MAX_KEPT: Final = 1 << 8
+"""The most symbols whose truth is kept."""
+
+
+class Sides(dict[int, tuple[int, int]]):
+    """The rows for which the operands of an operator hold, left and right, by their atoms.
+
+    Args:
+        left: the left operand, without windows.
+        right: the right operand.
+    """
+
+    def __init__(self, left: Node, right: Node) -> None:
+        super().__init__()
+        self._left, self._right = left, right
+
+    def __missing__(self, symbol: int) -> tuple[int, int]:
+        left = ALL_ROWS if _holds(self._left, symbol) else 0
+        found = left, int(_holds(self._right, symbol))
+        if len(self) < _MAX_KEPT:
+            self[symbol] = found
+        return found
+
+
+class _Operands:
+    """The operands of an operator at each state.
+
+    Args:
+        atoms: the atom of each slot.
+        left: the left operand.
+        right: the right operand.
+        kinds: the kinds of the features.
+    """
+
+    def __init__(self, atoms: Sequence[Atom], left: Node, right: Node, kinds: Kinds) -> None:
+        self._atoms, self._kinds = atoms, kinds
+        self._predicates = {
+            slot: predicate(atoms[slot], kinds) for slot in slots(left.mask | right.mask)
+        }
+        self.sides = Sides(left, right)
+
+    @cached_property
+    def read(self) -> Reader:
+        """Reads the truth of the atoms from the values of a state."""
+        return quick_reader(self._atoms, self._kinds, self._predicates)
+
+    def step_of(self, register: Register, careful: Step) -> Step:
+        """Return generated code that takes a state for a register while nothing is unusual."""
+        if len(self._predicates) > MAX_GENERATED:
+            return careful
+        source = ReaderCode()
+        symbol = source.symbol(self._atoms, self._kinds, self._predicates)
+        names = {'careful': careful, 'remember': register.memory.step, 'sides': self.sides}
+        source.names |= {**names, 'ReasoningError': ReasoningError}
+        return cast(
+            'Step',
+            source.run(
+                f"""
+def make():
+    def step(time, values):
+        try:
+            {source.reads}
+            if {source.unusual}: return careful(time, values)
+            left, right = sides[{symbol}]
+        except (KeyError, ReasoningError): return careful(time, values)
+        values[{register.field!r}] = remember(time, left, right) != {register.is_negated}
+    return step
+"""
+            ),
+        )
 
 
 class Register:
@@ -74,76 +143,63 @@ class Register:
         """The gap that it depends on."""
         self.first_state: int | None = None
         """The valid time of the first state."""
-        self.is_bounded = False
-        """True if it has fields for the least and the most favourable states of a gap."""
-        self.is_negated = isinstance(atom.formula, Historically)
+        self.is_negated = is_dual(atom.formula)
         self.kinds = kinds
-        self._store = store
-        self.inner = inner
-        """The registers that its operands depend on."""
         self.operands = operands
-        self._sides = SideReader(operands.atoms, (operands.left, operands.right), kinds)
-        self._bounded_sides: tuple[SideReader, SideReader] = (self._sides, self._sides)
-        # With a gap, the memories of the least and of the most favourable states.
-        self._machines: tuple[Machine, ...] = (_machine(atom.formula),)
-        # The latest error of an operand, and the time of its state.
-        self._error: tuple[ReasoningError, int] | None = None
-
-    @property
-    def has_failed(self) -> bool:
-        """True if it depends on a state with unusable values."""
-        return self._error is not None
-
-    @property
-    def size(self) -> int:
-        """The number of atoms of the operands, and 1."""
-        return 1 + self.mask.bit_count()
+        self.depth: int = 1 + max((each.depth for each in inner), default=0)
+        """The nesting depth of past operators."""
+        self._store, self._inner = store, inner
+        self.memory = memory_of(atom.formula)
+        whole = _Operands(operands.atoms, operands.left, operands.right, kinds)
+        self.sides = whole.sides
+        # After a gap there are two: for the least and for the most favourable missing states.
+        self._branches: tuple[tuple[_Operands, PastMemory], ...] = ((whole, self.memory),)
+        # The latest error of an operand, while the operator depends on it.
+        self._error: ReasoningError | None = None
+        self._quick_step: Step = self._first_step
+        self.step: Step = self._first_step
+        """Takes the time and the values of a state, and sets the fields of the register."""
 
     @property
     def mask(self) -> int:
         """The slots of the atoms of the operands, as bits."""
-        return self._sides.mask
+        return self.operands.left.mask | self.operands.right.mask
 
     @property
-    def machine(self) -> Machine | None:
-        """The memory, unless a gap or an error has an effect; operands must be features then."""
-        is_plain = self.first_state is not None and not self.is_bounded and self._error is None
-        atoms = (self.operands.atoms[slot] for slot in slots(self.mask))
-        if not is_plain or any(isinstance(atom, PastAtom) for atom in atoms):
+    def is_plain(self) -> bool:
+        """True unless a gap or an error has an effect."""
+        return len(self._branches) == 1 and self._error is None
+
+    @cached_property
+    def form(self) -> Any:
+        """What is equal for registers that differ only in their fields; None if it stays single."""
+        operands = self.operands
+        forms = tuple(atom_form(operands.atoms[slot], self.kinds) for slot in slots(self.mask))
+        if None in forms or not 0 < self.mask.bit_length() <= MAX_BATCH_SLOTS:
             return None
-        return self._machines[0]
+        operator = type(self.memory), self.memory.interval, self.is_negated
+        return self.depth, operator, operands.left, operands.right, forms
 
-    def update(self, time: int, values: MutableMapping[str, Any]) -> None:
-        """Take a state, and set the fields of the register."""
-        if self.first_state is None:
-            self.first_state = time
-        if self.is_bounded:
-            self._update_bounds(time, values)
-            return
-        try:
-            left, right = self._sides(values)
-        except ReasoningError as error:
-            values[self.field] = self._failed(error, time)
-            return
-        (machine,) = self._machines
-        found = machine.step(time, left, right) is not self.is_negated
-        values[self.field] = found if self._error is None else self._recovered(time) or found
+    def begin_with(self, memory: PastMemory) -> None:
+        """Take over what a group remembers, before the first step of the register itself."""
+        [(operands, _)] = self._branches
+        self.memory, self._branches = memory, ((operands, memory),)
 
-    def columns(self, recording: Recording) -> dict[str, Array]:
-        """Return the fields of the register at the states of a recording; there is one."""
-        if self.first_state is None:
-            self.first_state = recording.time(0)
-        if self._error is None and not self.is_bounded:
+    def _first_step(self, time: int, values: MutableMapping[str, Any]) -> None:
+        """Take a state, and generate the code that takes the next ones."""
+        [(operands, _)] = self._branches
+        self.step = self._quick_step = operands.step_of(self, self._step_carefully)
+        self.step(time, values)
+
+    def columns(self, recording: Recording) -> Columns:
+        """Return the fields of the register at the states of a recording."""
+        if self.is_plain:
             symbols = RecordedSymbols(recording, range(len(recording)))
-            operands = self.operands
-            sequence = symbols.of_atoms(operands.atoms, self.mask, self.kinds)
+            sequence = symbols.of_atoms(self.operands.atoms, self.mask, self.kinds)
             if len(symbols.states) == len(recording):
-                sides = [
-                    node_truths(node, sequence.truths, len(recording))
-                    for node in (operands.left, operands.right)
-                ]
-                (machine,) = self._machines
-                found = step_many(machine, recording.times, *sides)
+                step, sides = self.memory.step, map(self.sides.__getitem__, sequence.values)
+                pairs = zip(recording.times.tolist(), sides, strict=True)
+                found = np.array([step(time, left, right) for time, (left, right) in pairs])
                 return {self.field: found != self.is_negated}
         return self._columns_one_by_one(recording)
 
@@ -152,117 +208,71 @@ class Register:
         if self.first_state is None or gap.is_empty:
             return
         self.gap = self.gap.join(gap) if self.gap else gap
-        left_is_true = self.operands.left is TRUE
-        least = self._machines[0].bounds_after(gap, left_is_true=left_is_true)[0]
-        most = self._machines[-1].bounds_after(gap, left_is_true=left_is_true)[1]
-        self._machines = (least, most)
-        if not self.is_bounded:
-            self.is_bounded = True
-            self._bounded_sides = self._read_bounds()
+        if len(self._branches) == 1:
+            memories = self.memory, self.memory.of_row(0)
+            self._branches = tuple(zip(self._bounded_operands(), memories, strict=True))
+            self.step = self._step_carefully
+        left_holds = self.operands.left is TRUE
+        for (_, memory), most in zip(self._branches, (False, True), strict=True):
+            memory.miss_states(gap, left_holds=left_holds, most=most)
 
-    def _read_bounds(self) -> tuple[SideReader, SideReader]:
-        """Return readers of the operands for the least and the most favourable states."""
+    def _bounded_operands(self) -> list[_Operands]:
+        """Return the operands for the least and the most favourable states."""
         operands = self.operands
         past = whole_past_atoms(operands.atoms, self.mask)
         count = len(operands.atoms)
         left, right = (
             apart(side, past, count, self._store) for side in (operands.left, operands.right)
         )
-        least, most = (
-            SideReader(bounded_atoms(operands.atoms, count, most=most), (left, right), self.kinds)
+        return [
+            _Operands(bounded_atoms(operands.atoms, count, most=most), left, right, self.kinds)
             for most in (False, True)
-        )
-        return least, most
+        ]
 
-    def _update_bounds(self, time: int, values: MutableMapping[str, Any]) -> None:
+    def _step_carefully(self, time: int, values: MutableMapping[str, Any]) -> None:
+        """Take a state while a gap or an error has an effect."""
+        if not self.memory.needs_lost(time):
+            self._error = None
+            self.step = self._quick_step if self.is_plain else self._step_carefully
         try:
-            sides = [read(values) for read in self._bounded_sides]
+            sides = [each.sides[each.read(values)] for each, _ in self._branches]
         except ReasoningError as error:
-            values[self.field] = values[f'{self.field}-'] = values[f'{self.field}+'] = self._failed(
-                error, time
-            )
+            self._lose(error, time, values)
             return
-        least, most = (
-            machine.step(time, *each) for machine, each in zip(self._machines, sides, strict=True)
-        )
-        if self.is_negated:
-            least, most = not most, not least
-        earlier = self._recovered(time)
-        values[f'{self.field}-'] = earlier or least
-        values[f'{self.field}+'] = earlier or most
-        if self.gap is None or least == most:
-            values[self.field] = earlier or least
-        else:
-            values[self.field] = unknowable(self.gap)
-        first, last = self._machines
+        found = [
+            memory.step(time, left, right) != self.is_negated
+            for (left, right), (_, memory) in zip(sides, self._branches, strict=True)
+        ]
+        least, most = min(found), max(found)
+        known = least if self.gap is None or least == most else unknowable(self.gap)
+        for field, truth in zip(self.fields, (known, least, most), strict=False):
+            values[field] = self._error or truth
         # The operands are known from now on, and the memory is the same whatever was missing.
-        if all(each.gap is None for each in self.inner) and first.is_like(last):  # type: ignore[arg-type]
-            self.gap = None
+        if self.gap and all(each.gap is None for each in self._inner):
+            (_, first), (_, last) = self._branches
+            self.gap = None if first.is_like(last) else self.gap
 
-    def _columns_one_by_one(self, recording: Recording) -> dict[str, Array]:
-        names = {name for atom in self.operands.atoms for name in _fields(atom)}
-        columns = {
-            name: column.tolist() for name, column in recording.columns.items() if name in names
-        }
-        bounds = ('', '-', '+') if self.is_bounded else ('',)
-        found = {f'{self.field}{each}': np.empty(len(recording), object) for each in bounds}
-        for index, time in enumerate(recording.times.tolist()):
-            values = {name: column[index] for name, column in columns.items()}
-            self.update(time, values)
+    def _lose(self, error: ReasoningError, time: int, values: MutableMapping[str, Any]) -> None:
+        """Take a state whose operands have no truth."""
+        self._error, self.step = error, self._step_carefully
+        for _, memory in self._branches:
+            memory.lose(time)
+        values.update(dict.fromkeys(self.fields, error))
+
+    @property
+    def fields(self) -> list[str]:
+        """The fields: of the truth, after a gap also for the least and most favourable states."""
+        bounds = ('', '-', '+')[: 2 * len(self._branches) - 1]
+        return [f'{self.field}{each}' for each in bounds]
+
+    def _columns_one_by_one(self, recording: Recording) -> Columns:
+        names = {name for atom in self.operands.atoms for name in field_names(atom)}
+        found: dict[str, list[Any]] = {field: [] for field in self.fields}
+        for time, values in recording.rows(names):
+            self.step(time, values)
             for name, column in found.items():
-                column[index] = values[name]
-        return {name: _plain(column) for name, column in found.items()}
-
-    def _failed(self, error: ReasoningError, time: int) -> ReasoningError:
-        self._error = error, time
-        for machine in self._machines:
-            machine.clear()
-        return error
-
-    def _recovered(self, time: int) -> ReasoningError | None:
-        """Return the error that the operator still depends on."""
-        if self._error is None:
-            return None
-        error, state = self._error
-        if self._machines[0].reaches(state, time):
-            return error
-        self._error = None
-        return None
-
-
-class SideReader:
-    """Reads the truth of two operands from the values of a state; raises ReasoningError.
-
-    Args:
-        atoms: the atom of each slot.
-        sides: the left and the right operand, without windows.
-        kinds: the kinds of the features.
-    """
-
-    def __init__(self, atoms: Sequence[Atom], sides: tuple[Node, Node], kinds: Kinds) -> None:
-        left, right = sides
-        self.mask = left.mask | right.mask
-        predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(self.mask)}
-        self._read: Callable[[Values], int] = quick_reader(atoms, kinds, predicates)
-        self._left, self._right = left, right
-        self._memo: dict[int, Sides] = {}
-        self._has_memo = self.mask.bit_count() <= _MAX_MEMO_ATOMS
-
-    def __call__(self, values: Values) -> Sides:
-        """Return the truth of the operands at a state."""
-        symbol = self._read(values)
-        found = self._memo.get(symbol)
-        if found is None:
-            found = _holds(self._left, symbol), _holds(self._right, symbol)
-            if self._has_memo:
-                self._memo[symbol] = found
-        return found
-
-
-def _machine(formula: PastFormula) -> Machine:
-    if isinstance(formula, Previous):
-        return PreviousMachine()
-    return SinceMachine(formula.interval.start, formula.interval.end)
+                column.append(values[name])
+        return {name: _vector(column) for name, column in found.items()}
 
 
 def _holds(node: Node, symbol: int) -> bool:
@@ -279,12 +289,15 @@ def _holds(node: Node, symbol: int) -> bool:
             raise AssertionError(node)
 
 
-def _fields(atom: Atom) -> list[str]:
+def field_names(atom: Atom) -> list[str]:
+    """Return the names of the fields that an atom may be read from."""
     if isinstance(atom, PastAtom):
         return [f'{atom.field}{each}' for each in ('', '-', '+')]
     return [field_name(each) for each in fields(atom)]
 
 
-def _plain(column: Array) -> Array:
+def _vector(column: list[Any]) -> Array:
     """Return booleans as such; errors stay objects."""
-    return column.astype(bool) if set(map(type, column)) <= {bool} else column
+    if set(map(type, column)) <= {bool}:
+        return np.array(column, bool)
+    return np.fromiter(column, object, len(column))

@@ -1,0 +1,307 @@
+"""What each operator of the past remembers, over operands that each state decides.
+
+A memory takes the truth of the operands at each state, and returns that of the operator. `once`
+and `historically` are written with `since`: `once F` is `true since F`, and `historically F` is
+`not once not F`.
+
+One memory serves one object or many that differ only in their fields: truth is a set of *rows*, the
+bits of an integer, with a row for each object. A single object has row 0.
+
+After a gap, in which states may be missing, the operator of an object is bounded from both sides by
+two memories: one assumes that the missing states were as favourable as can be, the other that they
+were not.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+from dyknow_common import SyntaxNode
+from dyknow_reasoning.language.formula import Historically, Once, PastFormula, Previous, Since
+from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
+from dyknow_reasoning.progression.gaps import Gap
+
+ALL_ROWS: Final = -1
+
+
+class PastMemory(ABC):
+    """The memory of an operator.
+
+    Args:
+        interval: of the operator, which reaches into the past.
+    """
+
+    __slots__ = ('interval',)
+
+    may_look_forward: ClassVar[bool] = False
+    """True if `progression.memories` progresses operands that contain operators of the future."""
+
+    def __init__(self, interval: Interval) -> None:
+        self.interval = interval
+
+    @abstractmethod
+    def step(self, time: int, left: int, right: int) -> int:
+        """Take the rows for which the operands hold at a state; return those of the operator.
+
+        Args:
+            time: the valid time of the state, in nanoseconds.
+            left: of the left operand; ALL_ROWS for an operator with one operand.
+            right: of the right operand.
+        """
+
+    @abstractmethod
+    def of_row(self, row: int) -> PastMemory:
+        """Return a memory of one of the objects, which steps by itself."""
+
+    def constant(self, *, right: bool) -> bool | None:  # noqa: ARG002
+        """Return the truth of the operator at all states for a constant right operand.
+
+        Return None if it may change.
+        """
+        return None
+
+    @abstractmethod
+    def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:
+        """Take a gap, for one object.
+
+        Args:
+            gap: the gap.
+            left_holds: True if the left operand is true at all states.
+            most: True to assume the most favourable states, False for the least favourable ones.
+        """
+
+    @abstractmethod
+    def lose(self, time: int) -> None:
+        """Take a state whose operands have no truth."""
+
+    @abstractmethod
+    def needs_lost(self, now: int) -> bool:
+        """Return True if the operator at the next state, valid now, depends on a lost state."""
+
+    @abstractmethod
+    def is_like(self, other: PastMemory) -> bool:
+        """Return True if another memory of the operator will always yield the same truth."""
+
+
+class SinceMemory(PastMemory):
+    """The memory of `since` over an interval.
+
+    `since[a, b]` remembers *candidates*: the states at which the right side held, and since which
+    the left side has held. The operator holds at t if one is in [t - b, t - a]. Of the candidates
+    that are at least a old, the youngest suffices: it tells until when the operator holds. Of three
+    candidates that are not, the middle one is redundant if the outer ones are at most b - a apart:
+    when the first is too old, the last is old enough. So the memory of an object depends on
+    a / (b - a), not on the number of states. Without b, the oldest candidate suffices.
+
+    Example, `p since[2, 3] q` for one object, with p always true:
+
+        time    q    younger    ends    holds
+        0       yes  0          none    no
+        1       yes  0, 1       none    no
+        2       no   1          3       yes
+        4       yes  4          4       yes
+        5       no   4          none    no
+    """
+
+    __slots__ = ('_end', '_lost', '_start', 'ends', 'holds', 'younger')
+
+    may_look_forward = True
+
+    def __init__(self, interval: Interval) -> None:
+        super().__init__(interval)
+        self._start, self._end = interval.start, interval.end
+        self.holds = 0
+        """The rows with a candidate that is old enough."""
+        self.ends: deque[tuple[int, int]] = deque()
+        """These rows by the last time at which the youngest such candidate is young enough."""
+        self.younger: deque[tuple[int, int, int]] = deque()
+        """The other candidates as spans of time, of which one may be that of a gap; their rows."""
+        self._lost: int | None = None
+
+    def step(self, time: int, left: int, right: int) -> int:
+        """Take the rows for which the operands hold at a state; return those of the operator."""
+        if self.younger:
+            self._mature(time)
+        ends = self.ends
+        while ends and ends[0][0] < time:
+            self.holds &= ~ends.popleft()[1]
+        found = self.holds
+        if left != ALL_ROWS and (found or self.younger):
+            self._keep(left)
+        if right:
+            if self._start == 0:
+                self._hold(time, right)
+                return found | right
+            self._add(time, time, right)
+        return found
+
+    def _hold(self, candidate: int, rows: int) -> None:
+        """Replace the youngest candidates that are old enough."""
+        if self._end is not None:
+            ends, end = self.ends, candidate + self._end
+            if ends and ends[-1][1] == rows:  # Of one object, this is always so.
+                ends[-1] = end, rows
+                return
+            self._release(rows)
+            ends.append((end, rows))
+        self.holds |= rows
+
+    def _release(self, rows: int) -> None:
+        """Remove candidates that are old enough, mostly young ones."""
+        rows &= self.holds
+        if not rows:
+            return
+        self.holds ^= rows
+        ends = self.ends
+        for place in range(len(ends) - 1, -1, -1):
+            end, found = ends[place]
+            if common := found & rows:
+                ends[place] = end, found ^ common
+                rows ^= common
+                if not rows:
+                    break
+        while ends and not ends[-1][1]:
+            ends.pop()
+
+    def _add(self, first: int, last: int, rows: int) -> None:
+        """Add candidates between two times, none of which is old enough."""
+        younger, end = self.younger, self._end
+        if end is None:
+            rows &= ~self.holds
+            for _, _, waiting in younger:
+                rows &= ~waiting
+        elif len(younger) > 1 and first - younger[-2][1] <= end - self._start:
+            begin, stop, middle = younger.pop()
+            if middle := middle & ~(rows & younger[-1][2]):
+                younger.append((begin, stop, middle))
+        if rows:
+            younger.append((first, last, rows))
+
+    def _mature(self, now: int) -> None:
+        """Find the candidates that are old enough."""
+        younger, limit = self.younger, now - self._start
+        while younger and younger[0][0] <= limit:
+            _, last, rows = younger[0]
+            self._hold(min(last, limit), rows)
+            if last > limit:
+                break
+            younger.popleft()
+
+    def _keep(self, rows: int) -> None:
+        """Remove the candidates of all but some rows."""
+        self._release(~rows)
+        if self.younger:
+            self.younger = deque(
+                [(first, last, kept) for first, last, each in self.younger if (kept := each & rows)]
+            )
+
+    def of_row(self, row: int) -> SinceMemory:
+        """Return a memory of one of the objects, which steps by itself."""
+        found = SinceMemory(self.interval)
+        found.holds, found._lost = self.holds >> row & 1, self._lost
+        found.ends = deque([(end, 1) for end, rows in self.ends if rows >> row & 1])
+        found.younger = deque(
+            [(first, last, 1) for first, last, rows in self.younger if rows >> row & 1]
+        )
+        return found
+
+    def constant(self, *, right: bool) -> bool | None:
+        """Return the truth of the operator at all states for a constant right operand, if any."""
+        return (None if self._start else True) if right else False
+
+    def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:
+        """Take a gap, for one object."""
+        if not most:
+            self._keep(ALL_ROWS if left_holds else 0)
+        elif self._start == 0:
+            self._hold(gap.before - 1, 1)
+        else:
+            self._add(gap.after + 1, gap.before - 1, 1)
+
+    def lose(self, time: int) -> None:
+        """Take a state whose operands have no truth."""
+        self._keep(0)
+        self._lost = time
+
+    def needs_lost(self, now: int) -> bool:
+        """Return True if the operator at the next state, valid now, depends on a lost state."""
+        return self._lost is not None and (self._end is None or now - self._lost <= self._end)
+
+    def is_like(self, other: PastMemory) -> bool:
+        """Return True if another memory of the operator will always yield the same truth."""
+        assert isinstance(other, SinceMemory)  # noqa: S101 - for the type checker
+        mine, others = ((each.holds, each.ends, each.younger) for each in (self, other))
+        return mine == others
+
+
+class PreviousMemory(PastMemory):
+    """The memory of `previous`."""
+
+    __slots__ = ('_is_lost', 'rows')
+
+    may_look_forward = True
+
+    def __init__(self, interval: Interval) -> None:
+        super().__init__(interval)
+        self.rows = 0
+        """The rows for which the operand held at the latest state."""
+        self._is_lost = False
+
+    def step(self, time: int, left: int, right: int) -> int:  # noqa: ARG002
+        """Take the rows for which the operand holds at a state; return those of the operator."""
+        found, self.rows, self._is_lost = self.rows, right, False
+        return found
+
+    def of_row(self, row: int) -> PreviousMemory:
+        """Return a memory of one of the objects, which steps by itself."""
+        found = PreviousMemory(self.interval)
+        found.rows, found._is_lost = self.rows >> row & 1, self._is_lost
+        return found
+
+    def constant(self, *, right: bool) -> bool | None:
+        """Return the truth of the operator at all states for a constant operand, if any."""
+        return None if right else False
+
+    def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:  # noqa: ARG002
+        """Take a gap, for one object."""
+        self.rows = int(most)
+
+    def lose(self, time: int) -> None:  # noqa: ARG002
+        """Take a state whose operand has no truth."""
+        self._is_lost = True
+
+    def needs_lost(self, now: int) -> bool:  # noqa: ARG002
+        """Return True if the operator at the next state depends on a lost state."""
+        return self._is_lost
+
+    def is_like(self, other: PastMemory) -> bool:
+        """Return True if another memory of the operator will always yield the same truth."""
+        assert isinstance(other, PreviousMemory)  # noqa: S101 - for the type checker
+        return self.rows == other.rows
+
+
+_MEMORIES: Final[Mapping[type[SyntaxNode], type[PastMemory]]] = {
+    Historically: SinceMemory,
+    Once: SinceMemory,
+    Since: SinceMemory,
+    Previous: PreviousMemory,
+}
+
+
+def memory_of(formula: PastFormula) -> PastMemory:
+    """Return the memory of an operator before the first state."""
+    return _MEMORIES[type(formula)](interval_of(formula))
+
+
+def interval_of(formula: PastFormula) -> Interval:
+    """Return the interval of an operator; all states for one without."""
+    found: Interval = getattr(formula, 'interval', ALL_FUTURE)
+    return found
+
+
+def is_dual(formula: PastFormula) -> bool:
+    """Return True if the memory is that of the negated operator over the negated operand."""
+    return isinstance(formula, Historically)
