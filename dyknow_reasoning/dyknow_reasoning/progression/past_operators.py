@@ -181,14 +181,14 @@ class SinceMemory(PastMemory):
             younger.append((first, last, rows))
 
     def _mature(self, now: int) -> None:
-        """Find the candidates that are old enough."""
-        younger, limit = self.younger, now - self._start
-        while younger and younger[0][0] <= limit:
-            _, last, rows = younger[0]
-            self._hold(min(last, limit), rows)
-            if last > limit:
-                break
-            younger.popleft()
+        """Find the candidates that are old enough.
+
+        Once the first of a span is, the operator holds until the last is too old.
+        """
+        younger = self.younger
+        while younger and younger[0][0] <= now - self._start:
+            _, last, rows = younger.popleft()
+            self._hold(last, rows)
 
     def _keep(self, rows: int) -> None:
         """Remove the candidates of all but some rows."""
