@@ -188,6 +188,19 @@ def test_the_past_begins_with_the_first_state_of_the_formula() -> None:
     assert not group._monitor.histories.registers
 
 
+def test_later_formulas_have_a_past_of_their_own() -> None:
+    group = started('always (p -> once q)', 'eventually once q')
+    group.progress(0, {'p': True, 'q': True})
+    group.add_formula('late', 'once q')
+    [late] = group.progress(1, {'p': True, 'q': False})
+    assert late.verdict is Verdict.FALSE
+    assert group._monitor is not None
+    histories = group._monitor.histories
+    assert len(histories.registers) == 1
+    assert not group.progress(2, {'p': True, 'q': False})
+    assert [unit.fields for unit in histories._units] == [list(histories.registers)]
+
+
 def test_a_kept_history_is_that_of_later_formulas() -> None:
     text = 'once[0, 5 ns] q'
     group = FormulaGroup()
