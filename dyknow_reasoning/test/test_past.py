@@ -42,6 +42,7 @@ from dyknow_reasoning.language.formula import (
     Since,
 )
 from dyknow_reasoning.language.terms import Feature, Truth
+from dyknow_reasoning.progression.past_operators import ALL_ROWS, SinceMemory
 
 CASES = random_cases(200)
 
@@ -111,6 +112,7 @@ def trace_of(times: str, **columns: str) -> Trace:
         ('q or (p and (p since q))', '0 1 2 3', '0101', '1001', '1101'),
         ('q or (p and (p since q))', '0 1 2 3', '0110', '1000', '1110'),
         ('once[1 ns, 2 ns] (p and previous q)', '0 1 2 3 4', '01000', '10000', '00110'),
+        ('(once (p and previous q)) or (once (p and once q))', '0 1 2 3', '0010', '1000', '0011'),
         ('historically (p -> once[0, 2 ns] q)', '0 1 3 4', '0110', '1000', '1100'),
     ],
 )
@@ -186,6 +188,19 @@ def test_the_past_begins_with_the_first_state_of_the_formula() -> None:
     assert not group._monitor.histories.registers
 
 
+def test_later_formulas_have_a_past_of_their_own() -> None:
+    group = started('always (p -> once q)', 'eventually once q')
+    group.progress(0, {'p': True, 'q': True})
+    group.add_formula('late', 'once q')
+    [late] = group.progress(1, {'p': True, 'q': False})
+    assert late.verdict is Verdict.FALSE
+    assert group._monitor is not None
+    histories = group._monitor.histories
+    assert len(histories.registers) == 1
+    assert not group.progress(2, {'p': True, 'q': False})
+    assert [unit.fields for unit in histories._units] == [list(histories.registers)]
+
+
 def test_a_kept_history_is_that_of_later_formulas() -> None:
     text = 'once[0, 5 ns] q'
     group = FormulaGroup()
@@ -253,6 +268,17 @@ def test_memory_does_not_grow_with_states() -> None:
     assert group._monitor is not None
     for register in group._monitor.histories.registers.values():
         assert len(getattr(register.memory, 'younger', ())) <= 3
+
+
+@pytest.mark.parametrize(
+    ('interval', 'most'), [(Interval(10, None), 1), (Interval(10, 12), 6), (Interval(10, 20), 3)]
+)
+def test_candidates_that_are_not_needed_are_dropped(interval: Interval, most: int) -> None:
+    memory = SinceMemory(interval)
+    for time in range(100):
+        assert memory.step(time, ALL_ROWS, 1) == (time >= interval.start)
+        assert len(memory.younger) <= most
+        assert len(memory.ends) <= 1
 
 
 def test_a_past_operator_over_a_future_one_keeps_what_its_window_needs() -> None:
@@ -389,6 +415,8 @@ Q = {'p': False, 'q': True}
         # A p may have been missing for a while: no alarm before it would be too old.
         ('always (q -> once[0, 5 ms] p)', [(0, P)], [(9, Q), (13, Q), (14, Q)], ('false', 14)),
         ('always (q -> once[0, 5 ms] p)', [(0, P)], [(9, P), (13, Q), (14, Q)], None),
+        # Some of the missing states are old enough at the first state, others later.
+        ('always (q -> once[2 ms, 5 ms] p)', [(0, P)], [(9, Q), (13, Q), (14, Q)], ('false', 14)),
         ('eventually historically[0, 5 ms] p', [(0, Q)], [(9, P), (13, P), (14, P)], ('true', 14)),
         ('eventually once p', [(0, NOT_P)], [(9, NOT_P), (10, P)], ('true', 10)),
         ('always historically p', [(0, P)], [(9, P), (10, NOT_P)], ('false', 10)),
@@ -436,6 +464,21 @@ def test_a_history_with_a_gap_is_known_again_after_its_window() -> None:
     assert found[:3] == ['error', 'error', ('FALSE', "'p' ")]
     assert found[3:] == [('TRUE', "'p' "), ('TRUE', "'p' ")]
     assert 'missing' not in result.explanation
+
+
+def test_a_history_depends_on_the_gap_as_long_as_that_of_its_operands() -> None:
+    text = 'once[0, 1 ns] once[5 ns, 9 ns] p'
+    group = FormulaGroup()
+    group.begin({})
+    group.keep_history(text)
+    group.progress(0, NOT_P)
+    group.gap()
+    found = []
+    for time in (3, 4, 5, 6):
+        group.add_formula('it', text)
+        [result] = group.progress(time, NOT_P)
+        found.append('error' if result.error else result.verdict.name)
+    assert found == ['error', 'FALSE', 'FALSE', 'error']
 
 
 @settings(max_examples=random_cases(65), deadline=None, suppress_health_check=list(HealthCheck))

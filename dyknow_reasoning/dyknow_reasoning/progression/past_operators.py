@@ -145,15 +145,14 @@ class SinceMemory(PastMemory):
             if ends and ends[-1][1] == rows:  # Of one object, this is always so.
                 ends[-1] = end, rows
                 return
-            self._release(rows)
+            if self.holds & rows:
+                self._release(rows)
             ends.append((end, rows))
         self.holds |= rows
 
     def _release(self, rows: int) -> None:
         """Remove candidates that are old enough, mostly young ones."""
         rows &= self.holds
-        if not rows:
-            return
         self.holds ^= rows
         ends = self.ends
         for place in range(len(ends) - 1, -1, -1):
@@ -161,8 +160,8 @@ class SinceMemory(PastMemory):
             if common := found & rows:
                 ends[place] = end, found ^ common
                 rows ^= common
-                if not rows:
-                    break
+            if not rows:
+                break
         while ends and not ends[-1][1]:
             ends.pop()
 
@@ -181,17 +180,22 @@ class SinceMemory(PastMemory):
             younger.append((first, last, rows))
 
     def _mature(self, now: int) -> None:
-        """Find the candidates that are old enough."""
-        younger, limit = self.younger, now - self._start
-        while younger and younger[0][0] <= limit:
-            _, last, rows = younger[0]
-            self._hold(min(last, limit), rows)
-            if last > limit:
-                break
-            younger.popleft()
+        """Find the candidates that are old enough.
+
+        Once the first of a span is, the operator holds until the last is too old.
+        """
+        younger = self.younger
+        while younger and younger[0][0] <= now - self._start:
+            _, last, rows = younger.popleft()
+            self._hold(last, rows)
 
     def _keep(self, rows: int) -> None:
         """Remove the candidates of all but some rows."""
+        if not rows:
+            self.holds = 0
+            self.ends.clear()
+            self.younger.clear()
+            return
         self._release(~rows)
         if self.younger:
             self.younger = deque(

@@ -205,7 +205,7 @@ class Register:
 
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""
-        if self.first_state is None or gap.is_empty:
+        if gap.is_empty:
             return
         self.gap = self.gap.join(gap) if self.gap else gap
         if len(self._branches) == 1:
