@@ -213,7 +213,8 @@ def test_a_signal_ends_the_node_and_its_workers_during_a_query(nodes: Nodes) -> 
     workers = Path(f'/proc/{before}/task/{before}/children').read_text().split()
     nodes.processes[ONTOLOGY].send_signal(signal.SIGTERM)
     assert nodes.processes[ONTOLOGY].wait(5.0) == 0
-    assert not future.done()
+    # Where the processor is busy, the query may have reached its limit before the signal.
+    assert not future.done() or future.result().exit_status.code == TIMEOUT
     nodes.client.spin_until(
         lambda: not any(Path('/proc', each).exists() for each in workers), 'the workers end'
     )
