@@ -123,6 +123,13 @@ def wait_for_standby(system: System, former: Iterable[str] = ()) -> set[str]:
         'a standby',
         pause=POLL,
     )
+    # The reasoning engine keeps the states of the standby from its subscription on.
+    count = system.client.node.count_subscribers
+    system.client.spin_until(
+        lambda: all(count(f'/dyknow/streams/{each}') for each in found()),
+        'subscriptions to all states',
+        pause=POLL,
+    )
     made = system.batteries.stamp
     system.client.spin_until(lambda: system.batteries.stamp > made + SECOND, 'states of it')
     return found()

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import pytest
 
+from dyknow_stream_processing.ros.topics.node_topics import _in_time
 from dyknow_stream_processing.ros.topics.process_pauses import ProcessPauses
+from dyknow_stream_processing.ros.topics.topic_feed import ReceivedMessage
 
 MS = 1_000_000
 
@@ -59,3 +63,16 @@ def test_a_request_has_waited_no_longer_than_the_pause(pauses: ProcessPauses) ->
     for time in range(5500, 17000, 50):
         pauses.note_sign_of_life(time * MS)
     assert pauses.delay(3000 * MS, 17000 * MS) == 0
+
+
+@pytest.mark.parametrize(
+    ('stamp', 'sent_at', 'receipt'),
+    [(1000, 1800, 1800), (1000, 0, 1000), (None, 1800, 1800), (1000, 9000, 5000), (200, 300, 500)],
+)
+def test_no_message_was_received_before_it_was_sent(
+    stamp: int | None, sent_at: int, receipt: int
+) -> None:
+    """The clock of a sender that was stopped between stamp and sending seemed to be ahead."""
+    feed = Mock(listeners=(Mock(valid_time=lambda _: stamp),))
+    message = ReceivedMessage(feed, None, None, receipt_time=5000, sent_at=sent_at)
+    assert [each.receipt_time for each in _in_time([message], 500)] == [receipt]

@@ -223,7 +223,7 @@ class NodeTopics:
 def _in_time(messages: Iterable[ReceivedMessage], began: int) -> Iterator[ReceivedMessage]:
     """Give messages the earliest times, from the begin of a pause on, at which they may have come.
 
-    A message without a stamp cannot have come before it was sent. The messages of a topic stay in
+    A message cannot have come before it was stamped and sent. The messages of a topic stay in
     order, whatever their stamps are.
     """
     latest: dict[TopicFeed, int] = {}
@@ -231,6 +231,6 @@ def _in_time(messages: Iterable[ReceivedMessage], began: int) -> Iterator[Receiv
         feed, time_ns = message.feed, message.receipt_time
         stamps = (each.valid_time(message.message) for each in feed.listeners)
         if stamp := next(stamps, None) or message.sent_at:
-            time_ns = min(time_ns, max(stamp, began))
+            time_ns = min(time_ns, max(stamp, message.sent_at, began))
         latest[feed] = max(time_ns, latest.get(feed, time_ns))
         yield message._replace(receipt_time=latest[feed])
