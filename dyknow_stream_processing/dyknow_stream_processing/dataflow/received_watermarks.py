@@ -42,8 +42,8 @@ class ReceivedWatermarks:
     """
 
     def __init__(self) -> None:
-        self.stream_id = 0
-        """The stream that the topic has or is expected to have; 0 if that is unknown."""
+        # The stream that the topic has or is expected to have; 0 if that is unknown.
+        self._stream_id = 0
         self._is_expected = False
         self._former: set[int] = set()
         self._number: int | None = None
@@ -58,10 +58,10 @@ class ReceivedWatermarks:
         """
         if stream_id in self._former:
             return SampleOrigin.FORMER
-        if stream_id == self.stream_id:
+        if stream_id == self._stream_id:
             return SampleOrigin.SAME
-        origin = SampleOrigin.RECREATED if self.stream_id else SampleOrigin.SAME
-        self.stream_id, self._held, self._is_expected = stream_id, None, True
+        origin = SampleOrigin.RECREATED if self._stream_id else SampleOrigin.SAME
+        self._stream_id, self._held, self._is_expected = stream_id, None, True
         self._number, self._overtaken = None, 0
         return origin
 
@@ -72,12 +72,12 @@ class ReceivedWatermarks:
         if stream_id in self._former:
             return SampleOrigin.FORMER
         origin = SampleOrigin.SAME
-        if stream_id != self.stream_id:
-            if self.stream_id:
+        if stream_id != self._stream_id:
+            if self._stream_id:
                 origin = SampleOrigin.RECREATED
                 if not self._is_expected:
-                    self._former.add(self.stream_id)
-            self.stream_id, self._held = stream_id, None
+                    self._former.add(self._stream_id)
+            self._stream_id, self._held = stream_id, None
         self._number, self._overtaken, self._is_expected = number, 0, False
         return origin
 
@@ -87,9 +87,9 @@ class ReceivedWatermarks:
         Returns:
             The number of samples that are lost.
         """
-        if self.stream_id == 0 and stream_id not in self._former:
-            self.stream_id = stream_id
-        if stream_id != self.stream_id:
+        if self._stream_id == 0 and stream_id not in self._former:
+            self._stream_id = stream_id
+        if stream_id != self._stream_id:
             return 0
         self._held, self._is_expected = _Watermark(number, watermark), False
         if number <= (self._number or 0):
