@@ -29,6 +29,7 @@ from dyknow_common.ros import (
     DyKnowNode,
     RemoteNode,
     constraints_to_message,
+    nanoseconds_to_time,
 )
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_stream_processing import in_namespace
@@ -137,10 +138,12 @@ class ServiceClients:
         result_topic: str,
         *,
         gap: bool = False,
+        doubtful_from: int = 0,
     ) -> None:
         """Start the evaluation of a group, or switch it to another topic of states.
 
-        If there is a gap, states may be missing between the two topics.
+        If there is a gap, states may be missing between the two topics; if the other one is the
+        standby, states from the valid time `doubtful_from` (in nanoseconds) on may be wrong.
         """
         await self._call_group(
             FormulaGroupEvaluate,
@@ -149,6 +152,7 @@ class ServiceClients:
             state_stream=state_stream,
             result_topic=result_topic,
             gap=gap,
+            doubtful_from=nanoseconds_to_time(doubtful_from),
         )
 
     async def keep_states(self, group_id: int, topic: str) -> None:

@@ -7,13 +7,17 @@ from typing import Any
 from unittest.mock import AsyncMock, MagicMock
 
 import pytest
+from dyknow_interfaces.msg import ConstraintViolation
 
 from dyknow_common import ExitCode, StreamConstraints
+from dyknow_common.ros import nanoseconds_to_time
 from dyknow_coordinator import CoordinationError, Grounding
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
+from dyknow_coordinator.ros.evaluation.standby import TakenStandby
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
 from dyknow_coordinator.ros.evaluation.state_supervisor import StateSupervisor
+from dyknow_stream_processing import ViolationKind
 
 POWER = 'Power[uav1]'
 
@@ -62,6 +66,28 @@ def test_a_better_stream_that_comes_with_the_verdict_is_not_used() -> None:
     (improve,) = spawned
     asyncio.run(improve())
     context.clients.create_stream.assert_not_called()
+
+
+def test_a_take_over_tells_from_when_on_former_states_are_doubtful() -> None:
+    context = MagicMock()
+    context.wall_time.return_value = context.wall_time_s.return_value = 0
+    context.clients.evaluate_group = AsyncMock()
+    spawned: list[Any] = []
+    context.node.spawn = spawned.append
+    found = _candidates('a', 'b')
+    inputs = FormulaInputs((), Grounding.AUTO, (POWER,), found, {}, StreamConstraints())
+    supervisor = StateSupervisor(context, 7, 'states_1', inputs, MagicMock())
+    standby = MagicMock(topic='/states_2')
+    supervisor._standby = MagicMock()
+    supervisor._standby.take.return_value = TakenStandby(standby, ())
+    for valid_time in (6, 5, 7):
+        violation = ConstraintViolation(constraint=ViolationKind.SOURCE, stream_name='a')
+        violation.valid_time = nanoseconds_to_time(valid_time)
+        supervisor._on_violation(supervisor.stream, violation)
+    (recover,) = spawned
+    asyncio.run(recover())
+    ((_, kinds),) = context.clients.evaluate_group.call_args_list
+    assert kinds == {'gap': True, 'doubtful_from': 5}
 
 
 def _candidates(*streams: str) -> Candidates:

@@ -173,6 +173,7 @@ class GroupEvaluation:
         result_topic: str,
         *,
         gap: bool,
+        doubtful_from: int = 0,
     ) -> None:
         """Change to another state stream, or cancel a change by naming the present one.
 
@@ -181,16 +182,20 @@ class GroupEvaluation:
             state_stream: the topic of the new states.
             result_topic: empty, or the result topic of the evaluation.
             gap: True if states may be missing between those of the two streams; for the standby,
-                if a violation may make states doubtful of which it is not known from when on.
+                if the present stream is violated.
+            doubtful_from: the valid time from which on states of a violated stream are doubtful.
 
         Raises:
             ReasoningError: for an invalid topic name, or other domains or another result topic.
         """
         absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
         self._inputs.check(domains, result_topic)
-        await self._work.run(lambda: self._change_stream(state_stream, gap=gap))
+        await self._work.run(
+            lambda: self._change_stream(state_stream, doubtful_from if gap else None)
+        )
 
-    def _change_stream(self, state_stream: str, *, gap: bool) -> None:
+    def _change_stream(self, state_stream: str, doubtful_from: int | None) -> None:
+        gap = doubtful_from is not None
         if self._is_destroyed:
             return
         if self._next:
@@ -200,19 +205,21 @@ class GroupEvaluation:
         if is_current and not (gap or self._pause):
             return
         if self._standby and self._standby.topic == state_stream:
-            self._take_over(gap=gap)
+            self._take_over(doubtful_from)
             return
         self._next = self._subscribe(state_stream)
         if self._latest is None or gap or self._pause:
             self._switch()
 
-    def _take_over(self, *, gap: bool) -> None:
+    def _take_over(self, doubtful_from: int | None) -> None:
         """Change to the standby, and use its kept states unless former ones may be wrong."""
         self._next, self._standby = self._standby, None
-        doubtful_from = self._current.doubtful_from if self._current else None
-        if doubtful_from is not None:
-            gap = self._latest is not None and doubtful_from <= self._latest
-        self._queue = [] if gap else self._kept.take()
+        # Of the same violation, the request or the message may come first.
+        known = (doubtful_from, self._current.doubtful_from if self._current else None)
+        is_doubtful = self._latest is not None and any(
+            each is not None and each <= self._latest for each in known
+        )
+        self._queue = [] if is_doubtful else self._kept.take()
         self._switch()
 
     def set_standby(self, topic: str) -> None:

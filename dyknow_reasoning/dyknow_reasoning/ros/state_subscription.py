@@ -17,8 +17,12 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_stream_processing import ViolationKind
-from dyknow_stream_processing.ros import SequenceGaps, publishers_of, sample_valid_time
+from dyknow_stream_processing.ros import (
+    SequenceGaps,
+    doubtful_from,
+    publishers_of,
+    sample_valid_time,
+)
 
 VIOLATIONS_SUFFIX: Final = '/violations'
 """The end of the topic of the violations of a stream, after the topic of its samples."""
@@ -135,9 +139,7 @@ class StateSubscription:
         # The topic is latched: violations before the subscription are ignored.
         if time_to_nanoseconds(message.available_time) >= self._start_time:
             self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
-            # By a wrong clock, all states may have wrong times.
-            is_clock = message.constraint == ViolationKind.CLOCK
-            doubtful_from = 0 if is_clock else self.breach.valid_time
-            if self.doubtful_from is None or doubtful_from < self.doubtful_from:
-                self.doubtful_from = doubtful_from
+            begin = doubtful_from(message)
+            if self.doubtful_from is None or begin < self.doubtful_from:
+                self.doubtful_from = begin
             self._on_breach(self, self.breach)

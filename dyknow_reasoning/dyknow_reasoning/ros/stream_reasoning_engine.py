@@ -17,7 +17,15 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import SECOND_NS, ExitCode, listed, shortened
-from dyknow_common.ros import LATCHED_HISTORY, LONG_TIMEOUT_S, REPORTS, Background, DyKnowNode, run
+from dyknow_common.ros import (
+    LATCHED_HISTORY,
+    LONG_TIMEOUT_S,
+    REPORTS,
+    Background,
+    DyKnowNode,
+    run,
+    time_to_nanoseconds,
+)
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.notes import notes_on
@@ -140,7 +148,11 @@ class StreamReasoningEngine(DyKnowNode):
                 'request without state_stream'
             )
         elif evaluation.has_begun:
-            await evaluation.change_stream(*arguments, gap=request.gap)
+            await evaluation.change_stream(
+                *arguments,
+                gap=request.gap,
+                doubtful_from=time_to_nanoseconds(request.doubtful_from),
+            )
         else:
             self._check_parts(evaluation.group.parts_for(domains))
             await evaluation.begin(*arguments)

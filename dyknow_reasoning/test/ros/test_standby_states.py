@@ -87,8 +87,11 @@ class Group:
         message = ConstraintViolation(constraint=kind, valid_time=stamp, available_time=stamp)
         self.streams[topic]._on_violation(message, None)
 
-    def take_over(self, *, gap: bool = False) -> None:
-        run_to_end(self.evaluation.change_stream({}, '/standby', '', gap=gap))
+    def take_over(self, *, gap: bool = False, doubtful_from: int = 0) -> None:
+        change = self.evaluation.change_stream(
+            {}, '/standby', '', gap=gap, doubtful_from=doubtful_from
+        )
+        run_to_end(change)
         self._drain()
 
     def _drain(self) -> None:
@@ -190,7 +193,8 @@ def test_states_that_a_violation_makes_doubtful(
         group.state('/standby', each)
     group.violate('/former', valid_time, kind)
     group.state('/former', 3)
-    group.take_over(gap=gap)
+    doubtful_from = 0 if kind == ViolationKind.CLOCK else valid_time
+    group.take_over(gap=gap, doubtful_from=doubtful_from)
     assert group.progressed == expected
     group.state('/standby', 5)
     assert group.progressed == [*expected, 5]
@@ -205,12 +209,17 @@ def test_the_earliest_of_several_violations_counts(group: Group) -> None:
     assert group.progressed == [2, 'gap']
 
 
-def test_a_violation_that_has_not_arrived_yet_gives_a_gap(group: Group) -> None:
-    """It is not known from when on it concerns states."""
+@pytest.mark.parametrize(
+    ('doubtful_from', 'expected'), [(3, [2, 3]), (2, [2, 'gap']), (0, [2, 'gap'])]
+)
+def test_a_request_may_overtake_the_violation(
+    group: Group, doubtful_from: int, expected: list[int | str]
+) -> None:
     group.state('/former', 2)
-    group.state('/standby', 2)
-    group.take_over(gap=True)
-    assert group.progressed == [2, 'gap']
+    for each in (2, 3):
+        group.state('/standby', each)
+    group.take_over(gap=True, doubtful_from=doubtful_from)
+    assert group.progressed == expected
 
 
 def test_states_of_a_standby_that_broke_a_constraint_are_not_used(group: Group) -> None:

@@ -14,6 +14,7 @@ from dyknow_stream_processing.ros.messages.message_values import (
 )
 from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleWriter,
+    doubtful_from,
     sample_fields,
     sample_to_message,
     sample_valid_time,
@@ -43,6 +44,7 @@ __all__ = [
     'SequenceGaps',
     'StreamProxy',
     'check_fields',
+    'doubtful_from',
     'extractor',
     'find_publication',
     'is_pause_recent',

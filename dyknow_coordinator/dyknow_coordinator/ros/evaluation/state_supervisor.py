@@ -49,6 +49,7 @@ from dyknow_coordinator.ros.evaluation.state_stream import (
     StateStream,
 )
 from dyknow_stream_processing import ViolationKind
+from dyknow_stream_processing.ros import doubtful_from
 
 RESUME_TIMEOUT_S: Final = 2.0
 """Time within which other streams must replace those that failed."""
@@ -104,6 +105,7 @@ class StateSupervisor:
         self._choice = SourceChoice()
         self._standby = Standby(context, group_id, inputs.constraints, self._new_stream)
         self._faults: list[StateFault] = []
+        self._doubtful_from: int | None = None
         self._settled_at_s = 0.0
         self._obstacle = ''
         """Why the last attempt to recover has failed."""
@@ -209,6 +211,9 @@ class StateSupervisor:
         self._standby.note_violation(stream, violation)
         if self._is_obsolete(stream):
             return
+        begin = doubtful_from(violation)
+        if self._doubtful_from is None or begin < self._doubtful_from:
+            self._doubtful_from = begin
         if violation.constraint in TRANSIENT:
             error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
             if violation.constraint == ViolationKind.SOURCE:
@@ -301,10 +306,10 @@ class StateSupervisor:
 
     async def _take_over(self, standby: TakenStandby) -> None:
         """Switch to the standby; without a gap if its states allow it and former ones are right."""
-        is_violated = not all(each.transient for each in self._faults)
+        doubtful = self._doubtful_from
         self._destroy_streams()
         self.stream, self.chosen = standby
-        await self._evaluate(self.stream, gap=is_violated)
+        await self._evaluate(self.stream, gap=doubtful is not None, doubtful_from=doubtful or 0)
 
     def _give_up(self) -> None:
         if self._faults and not self._has_ended:
@@ -356,6 +361,7 @@ class StateSupervisor:
         for stream in (self.stream, *self._others):
             stream.destroy()
         self._others.clear()
+        self._doubtful_from = None
 
     async def _create(
         self, stream: StateStream, chosen: tuple[FeatureSource, ...], *, gap: bool
@@ -371,7 +377,7 @@ class StateSupervisor:
         except CoordinationError:
             return False
 
-    async def _evaluate(self, stream: StateStream, *, gap: bool) -> None:
+    async def _evaluate(self, stream: StateStream, *, gap: bool, doubtful_from: int = 0) -> None:
         """Have the reasoning engine evaluate the group over a state stream."""
         await self._context.clients.evaluate_group(
             self._group_id,
@@ -379,6 +385,7 @@ class StateSupervisor:
             stream.topic,
             self._context.results.topic,
             gap=gap,
+            doubtful_from=doubtful_from,
         )
 
     async def _retire(self, former: StateStream) -> None:

@@ -14,6 +14,7 @@ from dyknow_common import SECOND_NS, Value, ValueType
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
+from dyknow_stream_processing.violation import ViolationKind
 
 MAX_DIGITS: Final = 100
 """The number of characters of an integer: a longer one may be too large for a float."""
@@ -106,6 +107,17 @@ def sample_valid_time(message: Any) -> int:
     if isinstance(message, Sample):
         return message.valid_time
     return time_to_nanoseconds(message.valid_time)
+
+
+def doubtful_from(violation: Any) -> int:
+    """Return the valid time from which on a violation makes samples doubtful, in nanoseconds.
+
+    Args:
+        violation: a ConstraintViolation message.
+    """
+    # By a wrong clock, all samples may have wrong times.
+    is_clock = violation.constraint == ViolationKind.CLOCK
+    return 0 if is_clock else time_to_nanoseconds(violation.valid_time)
 
 
 def sample_fields(message: Any) -> dict[str, Value]:
