@@ -43,6 +43,8 @@ from dyknow_common.ros.throttle import LogOnce, Throttle
 from dyknow_common.ros.time_messages import (
     constraints_from_message,
     constraints_to_message,
+    identities_from_message,
+    identities_to_message,
     margin_from_message,
     margin_to_message,
     nanoseconds_to_duration,
@@ -102,6 +104,8 @@ __all__ = [
     'constraints_to_message',
     'fill_exit_status',
     'full_name',
+    'identities_from_message',
+    'identities_to_message',
     'is_time_simulated',
     'margin_from_message',
     'margin_to_message',

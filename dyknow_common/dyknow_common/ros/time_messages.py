@@ -1,12 +1,14 @@
-"""Conversion between messages and the times, constraints and margins of the core."""
+"""Conversion between messages and the times, constraints, ids and margins of the core."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from dyknow_interfaces.msg import Margin as MarginMessage
 from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
+from dyknow_interfaces.msg import StreamIdentity
 
 from dyknow_common.constraints import CONSTRAINT_KINDS, ConstraintKind, StreamConstraints
 from dyknow_common.durations import SECOND_NS
@@ -64,6 +66,16 @@ def constraints_to_message(constraints: StreamConstraints) -> Any:
             for name, value in constraints.given().items()
         }
     )
+
+
+def identities_from_message(message: Iterable[Any]) -> dict[str, int]:
+    """Return the ids of streams by their topics; a StreamIdentity with the id 0 states none."""
+    return {each.topic: each.stream_id for each in message if each.stream_id}
+
+
+def identities_to_message(identities: Mapping[str, int]) -> list[Any]:
+    """Return StreamIdentity messages."""
+    return [StreamIdentity(topic=topic, stream_id=number) for topic, number in identities.items()]
 
 
 def margin_to_message(margin: Margin | None) -> Any:

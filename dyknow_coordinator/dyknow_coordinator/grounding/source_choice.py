@@ -148,6 +148,11 @@ def worst_fault(faults: Sequence[StateFault]) -> StateFault:
     return next((each for each in reversed(faults) if not each.transient), faults[-1])
 
 
+def describe_sources(chosen: Iterable[FeatureSource]) -> str:
+    """Return the sources that states are made of, for clients."""
+    return f'states are made of {", ".join(sorted(map(str, chosen)))}'
+
+
 def describe_violation(message: str, constraint: str, observed: int, allowed: int) -> str:
     """Return the description of a violation for clients; durations are in nanoseconds."""
     measured = (

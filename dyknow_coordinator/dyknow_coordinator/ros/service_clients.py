@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
-from dyknow_interfaces.msg import Domain, StreamIdentity, StreamSpec
+from dyknow_interfaces.msg import Domain, StreamSpec
 from dyknow_interfaces.srv import (
     ConceptGetInstances,
     FindAllMatchingStreams,
@@ -29,6 +29,7 @@ from dyknow_common.ros import (
     DyKnowNode,
     RemoteNode,
     constraints_to_message,
+    identities_to_message,
     nanoseconds_to_time,
 )
 from dyknow_coordinator.errors import CoordinationError
@@ -181,7 +182,7 @@ class ServiceClients:
                 ),
                 constraints=constraints_to_message(constraints),
             ),
-            sources=[StreamIdentity(topic=each, stream_id=sources[each]) for each in sources],
+            sources=identities_to_message(sources),
         )
         return str(response.stream_topic), str(response.stream_constraint_violation_topic)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
 from typing import Any
@@ -13,7 +13,7 @@ from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 from dyknow_interfaces.msg import Symbol as SymbolMessage
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, shortened
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, listed, shortened
 from dyknow_common.ros import (
     LATCHED_HISTORY,
     Background,
@@ -26,7 +26,6 @@ from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.ros.episode_reports import EpisodeReports
-from dyknow_reasoning.ros.fixed_inputs import FixedInputs
 from dyknow_reasoning.ros.group_work import (
     HEAVY_PARTS,
     HEAVY_STEP_S,
@@ -46,6 +45,38 @@ from dyknow_reasoning.standby_states import StandbyStates, continue_from
 from dyknow_stream_processing.ros import sample_fields
 
 _MAX_EVENTS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class FixedInputs:
+    """The domains of a group, and the topic of its results.
+
+    Args:
+        domains: the objects of each sort.
+        result_topic: the topic of the results; empty before the evaluation.
+    """
+
+    domains: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    result_topic: str = ''
+
+    def check(self, domains: Mapping[str, Sequence[str]], result_topic: str) -> None:
+        """Check that a request gives the same ones, or none.
+
+        Raises:
+            ReasoningError: naming the sort with other objects, or the topic.
+        """
+        for sort, objects in domains.items():
+            if objects != self.domains.get(sort):
+                was = listed(self.domains.get(sort, ())) or 'none'
+                raise ReasoningError(
+                    f"domains: the objects of the sort '{sort}' are fixed while the group is "
+                    f'evaluated ({was}); make a new group for others'
+                )
+        if result_topic not in {'', self.result_topic}:
+            raise ReasoningError(
+                f"result_topic: the group publishes its results on '{self.result_topic}' as long "
+                f"as it is evaluated, not on '{result_topic}'"
+            )
 
 
 class GroupEvaluation:

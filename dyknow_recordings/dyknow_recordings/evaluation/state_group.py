@@ -24,13 +24,14 @@ from dyknow_coordinator import (
     SourceChoice,
     StateFault,
     SymbolGrounding,
+    describe_sources,
+    describe_violation,
     silent_topics,
     state_specification,
     worst_fault,
 )
 from dyknow_reasoning import continue_from
 from dyknow_recordings.evaluation.episodes import EpisodeGroup
-from dyknow_recordings.evaluation.states.descriptions import sources_text, violation_text
 from dyknow_recordings.evaluation.states.standby import GroupStream, RecordedStandby, StandbyStream
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import END, LostMessages
@@ -175,10 +176,10 @@ class StateGroup:
                 break
             del self._faults[:count]
             self._latest_error = fault.error
-            self.episodes.add_event(f'{fault.error.message}; {sources_text(chosen)}')
+            self.episodes.add_event(f'{fault.error.message}; {describe_sources(chosen)}')
         if self._standby.can_improve and (better := self._standby.take(now)):
             self._take_over(better, now)
-            made_of = sources_text(better.chosen)
+            made_of = describe_sources(better.chosen)
             self.episodes.add_event(f'other streams are better now; {made_of}')
         self._renew_standby(now)
         # States that are only observed any more are not made of other streams.
@@ -240,7 +241,7 @@ class StateGroup:
             return
         # What would pass for an undecided formula may be one whose states have failed.
         if self._silence is not None:
-            text = violation_text(self._silence[1])
+            text = _describe(self._silence[1])
             self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
         elif self._is_in_gap and not self.episodes.has_losses:
             reason = self._streams.waits_for(self._stream, start - 1) or 'no state has come since'
@@ -360,7 +361,7 @@ class StateGroup:
         self._is_paused = True
         self.episodes.add_violation(violation)
         if violation.constraint in TRANSIENT:
-            error = CoordinationError(violation_text(violation), ExitCode.UNAVAILABLE)
+            error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
             self._interrupt(StateFault(error, transient=True))
         elif violation.stream_name == self._stream:
             self._silence = self._silence or (violation.available_time + REPORT_NS, violation)
@@ -382,7 +383,7 @@ class StateGroup:
         )
 
     def _replace(self, sources: Sequence[FeatureSource], violation: Violation) -> None:
-        error = CoordinationError(violation_text(violation), ExitCode.CONSTRAINT_VIOLATION)
+        error = CoordinationError(_describe(violation), ExitCode.CONSTRAINT_VIOLATION)
         # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
         self._exclude(sources or self._chosen, violation.available_time)
         self._interrupt(StateFault(error, transient=False))
@@ -394,3 +395,10 @@ class StateGroup:
     def _interrupt(self, fault: StateFault) -> None:
         self._faults.append(fault)
         self._on_fault()
+
+
+def _describe(violation: Violation) -> str:
+    """Return the description of a violation, as the coordinator describes it."""
+    return describe_violation(
+        violation.message, violation.constraint, violation.observed, violation.allowed
+    )

@@ -24,6 +24,7 @@ from dyknow_common.ros import (
     Throttle,
     absolute_topic,
     constraints_from_message,
+    identities_from_message,
     run,
 )
 from dyknow_stream_processing.errors import StreamError
@@ -129,7 +130,7 @@ class StreamManager(DyKnowNode):
         constraints = constraints_from_message(spec.constraints)
         created = await self._placement.create(
             CreatedStream(spec.name, spec.specification, constraints),
-            {each.topic: each.stream_id for each in request.sources if each.stream_id},
+            identities_from_message(request.sources),
         )
         response.stream_topic = created.stream_topic
         response.stream_constraint_violation_topic = created.stream_constraint_violation_topic

@@ -20,6 +20,7 @@ from dyknow_common.ros import (
     Throttle,
     absolute_topic,
     constraints_from_message,
+    identities_from_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
     run,
@@ -166,7 +167,7 @@ class StreamProcessingEngine(DyKnowNode):
         specification = await parse_beside(self._background, spec.specification)
         constraints = constraints_from_message(spec.constraints)
         check_rates(specification, constraints)
-        sources = {each.topic: each.stream_id for each in request.sources if each.stream_id}
+        sources = identities_from_message(request.sources)
         self._expect(sources)
         self._dataflow.create(
             spec.name,

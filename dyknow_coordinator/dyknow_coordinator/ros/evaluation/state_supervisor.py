@@ -37,6 +37,7 @@ from dyknow_coordinator.grounding.source_choice import (
     TRANSIENT,
     SourceChoice,
     StateFault,
+    describe_sources,
     describe_violation,
     worst_fault,
 )
@@ -282,7 +283,7 @@ class StateSupervisor:
                 await self._context.node.deadlines.after(POLL_PERIOD_S)
             else:
                 del self._faults[:count]
-                event = f'{fault.error.message}; {self._description()}'
+                event = f'{fault.error.message}; {describe_sources(self.chosen)}'
                 self._observer.add_event(event)
                 self._context.node.get_logger().warning(f'{self._observer.titles}: {event}')
         limit.cancel()
@@ -325,7 +326,9 @@ class StateSupervisor:
             # If it has ended since this was spawned, nobody would destroy another stream.
             if chosen != self.chosen and not self._has_ended:
                 await self._switch(chosen, gap=False)
-                self._observer.add_event(f'other streams are better now; {self._description()}')
+                self._observer.add_event(
+                    f'other streams are better now; {describe_sources(self.chosen)}'
+                )
         except DyKnowError as error:
             if self._has_ended:
                 return
@@ -401,9 +404,6 @@ class StateSupervisor:
         name = node.resolve_service_name(self._context.clients.stream_reasoning_engine.name)
         infos = node.get_subscriptions_info_by_topic(topic)
         return any(f'{info.node_namespace.rstrip("/")}/{info.node_name}' == name for info in infos)
-
-    def _description(self) -> str:
-        return f'states are made of {", ".join(sorted(map(str, self.chosen)))}'
 
 
 def _describe(violation: Any) -> str:

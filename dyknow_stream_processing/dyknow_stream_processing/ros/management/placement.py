@@ -20,11 +20,11 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from typing import Any, Final, TypeGuard
 
-from dyknow_interfaces.msg import StreamIdentity, StreamSpec
+from dyknow_interfaces.msg import StreamSpec
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
-from dyknow_common.ros import DyKnowNode, constraints_to_message
+from dyknow_common.ros import DyKnowNode, constraints_to_message, identities_to_message
 from dyknow_stream_processing.errors import stream_replaced
 from dyknow_stream_processing.management.conflicts import (
     engines_missing,
@@ -439,9 +439,8 @@ class Placement:
     ) -> Any:
         constraints = constraints_to_message(stream.constraints)
         spec = StreamSpec(name=stream.name, specification=text, constraints=constraints)
-        identities = [StreamIdentity(topic=each, stream_id=sources[each]) for each in sources]
         response = await self._engines.remotes[engine].call(
-            StreamCreateFromSpec, spec=spec, sources=identities
+            StreamCreateFromSpec, spec=spec, sources=identities_to_message(sources)
         )
         if not self._engines.is_ready(engine):
             raise DyKnowError(f'node {engine} has died', ExitCode.UNAVAILABLE)
