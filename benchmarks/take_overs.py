@@ -60,6 +60,7 @@ class TakeOvers:
     @property
     def source(self) -> str:
         """The battery that the states are made of."""
+        assert not self._answer.done(), self._answer.result()
         # All formulas of the group have the same states.
         groundings = [
             each.groundings

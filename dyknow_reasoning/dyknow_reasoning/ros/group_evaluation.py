@@ -374,8 +374,8 @@ class GroupEvaluation:
             self.group.gap()
         if breach := self._current and self._current.breach:
             self._pause_after(breach)
-        for state in queue:
-            self._work.receive(partial(self._handle, self._current, state))
+        # States of this stream that wait for a slow step came later.
+        self._work.receive_first([partial(self._handle, self._current, each) for each in queue])
 
     def _on_breach(self, stream: StateSubscription, breach: Breach) -> None:
         """Change to the next stream, or pause: a verdict over these states would be unsound."""

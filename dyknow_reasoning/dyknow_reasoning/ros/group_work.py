@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, TypeVar
 
 from rclpy.task import Future
@@ -71,6 +71,12 @@ class GroupWork:
             self._states.append(process)
         else:
             process()
+
+    def receive_first(self, processes: Sequence[Callable[[], None]]) -> None:
+        """Process states that came before all those that wait, as `receive` does."""
+        self._states.extendleft(reversed(processes))
+        if not self.is_busy:
+            self._next()
 
     def start(self, function: Callable[[], Result], finish: Callable[[Result], None]) -> None:
         """Run a function in the background for a state, and then pass on its result."""

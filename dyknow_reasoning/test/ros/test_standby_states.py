@@ -1,4 +1,4 @@
-"""Changes to a standby: a gap exactly if a state may be missing, and no state is used twice."""
+"""Changes of streams: a gap exactly if a state may be missing, no state is used twice."""
 
 from __future__ import annotations
 
@@ -77,10 +77,14 @@ class Group:
         self._patch.stop()
 
     def state(self, topic: str, valid_time: int, loss: str = '') -> None:
+        self.receive(topic, valid_time, loss)
+        self.drain()
+
+    def receive(self, topic: str, valid_time: int, loss: str = '') -> None:
+        """Receive a state, which waits if the group is busy."""
         stream = self.streams[topic]
         sample = Sample(valid_time, valid_time, {'power': 100.0})
         stream._on_state(stream, State(valid_time, sample, loss))
-        self._drain()
 
     def violate(self, topic: str, valid_time: int, kind: str = 'max_delay') -> None:
         stamp = nanoseconds_to_time(valid_time)
@@ -92,12 +96,13 @@ class Group:
             {}, '/standby', '', gap=gap, doubtful_from=doubtful_from
         )
         run_to_end(change)
-        self._drain()
+        self.drain()
 
-    def _drain(self) -> None:
-        """Do the work that a slow step leaves to the background."""
-        while self._spawned:
+    def drain(self, steps: int = 1_000) -> None:
+        """Do the work that slow steps leave to the background, at most so many of them."""
+        while self._spawned and steps:
             run_to_end(self._spawned.popleft())
+            steps -= 1
 
 
 @pytest.fixture
@@ -141,6 +146,27 @@ def test_states_after_a_take_over(
         for each in after:
             made.state('/standby', each)
         assert made.progressed == reference.expected(after)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 2)), max_size=30), st.integers(1, 9))
+@example([(False, 0), (True, 2), (False, 0), (False, 0), (True, 0), (True, 0), (False, 9)], 3)
+def test_states_that_wait_while_a_better_stream_catches_up(
+    steps: list[tuple[bool, int]], begin: int
+) -> None:
+    """Each state is slow; both streams have the same states, the better one from `begin` on."""
+    with Group() as made, mock.patch.object(group_evaluation, 'HEAVY_STEP_S', -1.0):
+        made.state('/former', 1)
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=False))
+        latest = {'/former': 1, '/better': begin - 1}
+        ends = [(is_former, 0) for is_former in (True, False) for _ in range(30)]
+        for is_former, work in [*steps, *ends]:
+            topic = '/former' if is_former else '/better'
+            if latest[topic] < 30:
+                latest[topic] += 1
+                made.receive(topic, latest[topic])
+            made.drain(work)
+        made.drain()
+        assert made.progressed == list(range(1, 31))
 
 
 @given(st.lists(st.integers(0, 1), max_size=60), st.lists(st.integers(0, 60), max_size=60))
