@@ -398,7 +398,10 @@ def test_a_published_stream_needs_no_registration(managed: Nodes) -> None:
     answer = managed.call(MANAGER, srv.StreamGetTopic, stream_name='external')
     assert_refused(answer.exit_status, MISSING, "'external'")
     source = managed.client.node.create_publisher(Sample, '/dyknow/streams/external', LATCHED)
-    source.publish(Sample(fields=[Field(type='int', name='data', value='7')]))
+    fields, times = [Field(type='int', name='data', value='7')], count(1)
+
+    def publish() -> None:
+        source.publish(Sample(valid_time=time_of(next(times)), fields=fields))
 
     def known() -> bool:
         found = managed.call(MANAGER, srv.StreamGetTopic, stream_name='external')
@@ -407,7 +410,10 @@ def test_a_published_stream_needs_no_registration(managed: Nodes) -> None:
     managed.client.spin_until(known, 'the manager sees the topic', pause=POLL)
     assert 'external' in streams(managed, MANAGER)
     samples = create(managed, 'convention', 'select data from external', MANAGER)
+    # The first of them may come before the subscription to the new stream is known.
+    timer = managed.client.node.create_timer(0.05, publish)
     managed.client.spin_until(lambda: bool(samples), 'a sample')
+    managed.client.node.destroy_timer(timer)
     managed.obtain(MANAGER, srv.StreamDestroy, stream_name='convention')
 
 

@@ -144,7 +144,7 @@ def check(
             assert (at_last.lower, at_last.upper) == (found.lower, found.upper)
 
 
-@settings(max_examples=random_cases(100), deadline=None)
+@settings(max_examples=random_cases(60), deadline=None)
 @given(
     monitored,
     traces,
@@ -158,7 +158,7 @@ def test_bounds_do_not_depend_on_when_they_are_asked_for(
     check(formula, trace, asked, gap, bad)
 
 
-@settings(max_examples=random_cases(165), deadline=None)
+@settings(max_examples=random_cases(80), deadline=None)
 @given(
     steady,
     cycles(),
