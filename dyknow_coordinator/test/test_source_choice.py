@@ -50,6 +50,12 @@ def test_failed_sources_are_excluded_for_ten_seconds() -> None:
     assert choice.choose(['F'], CANDIDATES, KNOWN, 10 * SECOND_NS) == (B,)
 
 
+def test_a_source_that_nobody_publishes_replaces_none() -> None:
+    choice = SourceChoice()
+    choice.exclude([B, C], 0)
+    assert choice.choose(['F'], CANDIDATES, KNOWN, 1) == (B,)
+
+
 def test_replacements_must_be_available_and_well() -> None:
     choice = SourceChoice()
     assert choice.can_replace([B], [C], KNOWN, 0)

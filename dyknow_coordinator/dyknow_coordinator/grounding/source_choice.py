@@ -58,9 +58,12 @@ class SourceChoice:
     def choose(
         self, features: Iterable[str], candidates: Candidates, known: KnownStreams, now: int
     ) -> tuple[FeatureSource, ...]:
-        """Return a source for each ground feature; see `Candidates.choose`."""
+        """Return a source for each ground feature; see `Candidates.choose`.
+
+        One that nobody publishes is worse than one that has failed.
+        """
         return candidates.choose(
-            features, lambda source: not self.is_excluded(source, now), known.is_available
+            features, known.is_available, lambda source: not self.is_excluded(source, now)
         )
 
     def stand_ins(

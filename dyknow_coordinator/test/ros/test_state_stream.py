@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
 from unittest.mock import AsyncMock, MagicMock
 
@@ -11,7 +13,7 @@ from dyknow_interfaces.msg import ConstraintViolation
 
 from dyknow_common import ExitCode, StreamConstraints
 from dyknow_common.ros import nanoseconds_to_time
-from dyknow_coordinator import CoordinationError, Grounding
+from dyknow_coordinator import CoordinationError, EvaluationPhase, Grounding, KnownStreams
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.evaluation.standby import TakenStandby
@@ -50,47 +52,104 @@ def test_a_stream_that_is_not_needed_any_more_is_destroyed_after_its_creation() 
     context.node.create_subscription.assert_not_called()
 
 
+class Elapsed(MagicMock):
+    """A deadline that has passed."""
+
+    def __await__(self) -> Iterator[None]:
+        return iter(())
+
+
+class Supervised:
+    """A supervisor of states that are made of the first of some streams, and what it spawned."""
+
+    def __init__(self, *streams: str) -> None:
+        self.context = MagicMock()
+        self.context.wall_time.return_value = self.context.wall_time_s.return_value = 0
+        self.context.clients.evaluate_group = AsyncMock()
+        self.context.clients.create_stream = create = AsyncMock()
+        create.side_effect = lambda name, *_: (name, f'{name}/violations')
+        self.context.node.deadlines.after = lambda _: Elapsed()
+        self.context.streams.known = KnownStreams([], lambda _: True)
+        self.spawned: list[Any] = []
+        self.context.node.spawn = lambda *arguments: self.spawned.append(partial(*arguments))
+        inputs = FormulaInputs(
+            (), Grounding.AUTO, (POWER,), _candidates(*streams), {}, StreamConstraints()
+        )
+        self.observer = MagicMock()
+        self.supervisor = StateSupervisor(self.context, 7, 'states_1', inputs, self.observer)
+        self.supervisor._standby = MagicMock()
+        self.supervisor._standby.take.return_value = None
+
+    def violate(self, stream: StateStream, name: str, kind: str, valid_time: int = 0) -> None:
+        violation = ConstraintViolation(constraint=kind, stream_name=name)
+        violation.valid_time = nanoseconds_to_time(valid_time)
+        self.supervisor._on_violation(stream, violation)
+
+    def run(self) -> None:
+        """Run what was spawned last."""
+        asyncio.run(self.spawned.pop()())
+
+
 def test_a_better_stream_that_comes_with_the_verdict_is_not_used() -> None:
     """Nobody would destroy the states that are made of it."""
-    context = MagicMock()
-    context.wall_time.return_value = context.wall_time_s.return_value = 0
-    context.clients.evaluate_group = AsyncMock()
-    context.clients.create_stream = AsyncMock(return_value=('states_2', 'states_2/violations'))
-    spawned: list[Any] = []
-    context.node.spawn = spawned.append
-    found = _candidates('b')
-    inputs = FormulaInputs((), Grounding.AUTO, (POWER,), found, {}, StreamConstraints())
-    supervisor = StateSupervisor(context, 7, 'states_1', inputs, MagicMock())
-    supervisor.update_candidates(_candidates('a', 'b'))
-    supervisor.end()
-    (improve,) = spawned
-    asyncio.run(improve())
-    context.clients.create_stream.assert_not_called()
+    made = Supervised('b')
+    made.supervisor.update_candidates(_candidates('a', 'b'))
+    made.supervisor.end()
+    made.run()
+    made.context.clients.create_stream.assert_not_called()
 
 
 def test_a_take_over_tells_from_when_on_former_states_are_doubtful() -> None:
-    context = MagicMock()
-    context.wall_time.return_value = context.wall_time_s.return_value = 0
-    context.clients.evaluate_group = AsyncMock()
-    spawned: list[Any] = []
-    context.node.spawn = spawned.append
-    found = _candidates('a', 'b')
-    inputs = FormulaInputs((), Grounding.AUTO, (POWER,), found, {}, StreamConstraints())
-    supervisor = StateSupervisor(context, 7, 'states_1', inputs, MagicMock())
+    made = Supervised('a', 'b')
     standby = MagicMock(topic='/states_2')
-    supervisor._standby = MagicMock()
-    supervisor._standby.take.return_value = TakenStandby(standby, ())
+    made.supervisor._standby.take.return_value = TakenStandby(standby, ())  # type: ignore[attr-defined]
     for valid_time in (6, 5, 7):
-        violation = ConstraintViolation(constraint=ViolationKind.SOURCE, stream_name='a')
-        violation.valid_time = nanoseconds_to_time(valid_time)
-        supervisor._on_violation(supervisor.stream, violation)
-    (recover,) = spawned
-    asyncio.run(recover())
-    ((_, kinds),) = context.clients.evaluate_group.call_args_list
+        made.violate(made.supervisor.stream, 'a', ViolationKind.SOURCE, valid_time)
+    made.run()
+    ((_, kinds),) = made.context.clients.evaluate_group.call_args_list
     assert kinds == {'gap': True, 'doubtful_from': 5}
+
+
+@pytest.mark.parametrize('name', ['b', '/b', 'states_1'])
+def test_a_violation_of_a_stream_that_is_being_left_is_none_of_the_next(name: str) -> None:
+    """It excluded the sources of the next one, and the supervisor returned to the broken one."""
+    made = Supervised('b')
+    supervisor, former = made.supervisor, made.supervisor.stream
+    asyncio.run(supervisor.start())
+    supervisor.update_candidates(_candidates('a', 'b'))
+    made.run()
+    (made_of,) = supervisor.chosen
+    assert made_of.stream == 'p_a'
+    made.violate(former, name, ViolationKind.MAX_GAP)
+    assert not supervisor._is_excluded(made_of)
+    assert not supervisor._faults
+    assert made.observer.set_phase.call_args.args == (EvaluationPhase.RUNNING,)
+
+
+def test_a_stream_that_has_fallen_silent_is_left_with_a_gap() -> None:
+    """It has no state as late as the first of the next one, and the formula would wait for it."""
+    made = Supervised('b')
+    former = made.supervisor.stream
+    asyncio.run(made.supervisor.start())
+    made.supervisor.update_candidates(_candidates('a', 'b'))
+    made.run()
+    evaluate, times = made.context.clients.evaluate_group, iter(range(100))
+    evaluate.reset_mock()
+    made.context.wall_time_s.side_effect = lambda: next(times)
+    made.supervisor._is_subscribed = lambda _: not evaluate.called  # type: ignore[method-assign]
+    made.run()
+    ((arguments, kinds),) = evaluate.call_args_list
+    assert (arguments[2], kinds['gap']) == (made.supervisor.stream.topic, True)
+    assert made.supervisor.stream is not former
+    made.context.cleanup.destroy_stream.assert_called_once_with('states_1')
 
 
 def _candidates(*streams: str) -> Candidates:
     return Candidates(
-        tuple(FeatureSource(POWER, f'p_{each}', f'p_{each} = {each}') for each in streams)
+        tuple(
+            FeatureSource(
+                POWER, f'p_{each}', f'stream p_{each} = select x as "{POWER}" from "/{each}"'
+            )
+            for each in streams
+        )
     )

@@ -229,6 +229,9 @@ class GroupEvaluation:
         gap = doubtful_from is not None
         if self._is_destroyed:
             return
+        if self._next and self._next.topic == state_stream and gap:
+            self._switch()
+            return
         if self._next:
             self._next.destroy()
         self._next, self._queue = None, []

@@ -125,6 +125,18 @@ class Reference:
         return [*self.former, *([] if is_complete else ['gap']), *used]
 
 
+def test_a_stream_that_falls_silent_while_it_is_left() -> None:
+    with Group() as made:
+        made.state('/former', 1)
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=False))
+        for valid_time in (3, 4):
+            made.state('/better', valid_time)
+        assert made.progressed == [1]
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=True))
+        made.state('/better', 5)
+        assert made.progressed == [1, 'gap', 3, 4, 5]
+
+
 STEPS = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), max_size=30)
 
 

@@ -38,8 +38,10 @@ class StateStream:
     ) -> None:
         self.name = name
         self.topic = context.state_topic(name)
+        self.chosen: tuple[FeatureSource, ...] = ()
+        """The sources that it is made from."""
         self.sources: Mapping[str, int] = {}
-        """The ids of the streams that it is made from, by their topics."""
+        """The ids of the streams of these, by their topics."""
         self.created_at_s = context.wall_time_s()
         self._context = context
         self._on_violation = on_violation
@@ -62,6 +64,7 @@ class StateStream:
             DyKnowError: if it cannot be created, or was destroyed before that.
         """
         self._check_is_needed()
+        self.chosen = chosen
         self.sources = await self._identities(chosen)
         try:
             return await self._create(chosen, constraints)

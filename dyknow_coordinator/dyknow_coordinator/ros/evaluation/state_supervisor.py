@@ -24,6 +24,7 @@ Without a gap, because a better stream is available:
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final, Protocol
 
@@ -54,6 +55,9 @@ from dyknow_stream_processing.ros import doubtful_from
 
 RESUME_TIMEOUT_S: Final = 2.0
 """Time within which other streams must replace those that failed."""
+
+HAND_OVER_LIMIT_S: Final = 5.0
+"""Time within which a stream that is left must be as late as the one that replaces it."""
 
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
@@ -115,8 +119,9 @@ class StateSupervisor:
         self._has_ended = False
         self.chosen = self._choose(inputs.candidates)
         self.stream = self._new_stream(name)
-        # Streams that will be used, or were used and have not been unsubscribed from.
-        self._others: list[StateStream] = []
+        self._next: StateStream | None = None
+        # Streams that were used, and that the reasoning engine has not unsubscribed from.
+        self._left: list[StateStream] = []
         self._topics: tuple[str, ...] = ()
         self._topics_of: tuple[KnownStreams, tuple[FeatureSource, ...]] | None = None
 
@@ -205,12 +210,17 @@ class StateSupervisor:
     def _is_excluded(self, source: FeatureSource) -> bool:
         return self._choice.is_excluded(source, self._context.wall_time())
 
-    def _is_obsolete(self, stream: StateStream) -> bool:
-        return self._has_ended or stream not in (self.stream, *self._others)
+    def _is_needed(self, stream: StateStream) -> bool:
+        return not self._has_ended and stream in (self.stream, self._next)
 
     def _on_violation(self, stream: StateStream, violation: Any) -> None:
         self._standby.note_violation(stream, violation)
-        if self._is_obsolete(stream):
+        known = self._context.streams.known
+        affected = known.affected(stream.chosen, violation.stream_name)
+        if stream in self._left and violation.constraint not in TRANSIENT:
+            # The reasoning engine leaves it at once by itself.
+            self._exclude(affected)
+        if not self._is_needed(stream):
             return
         begin = doubtful_from(violation)
         if self._doubtful_from is None or begin < self._doubtful_from:
@@ -223,8 +233,7 @@ class StateSupervisor:
         elif violation.stream_name == stream.name:
             self._context.node.spawn(self._find_silent_sources, stream, violation)
         else:
-            known = self._context.streams.known
-            self._replace(known.affected(self.chosen, violation.stream_name), violation)
+            self._replace(affected or stream.chosen, violation)
 
     async def _find_silent_sources(self, stream: StateStream, violation: Any) -> None:
         """Find the sources because of which the states break the client's constraints."""
@@ -234,17 +243,16 @@ class StateSupervisor:
             known = self._context.streams.known
             silent = known.silent_topics(stream.name, time_to_nanoseconds(violation.allowed))
             sources = [each for topic in silent for each in known.affected(self.chosen, topic)]
-            self._replace(sources, violation)
+            self._replace(sources or self.chosen, violation)
 
     def _replace(self, sources: Sequence[FeatureSource], violation: Any) -> None:
         error = CoordinationError(_describe(violation), ExitCode.CONSTRAINT_VIOLATION)
-        # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
-        self._exclude(sources or self.chosen)
+        self._exclude(sources)
         self._interrupt(StateFault(error, transient=False))
 
     def _on_engine_lost(self, stream: StateStream) -> None:
         self._standby.note_engine_lost(stream)
-        if self._is_obsolete(stream):
+        if not self._is_needed(stream):
             return
         known = self._context.streams.known.get(stream.name)
         engine = 'the stream_processing_engine that made the states'
@@ -343,27 +351,27 @@ class StateSupervisor:
             self._destroy_streams()
             self.stream = stream
         else:
-            self._others.append(stream)
+            self._next = stream
         try:
             await self._evaluate(stream, gap=gap)
             await self._create(stream, chosen, gap=gap)
         except DyKnowError:
             stream.destroy()
-            if not gap and stream in self._others:
-                self._others.remove(stream)
+            if not gap and stream is self._next:
+                self._next = None
                 await self._evaluate(self.stream, gap=False)
             raise
         self.chosen = chosen
-        if not gap and stream in self._others:
-            self._others.remove(stream)
-            self._others.append(self.stream)
+        if not gap and stream is self._next:
+            self._left.append(self.stream)
             self._context.node.spawn(self._retire, self.stream)
-            self.stream = stream
+            self.stream, self._next = stream, None
 
     def _destroy_streams(self) -> None:
-        for stream in (self.stream, *self._others):
+        for stream in filter(None, (self.stream, self._next, *self._left)):
             stream.destroy()
-        self._others.clear()
+        self._next = None
+        self._left.clear()
         self._doubtful_from = None
 
     async def _create(
@@ -392,11 +400,19 @@ class StateSupervisor:
         )
 
     async def _retire(self, former: StateStream) -> None:
-        """Destroy a stream once the reasoning engine has unsubscribed from it."""
-        while former in self._others and self._is_subscribed(former.topic):
+        """Destroy a stream once the reasoning engine has unsubscribed from it.
+
+        If it has no state as late as the first of the next stream, it is left with a gap.
+        """
+        limit_s = self._context.wall_time_s() + HAND_OVER_LIMIT_S
+        while former in self._left and self._is_subscribed(former.topic):
             await self._context.node.deadlines.after(POLL_PERIOD_S)
-        if former in self._others:
-            self._others.remove(former)
+            if self._context.wall_time_s() > limit_s and not self._is_changing:
+                limit_s += HAND_OVER_LIMIT_S
+                with suppress(DyKnowError):
+                    await self._evaluate(self.stream, gap=True)
+        if former in self._left:
+            self._left.remove(former)
             former.destroy()
 
     def _is_subscribed(self, topic: str) -> bool:
