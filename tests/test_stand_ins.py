@@ -18,6 +18,7 @@ from system import POLL, SOON_NOTICED, SPARES, Batteries, SharedSystem, System
 TRUE, FALSE, UNDECIDED = FormulaResult.TRUE, FormulaResult.FALSE, FormulaResult.UNDECIDED
 SECOND = 1_000_000_000
 SPARE = 'uav1_spare_power'
+BOTH = ('eventually[0 s, 6 s] Power[uav1] > 150', 'always[0 s, 6 s] Power[uav1] < 150')
 
 pytestmark = pytest.mark.usefixtures('calm')
 
@@ -135,13 +136,22 @@ def wait_for_standby(system: System, former: Iterable[str] = ()) -> set[str]:
     return found()
 
 
+def ask_beside_standby(
+    system: System, evaluations: Evaluations, spares: Spares, *formulas: str, timing: str = ''
+) -> list[Any]:
+    """Ask formulas over the power of uav1, whose states have a standby."""
+    spares.power(SPARE, 'spare1', of='uav1', timing=timing)
+    answers = [system.ask(each, timeout=20.0) for each in formulas]
+    evaluations.wait_for_state(len(answers))
+    wait_for_standby(system)
+    return answers
+
+
 def test_a_stand_in_that_published_all_the_time_loses_no_state(
     system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:
-    spares.power(SPARE, 'spare1', of='uav1')
-    calm = system.ask('always[0 s, 5 s] Power[uav1] < 150', timeout=20.0)
-    evaluations.wait_for_state()
-    wait_for_standby(system)
+    formula = 'always[0 s, 5 s] Power[uav1] < 150'
+    (calm,) = ask_beside_standby(system, evaluations, spares, formula)
     batteries.silent.add('uav1')
     evaluations.wait_for_event(SPARE)
     system.client.spin_until(calm.done, 'the verdict')
@@ -156,10 +166,8 @@ def test_states_from_before_a_stand_in_is_in_use_count(
     system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:
     """Its surge begins and ends before anybody knows that the stream in use is silent."""
-    spares.power(SPARE, 'spare1', of='uav1')
-    surges = system.ask('eventually Power[uav1] > 150', timeout=20.0)
-    evaluations.wait_for_state()
-    wait_for_standby(system)
+    formula = 'eventually Power[uav1] > 150'
+    (surges,) = ask_beside_standby(system, evaluations, spares, formula)
     silence = batteries.stamp
     batteries.silent.add('uav1')
     system.client.spin_until(lambda: batteries.stamp > silence + Batteries.PERIOD, 'silence')
@@ -222,11 +230,7 @@ def test_a_stand_in_that_broke_its_own_constraint(
     system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:
     """Both fall silent, and the stand-in comes back before the other one is missed."""
-    spares.power(SPARE, 'spare1', of='uav1', timing='max_gap = 300 ms')
-    once = system.ask('eventually[0 s, 6 s] Power[uav1] > 150', timeout=20.0)
-    ever = system.ask('always[0 s, 6 s] Power[uav1] < 150', timeout=20.0)
-    evaluations.wait_for_state(2)
-    wait_for_standby(system)
+    once, ever = ask_beside_standby(system, evaluations, spares, *BOTH, timing='max_gap = 300 ms')
     broken = batteries.stamp
     batteries.silent.add('spare1')
     system.client.spin_until(lambda: batteries.stamp > broken + SECOND, 'a second')
@@ -239,11 +243,7 @@ def test_what_a_late_sample_says_is_missed(
     system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:
     """States that were progressed without it lack it, whatever the standby has."""
-    spares.power(SPARE, 'spare1', of='uav1')
-    once = system.ask('eventually[0 s, 6 s] Power[uav1] > 150', timeout=20.0)
-    ever = system.ask('always[0 s, 6 s] Power[uav1] < 150', timeout=20.0)
-    evaluations.wait_for_state(2)
-    wait_for_standby(system)
+    once, ever = ask_beside_standby(system, evaluations, spares, *BOTH)
     batteries.publish_after_latest('uav1', -3 * SECOND, 240.0)
     evaluations.wait_for_event('max_delay', SPARE)
     check_missed(system, once, ever, (UNDECIDED, UNDECIDED))

@@ -449,13 +449,19 @@ def test_past_operators_after_a_gap(
         assert told == ([expected] if expected else [])
 
 
-def test_a_history_with_a_gap_is_known_again_after_its_window() -> None:
-    text = 'once[0, 5 ns] p'
+def with_gap(text: str, before: dict[str, bool]) -> FormulaGroup:
+    """A group that keeps the history of a formula, after one state and a gap."""
     group = FormulaGroup()
     group.begin({})
     group.keep_history(text)
-    group.progress(0, P)
+    group.progress(0, before)
     group.gap()
+    return group
+
+
+def test_a_history_with_a_gap_is_known_again_after_its_window() -> None:
+    text = 'once[0, 5 ns] p'
+    group = with_gap(text, P)
     found = []
     for time in (9, 13, 14, 15, 16):
         group.add_formula('it', text)
@@ -468,11 +474,7 @@ def test_a_history_with_a_gap_is_known_again_after_its_window() -> None:
 
 def test_a_history_depends_on_the_gap_as_long_as_that_of_its_operands() -> None:
     text = 'once[0, 1 ns] once[5 ns, 9 ns] p'
-    group = FormulaGroup()
-    group.begin({})
-    group.keep_history(text)
-    group.progress(0, NOT_P)
-    group.gap()
+    group = with_gap(text, NOT_P)
     found = []
     for time in (3, 4, 5, 6):
         group.add_formula('it', text)
