@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from dyknow_command.verbs import VERBS
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import DyKnowError, ExitCode, unknown
 from dyknow_common.executables import SOURCE_ENVIRONMENT, run_main
 from dyknow_main import without_collections
 
@@ -99,7 +99,10 @@ def _run_chosen(arguments: Sequence[str]) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    chosen, others = options_parser(*arguments[:1] or ['']).parse_known_args(arguments)
+    parser = options_parser(*arguments[:1] or [''])
+    if arguments and not arguments[0].startswith('-') and arguments[0] not in VERBS:
+        parser.error(unknown('verb', arguments[0], VERBS))
+    chosen, others = parser.parse_known_args(arguments)
     if others:
         # argparse would show the usage of dyknow, not that of the verb.
         chosen.refuse(f'unrecognized arguments: {" ".join(others)}')

@@ -39,6 +39,16 @@ def test_checks_import_no_demonstration(monkeypatch: pytest.MonkeyPatch) -> None
     assert imported == ['dyknow_recordings.check']
 
 
+@pytest.mark.parametrize(
+    ('verb', 'hint'), [('lnt', "did you mean 'lint'?"), ('fly', 'use up, evaluate, monitor')]
+)
+def test_an_unknown_verb(verb: str, hint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        dyknow_command.main([verb, '--help'])
+    assert ended.value.code == 2
+    assert f"dyknow: error: unknown verb '{verb}'; {hint}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize('verb', WITHOUT_ROS)
 def test_every_help_has_examples(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:

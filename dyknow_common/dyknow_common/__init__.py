@@ -27,7 +27,7 @@ from dyknow_common.durations import (
     round_duration,
     round_time,
 )
-from dyknow_common.errors import DyKnowError, ExitCode, listed, one_line, shortened
+from dyknow_common.errors import DyKnowError, ExitCode, listed, one_line, shortened, unknown
 from dyknow_common.field_paths import (
     FieldTypes,
     absence,
@@ -188,5 +188,6 @@ __all__ = [
     'shortened',
     'text_value',
     'unit_conversion',
+    'unknown',
     'value_text',
 ]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copyreg
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from difflib import get_close_matches
 from enum import IntEnum
 from typing import Any, Final
 
@@ -58,6 +59,14 @@ def listed(names: Iterable[object]) -> str:
     more = len(found) - _MAX_LISTED
     shown = ', '.join(shortened(name) for name in found[:_MAX_LISTED])
     return f'{shown} and {more} more' if more > 0 else shown
+
+
+def unknown(kind: str, name: str, known: Collection[str]) -> str:
+    """Return the message about an unknown name, with the one that was probably meant."""
+    similar = get_close_matches(name, known, n=1)
+    others = f'use {listed(known)}' if known else 'there is none'
+    hint = f"did you mean '{similar[0]}'?" if similar else others
+    return f"unknown {kind} '{shortened(name)}'; {hint}"
 
 
 class DyKnowError(Exception):

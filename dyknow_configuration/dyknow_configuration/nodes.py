@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from dyknow_configuration.documents.yaml_values import YamlValue, unknown
+from dyknow_common import unknown
+from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_configuration.robot import ParameterValue
 
 PACKAGES: Final = {

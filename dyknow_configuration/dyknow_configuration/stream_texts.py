@@ -15,9 +15,9 @@ from collections.abc import Iterable
 from math import prod
 from typing import Final
 
-from dyknow_common import MAX_CHARACTERS, InlineText
+from dyknow_common import MAX_CHARACTERS, InlineText, unknown
 from dyknow_configuration.documents.composed_text import ComposedText
-from dyknow_configuration.documents.yaml_values import YamlValue, unknown
+from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_configuration.robot import RobotVocabulary, choices
 from dyknow_configuration.topics import MAX_TEXTS
 from dyknow_stream_processing import parse_specification, specifications_by_sink

@@ -14,8 +14,9 @@ from dyknow_common import (
     ValueType,
     check_unit,
     unit_conversion,
+    unknown,
 )
-from dyknow_configuration.documents.yaml_values import YamlValue, texts, unknown
+from dyknow_configuration.documents.yaml_values import YamlValue, texts
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 
 SORT_KEYS: Final = ('below', 'description')

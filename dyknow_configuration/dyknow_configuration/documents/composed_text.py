@@ -12,8 +12,8 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Final, Self
 
-from dyknow_common import NOWHERE, LanguageError, TextPosition
-from dyknow_configuration.documents.yaml_values import YamlValue, unknown
+from dyknow_common import NOWHERE, LanguageError, TextPosition, unknown
+from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_configuration.errors import ConfigurationError
 
 PLACEHOLDER: Final = re.compile(r'\{(?P<name>[^{}\n]*)\}')

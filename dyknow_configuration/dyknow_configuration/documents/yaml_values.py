@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -21,11 +20,11 @@ from dyknow_common import (
     MAX_CHARACTERS,
     DyKnowError,
     TextPosition,
-    listed,
     parse_duration,
     position_at,
     read_text,
     shortened,
+    unknown,
 )
 from dyknow_configuration.documents.scalar_positions import source_offsets
 from dyknow_configuration.errors import ConfigurationError
@@ -230,14 +229,6 @@ class YamlValue:
             raise self.error(str(error)) from None
 
 
-def unknown(kind: str, name: str, known: Collection[str]) -> str:
-    """Return the message about an unknown name, with the one that was probably meant."""
-    similar = get_close_matches(name, known, n=1)
-    others = f'use {listed(known)}' if known else 'there is none'
-    hint = f"did you mean '{similar[0]}'?" if similar else others
-    return f"unknown {kind} '{shortened(name)}'; {hint}"
-
-
 def read_yaml(path: Path) -> YamlValue:
     """Return the whole of a YAML file.
 
@@ -283,14 +274,25 @@ def _yaml_errors(document: YamlDocument) -> Iterator[None]:
         raise document.error(f'more than {MAX_VALUES} values; split it', position) from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        reason = f'not YAML: {error.problem or error.context}'
-        position = position_at(document.text, mark.index if mark else 0)
-        raise document.error(reason, position) from None
+        index = mark.index if mark else 0
+        reason = _unquoted(document.text, index) or error.problem or error.context
+        raise document.error(f'not YAML: {reason}', position_at(document.text, index)) from None
     except yaml.reader.ReaderError as error:
         position = position_at(document.text, error.position)
         raise document.error(f'not YAML: {error.reason}', position) from None
     except RecursionError:
         raise document.error('not YAML: it nests too deep', TextPosition(1, 1)) from None
+
+
+def _unquoted(text: str, index: int) -> str:
+    """Return the message about a colon in a text that is a value without quotes; or ''."""
+    line = text[text.rfind('\n', 0, index) + 1 :].partition('\n')[0]
+    _, colon, value = line.partition(': ')
+    if text[index : index + 1] != ':' or not colon or ':' not in value:
+        return ''
+    quote = next((each for each in ('"', "'") if each not in value), '')
+    example = f': {quote}{shortened(value.strip())}{quote}' if quote else ''
+    return f'a text with a colon needs quotes{example}'
 
 
 def texts(values: Mapping[str, YamlValue], key: str) -> list[YamlValue]:

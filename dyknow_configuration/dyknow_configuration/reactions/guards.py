@@ -15,9 +15,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from dyknow_common import NANOSECONDS, DyKnowError, LanguageError, shortened
+from dyknow_common import NANOSECONDS, DyKnowError, LanguageError, shortened, unknown
 from dyknow_configuration.documents.composed_text import checked_text
-from dyknow_configuration.documents.yaml_values import YamlValue, unknown
+from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_configuration.robot import RequestedFormula, RequestedGuard
 from dyknow_reasoning import (
     Constants,

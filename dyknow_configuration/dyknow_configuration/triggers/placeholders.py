@@ -10,8 +10,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from dyknow_common import Value, ValueType
-from dyknow_configuration.documents.yaml_values import YamlValue, unknown
+from dyknow_common import Value, ValueType, unknown
+from dyknow_configuration.documents.yaml_values import YamlValue
 
 PLACEHOLDERS: Final[Mapping[str, ValueType]] = {
     'name': ValueType.STRING,

@@ -14,8 +14,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from dyknow_common import TextPosition, format_duration, round_duration
-from dyknow_configuration.documents.yaml_values import YamlValue, unknown
+from dyknow_common import TextPosition, format_duration, round_duration, unknown
+from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_configuration.triggers.placeholders import check_placeholders
 from dyknow_configuration.triggers.trigger import (
     DEFAULT_TIMEOUT,
