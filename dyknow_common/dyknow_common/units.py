@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from difflib import get_close_matches
 from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any, Final
@@ -14,6 +15,7 @@ from dyknow_common.errors import DyKnowError, ExitCode, shortened
 _EXPONENT: Final = re.compile(r'(\^|\*\*)\s*-?\d{1,2}(?!\s*(\^|\*|\d))|\b1\b')
 _UNIT_WITHOUT_NUMBERS: Final = re.compile(r'[^\W\d]?([^\W\d]|[ */().%°-])*')
 _MAX_LENGTH: Final = 100
+_SIMILARITY: Final = 0.75
 
 COMMON_UNITS: Final = frozenset(
     [
@@ -143,7 +145,9 @@ def _parsed(unit: str) -> Any:
 
 
 def _unknown(unit: str) -> DyKnowError:
+    near = get_close_matches(shortened(unit), sorted(COMMON_UNITS), 1, _SIMILARITY)
+    hint = f" (did you mean '{near[0]}'?)" if near else ''
     return DyKnowError(
-        f"unknown unit '{shortened(unit)}'; units are written as in m, ft, m/s^2, degC or %",
+        f"unknown unit '{shortened(unit)}'{hint}; units are written as in m, ft, m/s^2, degC or %",
         ExitCode.NOT_FOUND,
     )

@@ -26,7 +26,7 @@ _NUMBERS: Final = {
     r'(?<![0-9])\.([0-9]+)': r'did you mean 0.\1 instead of .\1?',
     r'\b([0-9]+)\.(?![0-9])': r'did you mean \1.0 instead of \1.?',
     r'\+\s*([0-9.]+)': r'numbers have no sign +: write \1',
-    r'\b([0-9]+),([0-9]+)\b': r'did you mean \1.\2 instead of \1,\2?',
+    r'(?<![(\[])\b([0-9]+),([0-9]+)\b': r'did you mean \1.\2 instead of \1,\2?',
 }
 """Advice on numbers, which all languages write alike."""
 

@@ -42,6 +42,7 @@ _CORRECTIONS: Final = {
     **dict.fromkeys(('R', 'releases'), 'release'),
     'UNTIL': 'until',
     '==': '=',
+    '=<': '<=',
     '<>': '!=',
 }
 """What other languages write, and mistakes; the closest of these words is proposed for others."""
