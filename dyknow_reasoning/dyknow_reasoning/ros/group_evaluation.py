@@ -246,15 +246,10 @@ class GroupEvaluation:
             self._switch()
 
     def _take_over(self, doubtful_from: int | None) -> None:
-        """Change to the standby, and use its kept states unless former ones may be wrong."""
+        """Change to the standby, and use its kept states."""
         self._next, self._standby = self._standby, None
-        # Of the same violation, the request or the message may come first.
-        known = (doubtful_from, self._current.doubtful_from if self._current else None)
-        is_doubtful = self._latest is not None and any(
-            each is not None and each <= self._latest for each in known
-        )
-        self._queue = [] if is_doubtful else self._kept.take()
-        self._switch()
+        self._queue = self._kept.take()
+        self._switch(doubtful_from)
 
     def set_standby(self, topic: str) -> None:
         """Keep the states of a stream on standby; of none if the topic is empty.
@@ -365,15 +360,23 @@ class GroupEvaluation:
             )
             self._switch()
 
-    def _switch(self) -> None:
-        """Change to the next stream now, and progress its queued states, perhaps after a gap."""
+    def _switch(self, doubtful_from: int | None = None) -> None:
+        """Change to the next stream now, and progress its queued states.
+
+        There is a gap before them if states are missing, or if a violation concerns former ones.
+        """
+        # Of the same violation, the request or the message may come first.
+        doubtful = (doubtful_from, self._current.doubtful_from if self._current else None)
         if self._current:
             self._current.destroy()
         self._current, self._next = self._next, None
         self._pause = None
         self._catches_up = self._latest is not None
         queue, self._queue = self._queue, []
-        if self._latest is not None and not continue_from(queue, self._latest):
+        if self._latest is not None and (
+            not continue_from(queue, self._latest)
+            or any(each is not None and each <= self._latest for each in doubtful)
+        ):
             self.group.gap()
         if breach := self._current and self._current.breach:
             self._pause_after(breach)

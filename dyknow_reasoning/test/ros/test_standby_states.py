@@ -137,6 +137,21 @@ def test_a_stream_that_falls_silent_while_it_is_left() -> None:
         assert made.progressed == [1, 'gap', 3, 4, 5]
 
 
+@pytest.mark.parametrize(('valid_time', 'expected'), [(3, [1, 2, 3]), (2, [1, 2, 'gap', 3])])
+def test_a_violation_that_waits_while_the_next_stream_catches_up(
+    valid_time: int, expected: list[int | str]
+) -> None:
+    with Group() as made, mock.patch.object(group_evaluation, 'HEAVY_STEP_S', -1.0):
+        made.state('/former', 1)
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=False))
+        made.receive('/former', 2)
+        made.receive('/better', 2)
+        made.violate('/former', valid_time)
+        made.drain()
+        made.state('/better', 3)
+        assert made.progressed == expected
+
+
 STEPS = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), max_size=30)
 
 
@@ -213,8 +228,8 @@ def test_a_standby_that_runs_ahead_for_too_long_gives_a_gap(group: Group) -> Non
     ('valid_time', 'kind', 'expected'),
     [
         (3, ViolationKind.SAMPLE_PERIOD, [1, 2, 3, 4]),
-        (2, ViolationKind.MAX_DELAY, [1, 2, 'gap']),
-        (9, ViolationKind.CLOCK, [1, 2, 'gap']),
+        (2, ViolationKind.MAX_DELAY, [1, 2, 'gap', 3, 4]),
+        (9, ViolationKind.CLOCK, [1, 2, 'gap', 3, 4]),
     ],
 )
 @pytest.mark.parametrize('gap', [False, True])
@@ -248,7 +263,7 @@ def test_the_earliest_of_several_violations_counts(group: Group) -> None:
 
 
 @pytest.mark.parametrize(
-    ('doubtful_from', 'expected'), [(3, [2, 3]), (2, [2, 'gap']), (0, [2, 'gap'])]
+    ('doubtful_from', 'expected'), [(3, [2, 3]), (2, [2, 'gap', 3]), (0, [2, 'gap', 3])]
 )
 def test_a_request_may_overtake_the_violation(
     group: Group, doubtful_from: int, expected: list[int | str]
