@@ -267,11 +267,11 @@ class StateGroup:
         self._use(stream, now)
 
     def _take_over(self, standby: StandbyStream, now: int) -> None:
-        """Use the states that were kept of the standby, unless former ones may be wrong."""
+        """Use the states that were kept of the standby, after a gap if former ones may be wrong."""
         self._streams.destroy(self._stream)
         is_doubtful = self._latest is not None and self._doubtful_from <= self._latest
-        kept = [] if is_doubtful else standby.states.take()
-        if not continue_from(kept, self._latest):
+        kept = standby.states.take()
+        if is_doubtful or not continue_from(kept, self._latest):
             self._note_gap()
         self._use(standby, now)
         for state in kept:
