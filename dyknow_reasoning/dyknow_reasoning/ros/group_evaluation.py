@@ -230,7 +230,8 @@ class GroupEvaluation:
         if self._is_destroyed:
             return
         if self._next and self._next.topic == state_stream and gap:
-            self._switch()
+            if self._queue:
+                self._switch()
             return
         if self._next:
             self._next.destroy()

@@ -129,12 +129,15 @@ def test_a_stream_that_falls_silent_while_it_is_left() -> None:
     with Group() as made:
         made.state('/former', 1)
         run_to_end(made.evaluation.change_stream({}, '/better', '', gap=False))
+        # Without a state of the other one, it is no better.
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=True))
+        made.state('/former', 2)
         for valid_time in (3, 4):
             made.state('/better', valid_time)
-        assert made.progressed == [1]
+        assert made.progressed == [1, 2]
         run_to_end(made.evaluation.change_stream({}, '/better', '', gap=True))
         made.state('/better', 5)
-        assert made.progressed == [1, 'gap', 3, 4, 5]
+        assert made.progressed == [1, 2, 'gap', 3, 4, 5]
 
 
 @pytest.mark.parametrize(('valid_time', 'expected'), [(3, [1, 2, 3]), (2, [1, 2, 'gap', 3])])
