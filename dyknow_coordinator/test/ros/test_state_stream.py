@@ -1,4 +1,4 @@
-"""State streams whose evaluations end while the streams are being replaced."""
+"""State streams that are replaced, are left, or whose evaluations end meanwhile."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from dyknow_common.ros import nanoseconds_to_time
 from dyknow_coordinator import CoordinationError, EvaluationPhase, Grounding, KnownStreams
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
-from dyknow_coordinator.ros.evaluation.standby import TakenStandby
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
 from dyknow_coordinator.ros.evaluation.state_supervisor import StateSupervisor
 from dyknow_stream_processing import ViolationKind
@@ -101,8 +100,8 @@ def test_a_better_stream_that_comes_with_the_verdict_is_not_used() -> None:
 
 def test_a_take_over_tells_from_when_on_former_states_are_doubtful() -> None:
     made = Supervised('a', 'b')
-    standby = MagicMock(topic='/states_2')
-    made.supervisor._standby.take.return_value = TakenStandby(standby, ())  # type: ignore[attr-defined]
+    standby = MagicMock(topic='/states_2', chosen=())
+    made.supervisor._standby.take.return_value = standby  # type: ignore[attr-defined]
     for valid_time in (6, 5, 7):
         made.violate(made.supervisor.stream, 'a', ViolationKind.SOURCE, valid_time)
     made.run()

@@ -248,9 +248,12 @@ class GroupEvaluation:
 
     def _take_over(self, doubtful_from: int | None) -> None:
         """Change to the standby, and use its kept states."""
+        # The request may come before the message of the violation.
+        if self._current and doubtful_from is not None:
+            self._current.doubt(doubtful_from)
         self._next, self._standby = self._standby, None
         self._queue = self._kept.take()
-        self._switch(doubtful_from)
+        self._switch()
 
     def set_standby(self, topic: str) -> None:
         """Keep the states of a stream on standby; of none if the topic is empty.
@@ -361,13 +364,12 @@ class GroupEvaluation:
             )
             self._switch()
 
-    def _switch(self, doubtful_from: int | None = None) -> None:
+    def _switch(self) -> None:
         """Change to the next stream now, and progress its queued states.
 
         There is a gap before them if states are missing, or if a violation concerns former ones.
         """
-        # Of the same violation, the request or the message may come first.
-        doubtful = (doubtful_from, self._current.doubtful_from if self._current else None)
+        doubtful_from = self._current.doubtful_from if self._current else None
         if self._current:
             self._current.destroy()
         self._current, self._next = self._next, None
@@ -376,7 +378,7 @@ class GroupEvaluation:
         queue, self._queue = self._queue, []
         if self._latest is not None and (
             not continue_from(queue, self._latest)
-            or any(each is not None and each <= self._latest for each in doubtful)
+            or (doubtful_from is not None and doubtful_from <= self._latest)
         ):
             self.group.gap()
         if breach := self._current and self._current.breach:

@@ -116,6 +116,11 @@ class StateSubscription:
             node, Sample, topic, self._on_sample, STREAM, self._owner.refusal
         )
 
+    def doubt(self, valid_time: int) -> None:
+        """Take the states from a valid time on for doubtful, because of a violation."""
+        if self.doubtful_from is None or valid_time < self.doubtful_from:
+            self.doubtful_from = valid_time
+
     def destroy(self) -> None:
         """End both subscriptions."""
         self._owner.stop()
@@ -139,7 +144,5 @@ class StateSubscription:
         # The topic is latched: violations before the subscription are ignored.
         if time_to_nanoseconds(message.available_time) >= self._start_time:
             self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
-            begin = doubtful_from(message)
-            if self.doubtful_from is None or begin < self.doubtful_from:
-                self.doubtful_from = begin
+            self.doubt(doubtful_from(message))
             self._on_breach(self, self.breach)

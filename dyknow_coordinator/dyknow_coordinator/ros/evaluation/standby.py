@@ -14,7 +14,7 @@ Example: the streams `a` (best), `b` and `c` carry `Power[uav1]`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from rclpy.task import Future
 
@@ -26,13 +26,6 @@ from dyknow_coordinator.ros.evaluation.state_stream import StateStream
 
 LOOK_PERIOD_S: Final = 2.0
 """The period of looks at the available sources, and the least age of a standby without a change."""
-
-
-class TakenStandby(NamedTuple):
-    """A standby that is to be used: its state stream, and the sources of this."""
-
-    stream: StateStream
-    chosen: tuple[FeatureSource, ...]
 
 
 class Standby:
@@ -59,7 +52,6 @@ class Standby:
         self._in_use: tuple[FeatureSource, ...] = ()
         self._candidates = Candidates(())
         self._stream: StateStream | None = None
-        self._chosen: tuple[FeatureSource, ...] = ()
         # True once the reasoning engine keeps the states of the stream.
         self._is_ready = False
         self._kept_topic = ''
@@ -102,7 +94,7 @@ class Standby:
         if stream is self._stream:
             self._drop()
 
-    def take(self) -> TakenStandby | None:
+    def take(self) -> StateStream | None:
         """Return the stream, which is then the caller's; None if it is not ready or not well."""
         known, now = self._context.streams.known, self._context.wall_time()
         failed = any(self._choice.is_excluded(each, now) for each in self._chosen)
@@ -110,8 +102,8 @@ class Standby:
             return None
         if not all(map(known.is_available, self._chosen)):
             return None
-        taken = TakenStandby(self._stream, self._chosen)
-        self._stream, self._chosen, self._is_ready, self._kept_topic = None, (), False, ''
+        taken = self._stream
+        self._stream, self._is_ready, self._kept_topic = None, False, ''
         return taken
 
     async def _run(self) -> None:
@@ -134,7 +126,7 @@ class Standby:
         """Have the reasoning engine keep the states of some sources; of none if there are none."""
         self._drop()
         stream = self._new_stream(next(self._context.names)) if chosen else None
-        self._stream, self._chosen = stream, chosen
+        self._stream = stream
         self._created_at_s = self._context.wall_time_s()
         try:
             if stream is not None:
@@ -152,7 +144,12 @@ class Standby:
     def _drop(self) -> None:
         if self._stream is not None:
             self._stream.destroy()
-        self._stream, self._chosen, self._is_ready = None, (), False
+        self._stream, self._is_ready = None, False
+
+    @property
+    def _chosen(self) -> tuple[FeatureSource, ...]:
+        """The sources of the stream; none without it."""
+        return self._stream.chosen if self._stream else ()
 
     def _wake(self) -> None:
         if self._look is not None and not self._look.done():

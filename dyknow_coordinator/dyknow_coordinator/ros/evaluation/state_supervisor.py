@@ -44,7 +44,7 @@ from dyknow_coordinator.grounding.source_choice import (
 )
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
-from dyknow_coordinator.ros.evaluation.standby import Standby, TakenStandby
+from dyknow_coordinator.ros.evaluation.standby import Standby
 from dyknow_coordinator.ros.evaluation.state_stream import (
     POLL_PERIOD_S,
     SETTLING_S,
@@ -233,7 +233,7 @@ class StateSupervisor:
         elif violation.stream_name == stream.name:
             self._context.node.spawn(self._find_silent_sources, stream, violation)
         else:
-            self._replace(affected or stream.chosen, violation)
+            self._replace(stream, affected, violation)
 
     async def _find_silent_sources(self, stream: StateStream, violation: Any) -> None:
         """Find the sources because of which the states break the client's constraints."""
@@ -243,11 +243,14 @@ class StateSupervisor:
             known = self._context.streams.known
             silent = known.silent_topics(stream.name, time_to_nanoseconds(violation.allowed))
             sources = [each for topic in silent for each in known.affected(self.chosen, topic)]
-            self._replace(sources or self.chosen, violation)
+            self._replace(stream, sources, violation)
 
-    def _replace(self, sources: Sequence[FeatureSource], violation: Any) -> None:
+    def _replace(
+        self, stream: StateStream, sources: Sequence[FeatureSource], violation: Any
+    ) -> None:
         error = CoordinationError(_describe(violation), ExitCode.CONSTRAINT_VIOLATION)
-        self._exclude(sources)
+        # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
+        self._exclude(sources or stream.chosen)
         self._interrupt(StateFault(error, transient=False))
 
     def _on_engine_lost(self, stream: StateStream) -> None:
@@ -313,11 +316,11 @@ class StateSupervisor:
             await self._context.node.deadlines.after(min(wait_s, POLL_PERIOD_S))
         return is_open
 
-    async def _take_over(self, standby: TakenStandby) -> None:
+    async def _take_over(self, standby: StateStream) -> None:
         """Switch to the standby; without a gap if its states allow it and former ones are right."""
         doubtful = self._doubtful_from
         self._destroy_streams()
-        self.stream, self.chosen = standby
+        self.stream, self.chosen = standby, standby.chosen
         await self._evaluate(self.stream, gap=doubtful is not None, doubtful_from=doubtful or 0)
 
     def _give_up(self) -> None:
