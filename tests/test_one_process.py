@@ -109,6 +109,7 @@ class BadNode(DyKnowNode):
 raise SystemExit(run(GoodNode, BadNode))
 """
 ERRORS = 'from dyknow_common import DyKnowError; raise DyKnowError("no file x")'
+SLOW_END = f'import threading, time; threading.Thread(target=time.sleep, args=(60,)).start(); {ERRORS}'
 END = 'from dyknow_common.ros.topics.guards import NodeEndError; raise NodeEndError("the end")'
 
 SAVE = 'import threading; self.made_in = threading.get_ident()'
@@ -123,12 +124,13 @@ SAY_THREADS = (
     ('at_start', 'work', 'code', 'said'),
     [
         (ERRORS, 'pass', CANNOT_START, 'bad_node: no file x\n'),
+        (SLOW_END, 'pass', CANNOT_START, 'bad_node: no file x\n'),
         ('pass', END, CANNOT_START, 'bad_node: the end\n'),
         (SAVE, SAY_THREADS, CANNOT_START, 'bad_node: in the thread that has made it: True\n'),
         ('pass', 'self.executor.create_task(lambda: 1 / 0)', FAULT, 'ZeroDivisionError'),
         ('pass', 'import threading; threading.Event().wait()', FAULT, 'executor of bad_node'),
     ],
-    ids=['start', 'end', 'thread', 'fault', 'hang'],
+    ids=['start', 'slow end', 'end', 'thread', 'fault', 'hang'],
 )
 def test_a_node_that_ends_ends_the_process(at_start: str, work: str, code: int, said: str) -> None:
     program = PROGRAM.format(at_start=at_start, work=work)

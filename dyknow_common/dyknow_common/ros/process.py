@@ -76,7 +76,8 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event, nodes: _No
             time.sleep(TICK_PERIOD_S)
         if left.wait(CALLBACK_TIMEOUT_S):
             time.sleep(SHUTDOWN_TIMEOUT_S - CALLBACK_TIMEOUT_S)
-        os._exit(0 if nodes.error is None or stopped.is_set() else FAULT)
+        is_fault = nodes.error is not None and not stopped.is_set() and not left.is_set()
+        os._exit(FAULT if is_fault else nodes.exit_code)
 
     threading.Thread(target=watch, daemon=True).start()
 
@@ -156,7 +157,9 @@ class _Nodes:
         self.faulty = ''
         """The type of the node that an error concerns."""
         self.error: Exception | None = None
-        """The error that has ended a running node."""
+        """The error that has ended a node."""
+        self.exit_code = 0
+        """The exit code of the process, once its end has been reported."""
 
     def __iter__(self) -> Iterator[DyKnowNode]:
         return iter(self._executors)
@@ -227,20 +230,19 @@ def _run(
     except Exception as error:  # noqa: BLE001 - it is printed, unless the stop has caused it
         if rclpy.ok():
             nodes.error = error
-    code = 0
     try:
         if nodes.error is not None and not stopped.is_set():
             place = f'{nodes.faulty}: ' if len(make_nodes) > 1 else ''
-            code = _report(nodes.error, place, failure, has_started=nodes.has_started)
+            nodes.exit_code = _report(nodes.error, place, failure, has_started=nodes.has_started)
     finally:
         left.set()
         gc.freeze()  # At its end, Python would search a million objects for garbage.
         ignore(STOP_SIGNALS)
         watchdog.stop()
-        _exit_without_python(code, HANG_TIMEOUT_S)
+        _exit_without_python(nodes.exit_code, HANG_TIMEOUT_S)
         nodes.destroy()
         rclpy.try_shutdown()
-    return code
+    return nodes.exit_code
 
 
 def _report(error: Exception, place: str, failure: int, *, has_started: bool) -> int:

@@ -162,6 +162,10 @@ class KnownStreams:
             map(self._is_published, names.topics)
         )
 
+    def is_flowing(self, source: FeatureSource) -> bool:
+        """Return True unless a stream that a source names is known to wait for samples."""
+        return not any(stream.waits_for for stream in self._named(source))
+
     def identities(self, sources: Iterable[FeatureSource]) -> Mapping[str, int]:
         """Return the ids of the streams of engines that sources name, by their topics.
 
@@ -170,11 +174,8 @@ class KnownStreams:
         """
         found: dict[str, int] = {}
         for source in sources:
-            names = _source_names(source)
-            named = [self._streams.get(name) for name in names.streams]
-            named += [self._by_topic.get(self._absolute(name)) for name in names.topics]
-            for stream in named:
-                if stream is None or not (stream.specification and stream.topic):
+            for stream in self._named(source):
+                if not (stream.specification and stream.topic):
                     continue
                 if not stream.stream_id:
                     text = f"stream '{stream.name}' is being made or replaced"
@@ -193,6 +194,13 @@ class KnownStreams:
         return tuple(
             source for source in sources if source.stream in names or names & self.origins(source)
         )
+
+    def _named(self, source: FeatureSource) -> Iterator[KnownStream]:
+        """Yield the known streams that a source names."""
+        names = _source_names(source)
+        named = map(self._streams.get, names.streams)
+        topics = map(self._absolute, names.topics)
+        yield from filter(None, chain(named, map(self._by_topic.get, topics)))
 
     def _is_stream_published(self, name: str) -> bool:
         stream = self._streams.get(name)

@@ -77,13 +77,14 @@ class SourceChoice:
         """Return another available source of each feature that has one, else the one in use.
 
         Return none if no feature has another one, or if one has only a source that failed recently.
+        A source whose streams have samples is preferred to one whose streams wait for them.
 
         Args:
             in_use: the sources in use.
             candidates: all sources.
             known: all streams.
             now: the time.
-            present: sources that are preferred, as they stand by already.
+            present: sources that are preferred to better ones, as they stand by already.
         """
         used = frozenset(in_use)
 
@@ -92,7 +93,11 @@ class SourceChoice:
 
         features = [each.feature for each in in_use]
         found = candidates.choose(
-            features, is_well, lambda source: source not in used, present.__contains__
+            features,
+            is_well,
+            lambda source: source not in used,
+            known.is_flowing,
+            present.__contains__,
         )
         return found if set(found) != used and all(map(is_well, found)) else ()
 

@@ -10,7 +10,7 @@ from unittest.mock import AsyncMock, MagicMock, call
 import pytest
 
 from dyknow_common import SECOND_NS, ExitCode, StreamConstraints
-from dyknow_coordinator import CoordinationError, KnownStreams
+from dyknow_coordinator import CoordinationError, KnownStream, KnownStreams
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.ros.evaluation.standby import Standby
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
@@ -36,18 +36,34 @@ class World:
         context = self.context = MagicMock()
         context.wall_time.side_effect = lambda: self.now
         context.wall_time_s.side_effect = lambda: self.now / SECOND_NS
-        context.streams.known = KnownStreams([], self.published.__contains__)
+        self.waiting: set[str] = set()
         context.names = (f'states_{number}' for number in count(2))
         context.state_topic = lambda name: f'/{name}'
         context.clients.keep_states = AsyncMock()
         context.clients.create_stream = AsyncMock(
-            side_effect=lambda name, *_: (f'/{name}', f'/{name}/violations')
+            side_effect=lambda name, *_: self._report(name) or (f'/{name}', f'/{name}/violations')
         )
+        self._made: list[str] = []
+        self._report()
         self._looks: list[Any] = []
         context.node.spawn = self._looks.append
         # All waits are over, as when a node ends: each look is then the last one.
         context.node.deadlines.after.return_value.done.return_value = True
         self.standby = Standby(context, GROUP, StreamConstraints(), self._new_stream)
+
+    def _report(self, *names: str) -> None:
+        """Report the streams with some names, besides those before; some topics are streams."""
+        self._made += names
+        streams = [
+            KnownStream(name, topic=f'/{name}', waits_for='samples' * (name in self.waiting))
+            for name in (*self._made, 'a', 'b', 'c', 'g')
+        ]
+        self.context.streams.known = KnownStreams(streams, self.published.__contains__)
+
+    def wait(self, *names: str) -> None:
+        """Report that just the streams with some names have no samples."""
+        self.waiting = set(names)
+        self._report()
 
     def _new_stream(self, name: str) -> StateStream:
         return StateStream(self.context, name, MagicMock(), MagicMock())
@@ -117,6 +133,25 @@ def test_a_better_source_does_not_replace_a_standby(world: World) -> None:
     assert world.taken() == (C, G)
 
 
+def test_a_standby_without_states_is_not_taken(world: World) -> None:
+    world.follow(A, G)
+    world.wait('states_2')
+    assert world.taken() is None
+    world.wait()
+    assert world.taken() == (B, G)
+
+
+def test_a_source_that_has_samples_replaces_a_standby_that_has_none(world: World) -> None:
+    """It was not known when the standby was made."""
+    world.published.discard('/b')
+    world.follow(A, G)
+    world.published.add('/b')
+    world.wait('c', 'states_2')
+    world.follow(A, G, seconds=3)
+    assert world.kept == ['/states_2', '/states_3']
+    assert world.taken() == (B, G)
+
+
 def test_the_standby_changes_at_once_with_the_sources_in_use(world: World) -> None:
     world.follow(A, G)
     world.follow(B, G)
@@ -172,11 +207,12 @@ def test_no_failed_source_is_taken(world: World) -> None:
 
 def test_a_standby_that_cannot_be_made_is_tried_later(world: World) -> None:
     error = CoordinationError('no engine', ExitCode.UNAVAILABLE)
+    made = world.context.clients.create_stream.side_effect
     world.context.clients.create_stream.side_effect = error
     world.follow(A, G)
     assert world.taken() is None
     assert world.kept == []
-    world.context.clients.create_stream.side_effect = lambda name, *_: (name, f'{name}/violations')
+    world.context.clients.create_stream.side_effect = made
     world.follow(A, G, seconds=3)
     assert world.taken() == (C, G)
 

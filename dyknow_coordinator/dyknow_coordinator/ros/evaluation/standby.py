@@ -95,12 +95,16 @@ class Standby:
             self._drop()
 
     def take(self) -> StateStream | None:
-        """Return the stream, which is then the caller's; None if it is not ready or not well."""
+        """Return the stream, which is then the caller's; None if it is not ready or not well.
+
+        A stream without samples is not: its sources may never have any.
+        """
         known, now = self._context.streams.known, self._context.wall_time()
         failed = any(self._choice.is_excluded(each, now) for each in self._chosen)
         if self._stream is None or not self._is_ready or failed:
             return None
-        if not all(map(known.is_available, self._chosen)):
+        reported = known.get(self._stream.name)
+        if reported is None or reported.waits_for or not all(map(known.is_available, self._chosen)):
             return None
         taken = self._stream
         self._stream, self._is_ready, self._kept_topic = None, False, ''
