@@ -109,7 +109,9 @@ class BadNode(DyKnowNode):
 raise SystemExit(run(GoodNode, BadNode))
 """
 ERRORS = 'from dyknow_common import DyKnowError; raise DyKnowError("no file x")'
-SLOW_END = f'import threading, time; threading.Thread(target=time.sleep, args=(60,)).start(); {ERRORS}'
+SLOW_END = (
+    f'import threading, time; threading.Thread(target=time.sleep, args=(60,)).start(); {ERRORS}'
+)
 END = 'from dyknow_common.ros.topics.guards import NodeEndError; raise NodeEndError("the end")'
 
 SAVE = 'import threading; self.made_in = threading.get_ident()'
