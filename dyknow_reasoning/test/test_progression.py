@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import accumulate, product
+from random import Random
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -72,6 +73,9 @@ def test_verdicts_are_right_and_not_late(steps: st.SearchStrategy[int]) -> None:
     )()
 
 
+LITERALS = st.sampled_from([Feature('p'), Not(Feature('p')), Feature('q')])
+
+
 def over_one_body(kind: type[Always | Eventually]) -> st.SearchStrategy[Formula]:
     return intervals().map(lambda interval: kind(Feature('p'), interval))
 
@@ -79,13 +83,13 @@ def over_one_body(kind: type[Always | Eventually]) -> st.SearchStrategy[Formula]
 @settings(max_examples=EXAMPLES, deadline=None)
 @given(
     st.recursive(
-        over_one_body(Always) | over_one_body(Eventually),
+        over_one_body(Always) | over_one_body(Eventually) | LITERALS,
         lambda inner: st.one_of(st.builds(And, inner, inner), st.builds(Or, inner, inner)),
-        max_leaves=5,
+        max_leaves=9,
     ),
     traces(st.integers(1, 3)),
 )
-def test_merging_windows_over_one_body(formula: Formula, trace: Trace) -> None:
+def test_junctions_of_what_their_parts_repeat(formula: Formula, trace: Trace) -> None:
     check(formula, trace)
 
 
@@ -222,3 +226,26 @@ def test_what_remains_may_nest_deeply() -> None:
     assert 'eventually' in group.residual(formula_id)
     results = group.progress(2_000_000_000, {'p': True, 'q': True})
     assert [result.verdict for result in results] == [Verdict.TRUE]
+
+
+@pytest.mark.parametrize(
+    'formula',
+    [
+        '(always (p or eventually s)) until eventually (r and always[0, 1 s] p)',
+        '(eventually (r and always[0, 1 s] p)) until always (p or eventually s)',
+        'always (p -> ((r or eventually s) until (s and eventually p)))',
+    ],
+)
+def test_what_remains_does_not_grow_with_each_state(formula: str) -> None:
+    random = Random(1)
+    group = FormulaGroup()
+    formula_id = group.add_formula('it', formula)
+    group.begin({})
+    sizes = []
+    for index in range(300):
+        state = {name: random.random() < 0.5 for name in 'pqrs'}
+        if group.progress(index * 100_000_000, state):
+            break
+        sizes.append(len(group.residual(formula_id)))
+    assert len(sizes) > 100
+    assert max(sizes) <= 2 * max(sizes[:50])

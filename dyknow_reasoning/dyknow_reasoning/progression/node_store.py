@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cmp_to_key
-from itertools import count
+from itertools import count, filterfalse
 from typing import Any, TypeAlias
 
 from dyknow_reasoning.progression.bounds import Bound, Chronology
@@ -33,6 +33,9 @@ _JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
 _PastKey: TypeAlias = tuple[bool, int, int | None, Node, Node] | tuple[bool, Node]
 _RememberingKey: TypeAlias = tuple[Node, tuple[Memory, ...], bool]
 _AtLeastKey: TypeAlias = tuple[int, tuple[Node, ...]]
+
+_NESTING = 64
+"""Junctions that nest deeper are not searched for what they repeat: the search is recursive."""
 
 
 class NodeStore:
@@ -93,19 +96,13 @@ class NodeStore:
 
     def junction(self, parts: Iterable[Node], *, universal: bool) -> Node:
         """Return the simplified conjunction (universal) or disjunction of the parts."""
-        absorbing = constant(value=not universal)
-        flat: dict[Node, None] = {}
-        for member in parts:
-            if member is absorbing:
-                return absorbing
-            if type(member) is Junction and member.universal is universal:
-                flat.update(dict.fromkeys(member.parts))
-            elif type(member) is not Constant:
-                flat[member] = None
-        if len(flat) > 1:
-            flat = self._simplified(flat, universal=universal)
-            if absorbing in flat:
-                return absorbing
+        absorbing, is_final = constant(value=not universal), False
+        flat = _flat(parts, universal=universal)
+        while len(flat) > 1 and not is_final:
+            simpler, is_final = self._simplified(flat, universal=universal)
+            flat = simpler if is_final else _flat(simpler, universal=universal)
+        if absorbing in flat:
+            return absorbing
         if not flat:
             return constant(value=universal)
         if len(flat) == 1:
@@ -283,21 +280,20 @@ class NodeStore:
             )
         return node
 
-    def _simplified(self, flat: dict[Node, None], *, universal: bool) -> dict[Node, None]:
-        """Return the members that are not redundant.
+    def _simplified(
+        self, flat: dict[Node, None], *, universal: bool
+    ) -> tuple[dict[Node, None], bool]:
+        """Return the members that are not redundant, and True if nothing more can be simplified.
 
         Return the absorbing constant alone if two members contradict each other.
         """
         groups: dict[Sides, list[Window]] = {}
-        junctions = []
         for member in flat:
             if type(member) is Window:
                 key = (member.universal, member.left, member.right)
                 groups.setdefault(key, []).append(member)
-            elif type(member) is Junction:
-                junctions.append(member)
             elif type(member) is Literal and self.negation(member) in flat:
-                return {constant(value=not universal): None}
+                return {constant(value=not universal): None}, True
         for key, windows in groups.items():
             if len(windows) > 1:
                 groups[key] = self._merged(windows, universal=universal)
@@ -306,14 +302,43 @@ class NodeStore:
                 flat.update(dict.fromkeys(groups[key]))
         kinds = {kind for kind, _, _ in groups}
         if len(kinds) > 1 and self._contradictory(groups, universal=universal):
-            return {constant(value=not universal): None}
-        for junction in junctions:
-            if any(
-                self._is_redundant(part, flat, groups, universal=universal)
-                for part in junction.parts
-            ):
+            return {constant(value=not universal): None}, True
+        return flat, not self._simplify_junctions(flat, groups, universal=universal)
+
+    def _simplify_junctions(
+        self, flat: dict[Node, None], groups: dict[Sides, list[Window]], *, universal: bool
+    ) -> bool:
+        """Remove redundant junctions from members, in place; return True if one became simpler."""
+
+        def repeats(part: Node) -> bool:
+            return self._is_redundant(part, flat, groups, universal=universal)
+
+        has_changed = False
+        for junction in [member for member in flat if type(member) is Junction]:
+            if any(map(repeats, junction.parts)):
                 del flat[junction]
-        return flat
+            elif junction.depth <= _NESTING:
+                simpler = self._without(junction, repeats)
+                if simpler is not junction:
+                    del flat[junction]
+                    flat[simpler] = None
+                    has_changed = True
+        return has_changed
+
+    def _without(self, junction: Junction, repeats: Callable[[Node], bool]) -> Node:
+        """Return a junction whose junctions do not repeat what their siblings decide.
+
+        `a or (b and (a or c))` is `a or (b and c)`. Without this, `F until eventually G` grows with
+        each state: each level of what remains of it has `eventually G` as a part.
+        """
+        parts = tuple(
+            self.junction(filterfalse(repeats, part.parts), universal=part.universal)
+            if type(part) is Junction and any(map(repeats, part.parts))
+            else part
+            for part in junction.parts
+        )
+        is_same = parts == junction.parts
+        return junction if is_same else self.junction(parts, universal=junction.universal)
 
     def _merged(self, windows: list[Window], *, universal: bool) -> list[Window]:
         """Merge windows over the same sides: the union, or those that contain no other."""
@@ -364,6 +389,19 @@ class NodeStore:
         if part.universal is universal:
             return any(self.order.contains(window, part) for window in windows)
         return any(self.order.contains(part, window) for window in windows)
+
+
+def _flat(parts: Iterable[Node], *, universal: bool) -> dict[Node, None]:
+    """Return the members of a junction of some parts; the absorbing constant alone if there."""
+    flat: dict[Node, None] = {}
+    for member in parts:
+        if type(member) is Junction and member.universal is universal:
+            flat.update(dict.fromkeys(member.parts))
+        elif type(member) is not Constant:
+            flat[member] = None
+        elif member.value is not universal:
+            return {member: None}
+    return flat
 
 
 def _slots_of(nodes: Iterable[Node]) -> int:
