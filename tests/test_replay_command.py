@@ -85,7 +85,7 @@ def test_a_recorded_flight_is_monitored_under_simulated_time(tmp_path: Path) -> 
             timeout=60.0,
         )
         system.wait_until_running(surge)
-        line = command('replay', str(RECORDING), '--clock', '--rate', '2')
+        line = command('replay', str(RECORDING), '--clock')
         with running(line, system.environment) as process:
             system.client.spin_until(lambda: process.poll() is not None, 'the end', 60.0)
         system.client.spin_until(surge.done, 'the verdict')

@@ -22,13 +22,13 @@ from dyknow_reasoning.execution import (
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import text_of
-from dyknow_reasoning.explanation.residual import holds_at_the_end
 from dyknow_reasoning.language.formula import PastAtom
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Half, unknowable
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import FALSE
+from dyknow_reasoning.progression.residual import holds_at_the_end
 from dyknow_reasoning.progression.sizes import Counts
 from dyknow_reasoning.results import NamedFormula
 

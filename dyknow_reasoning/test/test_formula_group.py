@@ -319,7 +319,10 @@ def test_node_limit() -> None:
     ]
     assert [result.name for result in results] == [EXPLOSIVE]
     assert results[0].error is not None
-    assert 'more than 200; bound its intervals' in results[0].error.message
+    assert (
+        "more than 200 (the limit 'node_limit'): 7 windows of eventually[0 s, 50 s]"
+        in results[0].error.message
+    )
 
 
 def test_exists_and_nested_quantifiers() -> None:

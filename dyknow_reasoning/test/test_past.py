@@ -302,7 +302,10 @@ def test_what_a_past_operator_remembers_is_limited() -> None:
         results += group.progress(time * 1000, {'p': False, 'q': False})
     [failed] = results
     assert failed.error is not None
-    assert 'more than 50; bound its intervals' in failed.error.message
+    assert (
+        "more than 50 (the limit 'node_limit'): 11 windows of eventually[0 s, 1 s] q"
+        in failed.error.message
+    )
 
 
 def test_a_past_operator_over_many_objects() -> None:

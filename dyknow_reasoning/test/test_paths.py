@@ -233,7 +233,10 @@ def test_the_node_limit_counts_all_instances(batch: int, monkeypatch: pytest.Mon
     [failed] = results
     assert failed.name == 'all'
     assert failed.error is not None
-    assert 'more than 60; bound its intervals' in failed.error.message
+    assert (
+        "more than 60 (the limit 'node_limit'): 3 windows of eventually[5 ms, 9 ms]"
+        in failed.error.message
+    )
 
 
 @pytest.mark.parametrize('batch', [1, 1000])

@@ -177,7 +177,7 @@ def test_the_node_limit_is_that_of_single_steps(
             break
     [result] = results
     assert time == 9
-    assert '59 nodes, more than 56' in str(result.error)
+    assert "59 nodes, more than 56 (the limit 'node_limit'): " in str(result.error)
 
 
 def test_look_ups_stop_for_the_cleanup(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import inf
 
-from dyknow_common import ExitCode
 from dyknow_reasoning.errors import ReasoningError, late_state
 from dyknow_reasoning.execution.aggregation import Outcome, Outcomes, VerdictAggregation
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
@@ -36,6 +35,7 @@ from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, whole_past_atoms
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import Constant, Node
+from dyknow_reasoning.progression.residual import growth_error
 
 _NO_OUTCOMES: Outcomes = {}
 _FIRST_STATES, _FEWEST_STATES, _MOST_STATES = 1 << 12, 1 << 4, 1 << 16
@@ -379,15 +379,18 @@ class InstanceMonitor:
 
     def _check_sizes(self, now: int) -> Mapping[int, Outcome]:
         """Remove the formulas that exceed the node limit; return their errors."""
-        failures: dict[int, Outcome] = {
-            formula_id: ReasoningError(
-                f'the formula has grown to {size} nodes, more than {self._node_limit}; '
-                'bound its intervals, lengthen the sample period, or raise the node limit',
-                ExitCode.UNAVAILABLE,
-            )
-            for formula_id, size in self._pool.sizes(now).items()
-            if size > self._node_limit
-        }
+        failures: dict[int, Outcome] = {}
+        for formula_id, size in self._pool.sizes(now).items():
+            if size > self._node_limit:
+                states = [
+                    each
+                    for each in self._pool.states(now)
+                    if each.instance.formula_id == formula_id
+                ]
+                largest = max(states, key=lambda state: state.node.size)
+                failures[formula_id] = growth_error(
+                    size, self._node_limit, largest.node, largest.instance.atoms
+                )
         if failures:
             self.remove(failures)
         return failures

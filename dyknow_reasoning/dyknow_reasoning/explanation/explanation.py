@@ -16,12 +16,6 @@ from dyknow_reasoning.execution import DecidingMoment, Histories, InstanceVerdic
 from dyknow_reasoning.explanation.choices import objects_text, scope_text
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
 from dyknow_reasoning.explanation.past_facts import PastStates, past_fact, shortened_text
-from dyknow_reasoning.explanation.residual import (
-    interval_of,
-    parts_in_order,
-    remaining_text,
-    residual_text,
-)
 from dyknow_reasoning.language.formula import (
     Comparison,
     Formula,
@@ -62,6 +56,12 @@ from dyknow_reasoning.progression.nodes import (
     constant,
     descendants,
     sides,
+)
+from dyknow_reasoning.progression.residual import (
+    interval_of,
+    parts_in_order,
+    remaining_text,
+    residual_text,
 )
 from dyknow_reasoning.progression.sizes import Counts
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
 
 from dyknow_reasoning.execution import InstanceMonitor, InstanceState
-from dyknow_reasoning.explanation.residual import holds_at_the_end, remaining_text
 from dyknow_reasoning.progression.gaps import Half
+from dyknow_reasoning.progression.residual import holds_at_the_end, remaining_text
 
 _MAX_NODES = 1000
 """The nodes after which a text shows no more instances: operators receive it each second."""

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts
+from dyknow_reasoning.progression.residual import growth_error
 
 
 def limit_automata(
@@ -31,25 +30,22 @@ def limit_automata(
         automaton.has_grown = False
         if automaton.max_size > node_limit or automaton.is_full:
             used = [each for each in starts if each.template is template]
-            locations = {each for one in used for each in one.locations}
-            _check_sizes(locations, node_limit)
+            for one in used:
+                _check_size(one, node_limit)
             if automaton.is_full:
                 is_forgotten = True
-                automaton.forget(locations)
+                automaton.forget({each for one in used for each in one.locations})
                 for one in used:
                     one.forget()
     return is_forgotten
 
 
-def _check_sizes(locations: Iterable[Location], node_limit: int) -> None:
-    """Check that what remains of a formula is not too large.
+def _check_size(starts: OpenStarts, node_limit: int) -> None:
+    """Check that what remains of an instance is not too large.
 
     Raises:
         ReasoningError: if it is.
     """
-    size = max(each.node.size for each in locations)
-    if size > node_limit:
-        raise ReasoningError(
-            f'what remains of the formula has {size} nodes, more than {node_limit} (the '
-            "limit 'node_limit'); use shorter intervals or fewer nested operators"
-        )
+    largest = max((each.node for each in starts.locations), key=lambda node: node.size)
+    if largest.size > node_limit:
+        raise growth_error(largest.size, node_limit, largest, starts.instance.atoms)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import attrgetter
 
+from dyknow_common import ExitCode, shortened
+from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Atom,
     Comparison,
@@ -28,10 +31,12 @@ from dyknow_reasoning.progression.nodes import (
     PastWindow,
     PreviousState,
     Remembering,
+    Sides,
     Window,
     bounds_of,
     descendants,
     pending_parts,
+    sides,
 )
 
 
@@ -60,6 +65,28 @@ def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[A
     """
     bounds = {each: Bound(0, times[each.state] + each.offset - now) for each in bounds_of(node)}
     return residual_text(NodeStore(Chronology(), [node]).renumbered(node, bounds), atoms)
+
+
+def growth_error(size: int, limit: int, node: Node, atoms: Sequence[Atom]) -> ReasoningError:
+    """Return the error of a formula that has grown too large, which names its largest part.
+
+    Args:
+        size: the number of nodes that remain of it.
+        limit: the most that may remain.
+        node: what remains of it, or of one of its instances.
+        atoms: the atom of each slot.
+    """
+    open_windows: defaultdict[Sides, list[Window]] = defaultdict(list)
+    for each in pending_parts(node):
+        if type(each) is Window:
+            open_windows[sides(each)].append(each)
+    most = max(open_windows.values(), key=lambda found: len(found) * found[0].size, default=[])
+    part = f': {len(most)} windows of {shortened(residual_text(most[0], atoms))}' if most else ''
+    return ReasoningError(
+        f"the formula has grown to {size} nodes, more than {limit} (the limit 'node_limit'){part}; "
+        'bound its intervals, lengthen the sample period, or raise the limit',
+        ExitCode.UNAVAILABLE,
+    )
 
 
 def holds_at_the_end(node: Node) -> bool:
