@@ -149,7 +149,7 @@ def test_vectors_have_no_effect_on_results(monkeypatch: pytest.MonkeyPatch) -> N
             found.append(outcomes(group, states, gaps, recorded))
             assert group._monitor is not None
             used += least == 2 and uses_vectors(group)
-            quick += group._monitor._batch_path.leave() is not None
+            quick += group._monitor._fast_path.leave() is not None
         assert all(each == found[0] for each in found), (texts, states, gaps, blocks)
     assert used > CASES // 20
     assert quick > CASES // 20

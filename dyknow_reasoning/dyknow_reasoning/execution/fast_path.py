@@ -1,8 +1,8 @@
 """The fast path, for states at which each instance needs one table look-up only.
 
-Most states of most streams are such. For individual instances, one function of generated code reads
-each field once for all instances, checks its type, and moves each instance to the next row of its
-table. For batches, the vectors are read as always. If look-ups do not suffice, both have no effect.
+Most states of most streams are such. One function of generated code reads each field once for all
+instances, checks its type, and moves each instance to the next row of its table. If look-ups do not
+suffice, it has no effect. Batches, which are vectors already, have no such path.
 """
 
 from __future__ import annotations
@@ -17,15 +17,13 @@ from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
 from dyknow_reasoning.execution.automata.readers import MAX_GENERATED, Reader, ReaderCode
 from dyknow_reasoning.execution.instance_pool import InstancePool
 from dyknow_reasoning.execution.single_instance import SingleInstance
-from dyknow_reasoning.execution.vectors.atom_vectors import Array, UnreadableError
-from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME, TabulatedVectors
 from dyknow_reasoning.progression.atoms import Predicate, Values
 
 _MAX_INSTANCES = 256
 _MAX_ATOMS = 2048
 """The most atoms of all instances: code for many takes long to compile."""
 _MIN_STATES = 4
-"""States without more than look-ups before code is generated, or batches take the fast path."""
+"""States without more than look-ups before code is generated."""
 
 Step: TypeAlias = Callable[[int, Values], bool]
 
@@ -119,52 +117,6 @@ class FastPath:
         for instance, row in zip(self._instances, rows, strict=True):
             instance.configuration = row.configuration
         return latest
-
-
-class BatchPath:
-    """The fast path of batches, whose next rows are looked up before any instance is moved."""
-
-    def __init__(self) -> None:
-        self._is_entered = False
-        self._pool: InstancePool
-        self._tables: list[TabulatedVectors] = []
-        self._elapsed = self._latest = self._states = 0
-
-    def enter(self, pool: InstancePool, elapsed: int, latest: int) -> Step | None:
-        """Enter the fast path if it is worthwhile, as that of `FastPath`."""
-        self._states += 1
-        tables = [found for batch in pool.batches if (found := batch.tables)]
-        if self._states < _MIN_STATES or len(tables) < len(pool.batches):
-            return None
-        self._pool, self._tables = pool, tables
-        self._elapsed, self._latest = elapsed, latest
-        self._is_entered = True
-        return self._step
-
-    def leave(self) -> int | None:
-        """Leave the fast path; return the valid time of the latest state, None if not entered."""
-        if not self._is_entered:
-            return None
-        self._is_entered, self._states = False, 0
-        return self._latest
-
-    def _step(self, time: int, values: Values) -> bool:
-        if time - self._latest != self._elapsed or time > MAX_VECTOR_TIME:
-            return False
-        try:
-            symbols = self._pool.read_batches(values)
-        except UnreadableError:
-            return False
-        found: list[Array] = []
-        for tables, each in zip(self._tables, symbols, strict=True):
-            rows = tables.look_up(each, self._elapsed)
-            if rows is None:
-                return False
-            found.append(rows)
-        for tables, rows in zip(self._tables, found, strict=True):
-            tables.rows = rows
-        self._latest = time
-        return True
 
 
 def look_ups_of(

@@ -17,7 +17,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
 from dyknow_reasoning.execution.automata.sampling import SamplingRegularity
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.block_progression import BlockProgression
-from dyknow_reasoning.execution.fast_path import BatchPath, FastPath, Step
+from dyknow_reasoning.execution.fast_path import FastPath, Step
 from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory
@@ -66,7 +66,6 @@ class InstanceMonitor:
         self._new: list[InstanceState] = []
         self._pool = InstancePool(self._shared_vectors)
         self._fast_path = FastPath()
-        self._batch_path = BatchPath()
         # Progresses all instances over a state like `progress`, and returns True. It returns False,
         # and has no effect, if that needs more than a table look-up for each instance.
         self.quick_step: Step | None = None
@@ -151,8 +150,7 @@ class InstanceMonitor:
             failures = {**failures, **unreadable}
         outcomes = self._step(symbols, valid_time, elapsed)
         if self._needs_look_ups_only:
-            path: FastPath | BatchPath = self._batch_path if self._pool.batches else self._fast_path
-            self.quick_step = path.enter(self._pool, elapsed, valid_time)
+            self.quick_step = self._fast_path.enter(self._pool, elapsed, valid_time)
         if outcomes or failures or crossed:
             return {**crossed, **_by_id({**failures, **outcomes})}
         return _NO_OUTCOMES
@@ -285,7 +283,8 @@ class InstanceMonitor:
         self._needs_look_ups_only = (
             regular
             and not self._is_large
-            and bool(pool.singles) is not bool(pool.batches)
+            and bool(pool.singles)
+            and not pool.batches
             and all(single.configuration for single in pool.singles)
         )
         return outcomes
@@ -359,8 +358,8 @@ class InstanceMonitor:
 
     def _leave_fast_path(self) -> None:
         self.quick_step = None
-        for latest in (self._fast_path.leave(), self._batch_path.leave()):
-            self._latest = self._latest if latest is None else latest
+        latest = self._fast_path.leave()
+        self._latest = self._latest if latest is None else latest
 
     def _check_limits(self, now: int) -> Mapping[int, Outcome]:
         """Limit memory; return the errors of formulas that are too large, which are removed."""

@@ -121,9 +121,9 @@ class InstancePool:
             ReasoningError: for unusable values of an individual instance.
         """
         singles = [single.read(values) for single in self.singles]
-        return singles, self.read_batches(values) if self.batches else ()
+        return singles, self._read_batches(values) if self.batches else ()
 
-    def read_batches(self, values: Values) -> Sequence[Array]:
+    def _read_batches(self, values: Values) -> Sequence[Array]:
         """Return the truth of the atoms of the batches; raise UnreadableError as `read` does."""
         try:
             self.fields.load(values)

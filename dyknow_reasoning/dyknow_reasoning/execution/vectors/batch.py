@@ -59,13 +59,6 @@ class Batch:
         """True if some values are loaded for instances that are gone."""
         return self._rows is not None
 
-    @property
-    def tables(self) -> TabulatedVectors | None:
-        """The vectors, if a state may need no more than look-ups in their tables."""
-        if self._origins.opens_later or not isinstance(self._vectors, TabulatedVectors):
-            return None
-        return self._vectors
-
     def attach(self, fields: FieldVectors) -> None:
         """Set the field vectors from which the atoms are evaluated."""
         self._rows = None

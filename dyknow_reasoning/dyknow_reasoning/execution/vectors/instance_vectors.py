@@ -97,26 +97,17 @@ class TabulatedVectors:
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:
         """Progress all instances over a state; return those that it decides."""
-        rows = self.look_up(symbols, elapsed)
-        if rows is not None:
-            self.rows = rows
-            return []
         before = self.rows
         codes = before + symbols
         after = self._table(elapsed)[codes]
+        if not np.count_nonzero(after < _ZERO):
+            self.rows = after
+            return []
         if (after == _UNKNOWN).any():
             self._fill(codes[after == _UNKNOWN], elapsed)
             after = self._tables[elapsed][codes]
         self.rows = np.where(after < _UNKNOWN, -2 - after, after)
         return list(self._decided(before, after, now - elapsed))
-
-    def look_up(self, symbols: Array, elapsed: int) -> Array | None:
-        """Return the rows after a state; None if that needs more, or decides an instance."""
-        try:
-            after = self._tables[elapsed][self.rows + symbols]
-        except (KeyError, IndexError):
-            return None
-        return None if np.count_nonzero(after < _ZERO) else after
 
     def clocked(self, automaton: Automaton, latest: int) -> ClockedVectors:
         """Return the same instances with clocks."""
