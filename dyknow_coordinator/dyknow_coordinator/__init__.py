@@ -18,6 +18,7 @@ from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.source_choice import (
     EXCLUSION_NS,
+    SILENCE_LIMIT_NS,
     TRANSIENT,
     SourceChoice,
     StateFault,
@@ -48,6 +49,7 @@ from dyknow_coordinator.reporting.verdict_topics import verdict_token
 
 __all__ = [
     'EXCLUSION_NS',
+    'SILENCE_LIMIT_NS',
     'TRANSIENT',
     'Answer',
     'CandidateSearch',

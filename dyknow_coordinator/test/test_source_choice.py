@@ -65,6 +65,19 @@ def test_replacements_must_be_available_and_well() -> None:
     assert not choice.can_replace([B], [C], KNOWN, 0)
 
 
+def test_what_has_no_samples_replaces_only_if_nothing_else_does() -> None:
+    def known(*silent: str) -> KnownStreams:
+        streams = [KnownStream('s', topic='/c', waits_for='x' if '/c' in silent else '')]
+        return KnownStreams(streams, lambda _: True, has_begun=lambda topic: topic not in silent)
+
+    choice = SourceChoice()
+    choice.exclude([A], 0)
+    for silent, expected in (((), B), (('/b',), C), (('/b', '/c'), B)):
+        assert choice.replacements(['F'], CANDIDATES, known(*silent), 1) == (expected,)
+        assert choice.can_replace([A], [expected], known(*silent), 1) is (len(silent) < 2)
+    assert choice.choose(['F'], CANDIDATES, known('/b'), 1) == (B,)
+
+
 def test_stand_ins_avoid_the_sources_in_use() -> None:
     other = FeatureSource('G', 'g', 'stream g = select x as G from "/b"')
     candidates = Candidates((A, B, C, other))

@@ -395,6 +395,35 @@ def test_a_silent_topic_is_replaced(files: MonitoringFiles) -> None:
     assert "topic '/a' has been silent for 5 s" in report.events[0]
 
 
+@pytest.fixture(params=['topics', 'streams'])
+def pair(files: MonitoringFiles, request: pytest.FixtureRequest) -> MonitoringFiles:
+    """Return files with two sources of a feature, from /a, the better one, and /b."""
+    if request.param == 'topics':
+        texts = '"/a" contains Power[r1] = p', '"/b" contains Power[r1] = p'
+    else:
+        texts = 'main contains Power[r1] = power', 'spare contains Power[r1] = power'
+        made = (
+            f'stream {name} = select p as power from "/{topic}"; sink {name}'
+            for name, topic in (('main', 'a'), ('spare', 'b'))
+        )
+        files.streams[0].write_text(';'.join(made))
+    files.annotations[0].write_text(';'.join(f'stream {each}' for each in texts))
+    return files
+
+
+def test_no_topic_that_has_not_begun_replaces_a_silent_one(pair: MonitoringFiles) -> None:
+    first = [*series('/a', [*steps(0, 2), *steps(8, 10)]), sample('/a', 10, p=7.0)]
+    source = recording([*first, *series('/a', steps(10.1, 30)), *series('/b', steps(20, 30))])
+    report = check(source, 'always Power[r1] < 5', pair)
+    assert (report.episodes[0].decided_at, report.events) == (at(10), ())
+
+
+def test_a_better_topic_that_begins_late_hides_no_violation(pair: MonitoringFiles) -> None:
+    spare = [*series('/b', steps(0, 3)), sample('/b', 3, p=7.0), *series('/b', steps(3.1, 30))]
+    report = check(recording([*spare, *series('/a', steps(20, 30))]), 'always Power[r1] < 5', pair)
+    assert report.episodes[0].decided_at == at(3)
+
+
 def test_an_overdue_stream_without_a_stand_in(files: MonitoringFiles) -> None:
     source = recording([*series('/a', steps(0, 1)), *series('/other', steps(0, 12))])
     files.streams[0].write_text(

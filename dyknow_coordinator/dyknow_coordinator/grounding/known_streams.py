@@ -62,6 +62,7 @@ class KnownStreams:
     Args:
         is_published: returns True if a topic has a publisher.
         absolute: returns the absolute name of a topic.
+        has_begun: returns False if a topic is known to have had no message.
     """
 
     def __init__(
@@ -69,11 +70,13 @@ class KnownStreams:
         streams: Iterable[KnownStream],
         is_published: Callable[[str], bool],
         absolute: Callable[[str], str] = lambda topic: topic,
+        has_begun: Callable[[str], bool] = lambda _: True,
     ) -> None:
         self._streams = {stream.name: stream for stream in streams}
         self._by_topic = {each.topic: each for each in self._streams.values() if each.topic}
         self._is_published = is_published
         self._absolute = absolute
+        self._has_begun = has_begun
 
     @staticmethod
     def parse(source: FeatureSource) -> None:
@@ -163,8 +166,9 @@ class KnownStreams:
         )
 
     def is_flowing(self, source: FeatureSource) -> bool:
-        """Return True unless a stream that a source names is known to wait for samples."""
-        return not any(stream.waits_for for stream in self._named(source))
+        """Return True unless a stream that a source is made from is known to have no samples."""
+        is_waiting = any(stream.waits_for for stream in self._named(source))
+        return not is_waiting and all(map(self._has_begun, self.topics([source])))
 
     def identities(self, sources: Iterable[FeatureSource]) -> Mapping[str, int]:
         """Return the ids of the streams of engines that sources name, by their topics.

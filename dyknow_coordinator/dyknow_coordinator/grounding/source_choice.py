@@ -12,6 +12,9 @@ from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSour
 from dyknow_coordinator.grounding.known_streams import KnownStreams
 from dyknow_stream_processing import ViolationKind
 
+SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
+"""The default time after which a topic without a message is silent, as is a stream of states."""
+
 EXCLUSION_NS: Final = 10 * SECOND_NS
 """Time for which a source that failed is not chosen again."""
 
@@ -66,6 +69,20 @@ class SourceChoice:
             features, known.is_available, lambda source: not self.is_excluded(source, now)
         )
 
+    def replacements(
+        self, features: Iterable[str], candidates: Candidates, known: KnownStreams, now: int
+    ) -> tuple[FeatureSource, ...]:
+        """Return what `choose` does, but a source that has samples if there is one.
+
+        It is asked after a failure: at the start, the first samples may still be on their way.
+        """
+        return candidates.choose(
+            features,
+            known.is_available,
+            lambda source: not self.is_excluded(source, now),
+            known.is_flowing,
+        )
+
     def stand_ins(
         self,
         in_use: Sequence[FeatureSource],
@@ -116,13 +133,13 @@ class SourceChoice:
         known: KnownStreams,
         now: int,
     ) -> bool:
-        """Return True if other sources are available that have not failed recently.
+        """Return True if other sources have samples and have not failed recently.
 
         Sources that have failed would be replaced again at once, without end.
         """
         new = set(others) - set(chosen)
-        available = all(map(known.is_available, new))
-        return bool(new) and available and not any(self.is_excluded(each, now) for each in new)
+        is_well = all(known.is_available(each) and known.is_flowing(each) for each in new)
+        return bool(new) and is_well and not any(self.is_excluded(each, now) for each in new)
 
 
 def silent_topics(

@@ -17,6 +17,7 @@ from dyknow_common.ros import RUNNING, Background, DyKnowNode, margin_to_message
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.grounding.source_choice import SILENCE_LIMIT_NS
 from dyknow_coordinator.reporting.evaluation_status import (
     EvaluationStatus,
     Level,
@@ -88,7 +89,7 @@ class _Settings:
             ),
             silence_limit_s=node.parameter(
                 'silence_limit',
-                5.0,
+                SILENCE_LIMIT_NS / SECOND_NS,
                 'Seconds after which a silent stream is replaced, if others match, and operators '
                 'get a warning.',
                 (0.1, 1e9),

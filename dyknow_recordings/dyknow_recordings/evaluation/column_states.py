@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 
 from dyknow_common import SECOND_NS
+from dyknow_coordinator import SILENCE_LIMIT_NS
 from dyknow_recordings.evaluation.columns.series import (
     ColumnStream,
     NeededMessages,
@@ -31,7 +32,7 @@ from dyknow_recordings.evaluation.columns.series import (
     Series,
 )
 from dyknow_recordings.evaluation.columns.topic_streams import TopicStream
-from dyknow_recordings.evaluation.state_group import SILENCE_LIMIT_NS, StateGroup
+from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.states.standby import GroupStream
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.topic_history import TopicHistory

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
 from dyknow_coordinator import (
+    SILENCE_LIMIT_NS,
     TRANSIENT,
     CoordinationError,
     FeatureSource,
@@ -36,9 +37,6 @@ from dyknow_recordings.evaluation.states.standby import GroupStream, RecordedSta
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import END, LostMessages
 from dyknow_stream_processing import Sample, Violation
-
-SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
-"""The default `silence_limit` of the coordinator."""
 
 WAITING_LIMIT_NS: Final = 3 * SECOND_NS
 """The time without states after which a formula is waiting for them."""
@@ -160,7 +158,7 @@ class StateGroup:
         while self._faults and not self.episodes.has_ended:
             fault, count = worst_fault(self._faults), len(self._faults)
             standby = self._standby.take(now)
-            chosen = standby.chosen if standby else self._choose(now)
+            chosen = standby.chosen if standby else self._replacements(now)
             failed = any(self._choice.is_excluded(each, now) for each in chosen)
             if not standby and not fault.transient and failed:
                 self._fail(fault.error)
@@ -222,7 +220,7 @@ class StateGroup:
         oldest, known = now - SILENCE_LIMIT_NS, self._streams.known
         for silent in silent_topics(self._chosen, known, received, self._used_since, oldest):
             self._exclude(silent.sources, now)
-            others = self._choose(now)
+            others = self._replacements(now)
             can_replace = self._choice.can_replace(self._chosen, others, known, now)
             if can_replace or silent.is_overdue:
                 limit = SILENCE_LIMIT_NS / SECOND_NS
@@ -257,6 +255,11 @@ class StateGroup:
     def _choose(self, now: int) -> tuple[FeatureSource, ...]:
         inputs, known = self._inputs, self._streams.known
         return self._choice.choose(inputs.features, inputs.candidates, known, now)
+
+    def _replacements(self, now: int) -> tuple[FeatureSource, ...]:
+        """Return the sources to use after a fault, those in use or others."""
+        inputs, known = self._inputs, self._streams.known
+        return self._choice.replacements(inputs.features, inputs.candidates, known, now)
 
     def _switch(self, chosen: tuple[FeatureSource, ...], now: int) -> None:
         """Make the states of other sources from now on."""

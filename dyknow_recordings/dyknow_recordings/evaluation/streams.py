@@ -340,7 +340,13 @@ class RecordedStreams:
         published = {self.absolute(stream_topic(name)) for name in self._requested} | set(
             self._topics
         )
-        return KnownStreams(made, lambda topic: self.absolute(topic) in published, self.absolute)
+        return KnownStreams(
+            made,
+            lambda topic: self.absolute(topic) in published,
+            self.absolute,
+            # A recording does not tell when a publisher begins, but with its first message.
+            lambda topic: self.received_at(topic) > 0,
+        )
 
     def _fields_of(self, name: str) -> tuple[str, ...]:
         stream = self._requested.get(name)

@@ -11,7 +11,13 @@ from enum import IntEnum
 from typing import Final
 
 from dyknow_common import SECOND_NS, ExitCode, Verdict
-from dyknow_coordinator import EvaluationStatus, Level, SymbolGrounding, diagnose
+from dyknow_coordinator import (
+    SILENCE_LIMIT_NS,
+    EvaluationStatus,
+    Level,
+    SymbolGrounding,
+    diagnose,
+)
 from dyknow_recordings.markers.fences import Point, closed, fences
 
 Axes = tuple[str, str, str]
@@ -38,9 +44,6 @@ COLOURS: Final[dict[Level, Colour]] = {
 }
 NOT_RESPONSIBLE: Final[Colour] = (0.6, 0.6, 0.6, 0.5)
 """The colour of ground features that did not make a formula false."""
-
-SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
-"""Time without a new state after which a formula gets a warning."""
 
 _PAIR = 2
 _OPACITY = 0.1

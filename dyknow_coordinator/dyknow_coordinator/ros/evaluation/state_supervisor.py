@@ -182,7 +182,7 @@ class StateSupervisor:
     ) -> None:
         """Replace silent sources, if others are available; if not, and `is_overdue`, fail."""
         self._exclude(silent)
-        others = self._choose(self.inputs.candidates)
+        others = self._replacements()
         known, now = self._context.streams.known, self._context.wall_time()
         can_replace = self._choice.can_replace(self.chosen, others, known, now)
         if can_replace or is_overdue:
@@ -202,6 +202,12 @@ class StateSupervisor:
     def _choose(self, candidates: Candidates) -> tuple[FeatureSource, ...]:
         known, now = self._context.streams.known, self._context.wall_time()
         return self._choice.choose(self.inputs.features, candidates, known, now)
+
+    def _replacements(self) -> tuple[FeatureSource, ...]:
+        """Return the sources to use after a fault, those in use or others."""
+        inputs, known = self.inputs, self._context.streams.known
+        now = self._context.wall_time()
+        return self._choice.replacements(inputs.features, inputs.candidates, known, now)
 
     def _exclude(self, sources: Sequence[FeatureSource]) -> None:
         self._choice.exclude(sources, self._context.wall_time())
@@ -282,7 +288,7 @@ class StateSupervisor:
             if standby is None and await self._settle():
                 continue
             fault, count = worst_fault(self._faults), len(self._faults)
-            chosen = self._choose(self.inputs.candidates)
+            chosen = self._replacements()
             if not standby and not fault.transient and any(map(self._is_excluded, chosen)):
                 self._observer.fail(fault.error)
                 break
