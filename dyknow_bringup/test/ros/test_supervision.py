@@ -5,7 +5,13 @@ import pytest
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.launcher import EndedProcess
 from dyknow_bringup.processes.processes import Process
-from dyknow_bringup.processes.supervision import PERIOD_NS, RESTART_DELAY_NS, Supervisor
+from dyknow_bringup.processes.supervision import (
+    AT_ONCE_NS,
+    MAX_DELAY_NS,
+    RESTART_DELAY_NS,
+    STABLE_NS,
+    Supervisor,
+)
 from dyknow_common.executables import CANNOT_START
 
 NODE = Process('package', 'node')
@@ -57,7 +63,7 @@ def test_a_process_that_ends_is_started_again_after_a_delay() -> None:
     node.wait(RESTART_DELAY_NS)
     assert node.processes.starts == 2
     assert node.said == [
-        'node was killed by SIGKILL; it will be started again',
+        'node was killed by SIGKILL; it will be started again in 2 s',
         'node was started again',
     ]
 
@@ -67,21 +73,46 @@ def test_a_process_that_cannot_start_ends_the_system() -> None:
         Restarts().end(CANNOT_START)
 
 
-def test_a_process_that_ends_again_and_again_ends_the_system() -> None:
+def test_a_process_that_ends_again_at_once_ends_the_system() -> None:
     node = Restarts()
-    for _ in range(2):
+    for delay in (RESTART_DELAY_NS, 2 * RESTART_DELAY_NS):
         node.end(70)
-        node.wait(RESTART_DELAY_NS)
-    with pytest.raises(BringupError, match=r'node ended with exit code 70 \(end 3 within 30 s\)'):
+        node.wait(delay)
+        node.wait(AT_ONCE_NS - 1)
+    message = r'node ended with exit code 70 \(3 times, each time within 10 s of its start\)'
+    with pytest.raises(BringupError, match=message):
         node.end(70)
 
 
-def test_rare_ends_are_no_loop() -> None:
+def test_a_process_that_is_killed_again_and_again_is_started_later_and_later() -> None:
+    """Whatever kills it, the other nodes, such as guards, go on."""
+    node = Restarts()
+    delays = []
+    for code in (-9, -15, -9, -9, -9, -9):
+        node.end(code)
+        began, starts = node.now, node.processes.starts
+        while node.processes.starts == starts:
+            node.wait(RESTART_DELAY_NS // 2)
+        delays.append(node.now - began)
+    assert delays == [RESTART_DELAY_NS << n for n in range(4)] + [MAX_DELAY_NS] * 2
+
+
+def test_a_process_that_has_run_for_long_is_started_again_soon() -> None:
     node = Restarts()
     for _ in range(5):
         node.end(-6)
-        node.wait(PERIOD_NS // 2)
+        node.wait(RESTART_DELAY_NS)
+        node.wait(STABLE_NS)
     assert node.processes.starts == 6
+
+
+def test_faults_after_some_time_end_no_system() -> None:
+    node = Restarts()
+    for number in range(1, 6):
+        node.end(70)
+        node.wait(MAX_DELAY_NS)
+        node.wait(AT_ONCE_NS)
+        assert node.processes.starts == 1 + number
 
 
 def test_without_restarts_the_first_end_is_that_of_the_system() -> None:
