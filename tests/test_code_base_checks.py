@@ -53,14 +53,20 @@ def test_long_files_and_functions(checks: ModuleType) -> None:
     ]
 
 
-def test_folders_with_many_modules(checks: ModuleType) -> None:
-    for number in range(13):
-        write(checks, f'module_{number}.py', '')
-    write(checks, '__init__.py', '')
-    assert not list(checks.large_folders())
-    write(checks, 'module_13.py', '')
-    assert list(checks.large_folders()) == [
-        'dyknow_example/dyknow_example has 14 modules, more than 13'
+def test_budgets_of_lines(checks: ModuleType) -> None:
+    def faults(budget: int) -> list[str]:
+        text = f'[tool.lines]\ndyknow_example = {budget}\n'
+        (checks.ROOT / 'pyproject.toml').write_text(text)
+        return list(checks.budget_faults())
+
+    write(checks, 'one.py', '\n' * 300)
+    write(checks, 'page.js', '\n' * 50)
+    (checks.ROOT / 'dyknow_example' / 'test' / 'test_one.py').write_text('\n' * 1000)
+    assert not faults(350)
+    assert faults(349) == ['dyknow_example has 350 lines, more than the 349 of its budget']
+    assert not faults(550)
+    assert faults(551) == [
+        'dyknow_example has 350 lines: lower its budget of 551 in pyproject.toml'
     ]
 
 

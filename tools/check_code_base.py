@@ -2,8 +2,8 @@
 
 - A class name means one thing in all packages.
 - Modules do not import each other in a circle.
-- A folder holds at most MAX_MODULES modules, a file at most MAX_LINES lines, a function at most
-  MAX_FUNCTION_LINES lines.
+- A package has at most the lines of its budget in pyproject.toml, a file at most MAX_LINES, a
+  function at most MAX_FUNCTION_LINES.
 - A file of tests has a name of its own: where ROS is installed, launch_testing imports it by this
   name.
 - package.xml declares what the code of its package imports, and nothing else.
@@ -15,6 +15,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+import tomllib
 import xml.etree.ElementTree as ET
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -25,9 +26,13 @@ from pathlib import Path
 import grimp
 
 ROOT = Path(__file__).parent.parent
-MAX_MODULES = 13
+SPARE_LINES = 200
+"""A budget that is larger by more is to be lowered."""
 MAX_LINES = 600
 MAX_FUNCTION_LINES = 40
+
+COUNTED = {'.py', '.lark', '.js', '.css', '.html', '.msg', '.srv', '.action'}
+"""The endings of files with code."""
 
 ROSDEP_KEYS = {
     'backports': 'python3-backports.zstd-pip',
@@ -96,15 +101,23 @@ def import_cycles() -> Iterator[str]:
         yield f'these modules import each other: {" -> ".join(reversed(error.args[1]))}'
 
 
-def large_folders() -> Iterator[str]:
-    """Report folders with too many modules."""
-    for package in packages():
-        count = defaultdict(int)
-        for path in modules(package):
-            count[path.parent] += path.name != '__init__.py'
-        for folder, number in sorted(count.items()):
-            if number > MAX_MODULES:
-                yield f'{folder.relative_to(ROOT)} has {number} modules, more than {MAX_MODULES}'
+def budget_faults() -> Iterator[str]:
+    """Report packages with more lines than their budget, and budgets that are to be lowered."""
+    budgets = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['lines']
+    found = {path.name: lines_of(path) for path in ROOT.glob('dyknow_*') if path.is_dir()}
+    for package, lines in sorted(found.items()):
+        budget = budgets.get(package, 0)
+        if lines > budget:
+            yield f'{package} has {lines} lines, more than the {budget} of its budget'
+        elif lines < budget - SPARE_LINES:
+            yield f'{package} has {lines} lines: lower its budget of {budget} in pyproject.toml'
+
+
+def lines_of(package: Path) -> int:
+    """Return the lines of a package in all languages, without its tests."""
+    paths = (path for path in package.rglob('*') if path.suffix in COUNTED)
+    product = (path for path in paths if 'test' not in path.relative_to(package).parts)
+    return sum(len(path.read_text(encoding='utf-8').splitlines()) for path in product)
 
 
 def long_code() -> Iterator[str]:
@@ -197,7 +210,7 @@ def main() -> int:
     faults = [
         *repeated_class_names(),
         *import_cycles(),
-        *large_folders(),
+        *budget_faults(),
         *long_code(),
         *repeated_test_names(),
         *undeclared_dependencies(),

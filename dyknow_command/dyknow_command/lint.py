@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,11 +34,10 @@ def lint(options: argparse.Namespace) -> int:
     )
     for each in findings:
         print(json.dumps(each.document) if options.json else each)  # noqa: T201 - a command
-    names = ', '.join(map(str, options.file))
     if not inputs.is_complete:
         sys.stderr.write('dyknow lint: names and topics are checked when these are mended\n')
     elif not findings and not options.json:
-        print(f'{names}: nothing found')  # noqa: T201
+        print(_success(options.file, inputs, topics))  # noqa: T201
     return FINDINGS if findings else SUCCESS
 
 
@@ -116,6 +115,15 @@ def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]
 def _finding_of(error: DyKnowError, inputs: LintInputs) -> Finding:
     path = str(getattr(error, 'path', ''))
     return robot_error(error, inputs.texts.get(path, ''), path)
+
+
+def _success(
+    files: Iterable[Path], inputs: LintInputs, topics: tuple[ObservedTopic, ...] | None
+) -> str:
+    """Return what was checked, without a finding."""
+    counts = {'formula': len(inputs.formulas), 'topic': len(topics or ())}
+    checked = [f'{count} {what}{"s" * (count > 1)}' for what, count in counts.items() if count]
+    return f'{", ".join(map(str, files))}: {", ".join([*checked, "nothing to mend"])}'
 
 
 def _observed(options: argparse.Namespace) -> tuple[ObservedTopic, ...] | None:

@@ -101,16 +101,16 @@ def test_named_pipes(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.parametrize(
-    'files',
+    ('files', 'checked'),
     [
-        [ROVER / 'rover.yaml'],
-        [ROVER / 'rover.owl', ROVER / 'rover.ssl', ROVER / 'rover.streams'],
-        [ROVER / 'rover.ssl'],
+        ([ROVER / 'rover.yaml'], '2 formulas, '),
+        ([ROVER / 'rover.owl', ROVER / 'rover.ssl', ROVER / 'rover.streams'], ''),
+        ([ROVER / 'rover.ssl'], ''),
     ],
 )
-def test_correct_files(files: list[Path], capsys: pytest.CaptureFixture[str]) -> None:
+def test_correct_files(files: list[Path], checked: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, shown = lint(capsys, *files)
-    assert (code, shown) == (0, f'{", ".join(map(str, files))}: nothing found\n')
+    assert (code, shown) == (0, f'{", ".join(map(str, files))}: {checked}nothing to mend\n')
 
 
 def test_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

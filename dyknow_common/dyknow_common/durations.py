@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
+import time  # noqa: TID251 - it sets the zone, and reads no clock
+from datetime import datetime
 from decimal import Decimal
 from fractions import Fraction
-from typing import Final
+from typing import Any, Final
 
 from dyknow_common.errors import shortened
 
@@ -28,6 +31,11 @@ MAX_DURATION_NS: Final = (2**31 - 1) * SECOND_NS
 
 MAX_DIGITS: Final = 100
 """The number of characters of a number in a text."""
+
+UNIX_TIMES: Final = 10**9 * SECOND_NS
+"""Times from here on, 2001-09-09, count from 1970; earlier ones are those of a simulation."""
+
+_UNIX_TIME = re.compile(r'(?<![\w.])([0-9]{10})\.([0-9]{3,9}) s\b')
 
 _DURATION = re.compile(r'(?P<number>-?[0-9]+(?:\.[0-9]+)?)\s*(?P<unit>[A-Za-z]*)')
 
@@ -114,3 +122,58 @@ def format_time(nanoseconds: int) -> str:
 def round_time(nanoseconds: int) -> str:
     """Return a point in time in seconds, rounded down to milliseconds: `12.300 s`."""
     return format_time(nanoseconds // NANOSECONDS['ms'] * NANOSECONDS['ms'])
+
+
+def clock_time(nanoseconds: int) -> str:
+    """Return a point in time on the wall clock of this machine, down to ms: `14:31:32.521`.
+
+    One that does not count from 1970 is as from `round_time`.
+    """
+    if nanoseconds < UNIX_TIMES:
+        return round_time(nanoseconds)
+    seconds, fraction = divmod(nanoseconds, SECOND_NS)
+    moment = datetime.fromtimestamp(seconds).astimezone()
+    return f'{moment:%H:%M:%S}.{fraction // NANOSECONDS["ms"]:03d}'
+
+
+def date_time(nanoseconds: int) -> str:
+    """Return a date and time as `clock_time`, with the zone: `2024-03-18 14:49:09.911 UTC`."""
+    if nanoseconds < UNIX_TIMES:
+        return round_time(nanoseconds)
+    moment = datetime.fromtimestamp(nanoseconds // SECOND_NS).astimezone()
+    return f'{moment:%Y-%m-%d} {clock_time(nanoseconds)} {moment:%Z}'
+
+
+def time_since(nanoseconds: int, start: int) -> str:
+    """Return a point in time as an offset and on the clock: `13.662 s, 14:31:32.521`."""
+    offset = round_time(nanoseconds - start)
+    return offset if nanoseconds < UNIX_TIMES else f'{offset}, {clock_time(nanoseconds)}'
+
+
+def with_readable_times(text: str, start: int | None = None) -> str:
+    """Return a text for people with its times since 1970 as offsets from a start.
+
+    Args:
+        text: such as an explanation, with times as from `format_time`.
+        start: in nanoseconds; None if it is not known: then the times are those of the clock.
+    """
+
+    def readable(found: re.Match[str]) -> str:
+        nanoseconds = int(found[1]) * SECOND_NS + int(found[2].ljust(9, '0'))
+        return clock_time(nanoseconds) if start is None else round_time(nanoseconds - start)
+
+    return _UNIX_TIME.sub(readable, text)
+
+
+class _UseUtc(argparse.Action):
+    def __call__(self, *_: Any) -> None:
+        os.environ['TZ'] = 'UTC'
+        if hasattr(time, 'tzset'):  # Not on Windows.
+            time.tzset()
+
+
+def add_utc_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option `--utc`, which sets the zone of this process, also for `clock_time`."""
+    parser.add_argument(
+        '--utc', action=_UseUtc, nargs=0, help='show times in UTC, not in the zone of this machine'
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -49,7 +50,7 @@ States = Sequence[tuple[int, Mapping[str, Value]]]
 TIME = r'(-?\d+\.\d{3,9}) s'
 VALUE = r'(true|false|".*?"|[-\d.einf]+)'
 FACT = re.compile(
-    rf'(?P<left>\S+) = {VALUE} at {TIME} is (?P<negated>not )?(?P<operator>[!<>=]+) '
+    rf'(?P<left>\S+) = {VALUE} at {TIME} is (?P<negated>not )?(?P<operator>[<>]=? |equal to |)'
     rf'(?:(?P<right>\S+) = )?{VALUE}'
 )
 FLAG = re.compile(rf'(?P<name>\S+) is (true|false) at {TIME}')
@@ -161,7 +162,7 @@ class Judge:
             values = self.values_at(found[3])
             left = self.shown(found['left'], found[2], values)
             right = self.shown(found['right'], found[7], values)
-            claimed = COMPARISONS[found['operator']]
+            claimed = COMPARISONS.get(found['operator'].strip(), operator.eq)
             assert claimed(left, right) == (not found['negated'])
             actual = value(found['right'] or found[7], values)
             left_actual = value(found['left'], values)

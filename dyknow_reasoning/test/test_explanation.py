@@ -65,10 +65,10 @@ MANY = (
     [
         ('p', {'p': [True]}, 'TRUE: p is true at 10.000 s'),
         ('not p', {'p': [True]}, 'FALSE: p is true at 10.000 s'),
-        ('a = 3', {'a': [4]}, 'FALSE: a = 4 at 10.000 s is not = 3'),
+        ('a = 3', {'a': [4]}, 'FALSE: a = 4 at 10.000 s is not 3'),
         ('3 < a', {'a': [4]}, 'TRUE: a = 4 at 10.000 s is > 3'),
         ('a <= b', {'a': [4], 'b': [3.5]}, 'FALSE: a = 4 at 10.000 s is not <= b = 3.5'),
-        ('m != "on"', {'m': ['on']}, 'FALSE: m = "on" at 10.000 s is not != "on"'),
+        ('m != "on"', {'m': ['on']}, 'FALSE: m = "on" at 10.000 s is equal to "on"'),
         ('a * 2 > b', {'a': [4], 'b': [9]}, 'FALSE: a * 2 = 8 at 10.000 s is not > b = 9'),
         (
             'p and q',
@@ -288,7 +288,7 @@ SECOND = 1_000_000_000
             'x = 0.3',
             {'x': [0.1 + 0.2]},
             1,
-            'FALSE: x = 0.30000000000000004 at 10.000 s is not = 0.3',
+            'FALSE: x = 0.30000000000000004 at 10.000 s is not 0.3',
         ),
         (
             '0.3 >= x',

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from dyknow_common import DyKnowError, duration_option
+from dyknow_common import DyKnowError, add_utc_option, duration_option
 from dyknow_common.executables import (
     ERROR,
     SIGNALLED,
@@ -156,6 +156,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--json', action='store_true', help='print a line of JSON for each recording'
     )
+    add_utc_option(parser)
     parser.add_argument(
         '--junit',
         type=Path,

@@ -233,7 +233,7 @@ def test_a_page_is_complete_and_needs_no_network() -> None:
     for expected in (
         '2 recordings, 0 of 3 formulas pass (1 error, 1 false, 1 undecided), 1 not checked',
         'b.mcap: broken',
-        '"/a".p = 5.0 at 1700000000.500 s is not < 5',
+        '"/a".p = 5.0 at 0.500 s is not < 5',
         'an obligation was not met; what remains: eventually ("/a".p > 50)',
         'does not pass',
     ):

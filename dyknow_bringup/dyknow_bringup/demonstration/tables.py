@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dyknow_bringup.demonstration.expectations import HOLDS, VIOLATED, MonitoredFormula
-from dyknow_common import round_time
+from dyknow_common import round_time, with_readable_times
 from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
 from dyknow_coordinator import PlanOutcome, PlanPhase, PlanVerdict
 
@@ -56,7 +56,7 @@ def verdict_line(verdict: PlanVerdict, start: int) -> Text:
     since = '' if verdict.decided_at is None else f' at {round_time(verdict.decided_at - start)}'
     text = Text(f'  {verdict.position.action or _PLAN}: {verdict.position.formula} is ')
     text.append(_state(verdict))
-    text.append(f'{since} {_reason(verdict)}'.rstrip())
+    text.append(f'{since} {with_readable_times(_reason(verdict), start)}'.rstrip())
     return text
 
 
@@ -75,7 +75,8 @@ def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
     reason = Text(monitored.waits_for or monitored.formula.description, 'dim')
     style = 'dim'
     if monitored.is_decided:
-        reason = Text(monitored.explanation or monitored.formula.description)
+        text = with_readable_times(monitored.explanation, start)
+        reason = Text(text or monitored.formula.description)
         style = _STYLES.get(monitored.outcome, _FAILED)
     if monitored.margin is not None:
         reason.append(f'{"; " if reason.plain else ""}margin {monitored.margin}', 'dim')

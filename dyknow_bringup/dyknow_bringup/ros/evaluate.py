@@ -14,7 +14,15 @@ from rclpy.node import Node
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.ros.system_start import where_coordinators_are
-from dyknow_common import SECOND_NS, ExitCode, Verdict, duration_option, round_time
+from dyknow_common import (
+    SECOND_NS,
+    ExitCode,
+    Verdict,
+    add_utc_option,
+    clock_time,
+    duration_option,
+    with_readable_times,
+)
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_common.ros import start_ros
 from dyknow_configuration import warn_of_notes
@@ -38,12 +46,13 @@ def evaluate(chosen: argparse.Namespace) -> int:
         _print(json.dumps(_as_json(answer)))
     elif answer.error is None:
         verdict = answer.verdict.name.lower()
-        at = '' if answer.decided_at is None else f' at {round_time(answer.decided_at)}'
-        _print(f'{verdict}{at}: {answer.explanation}')
+        at = '' if answer.decided_at is None else f' at {clock_time(answer.decided_at)}'
+        _print(f'{verdict}{at}: {with_readable_times(answer.explanation)}')
         if answer.margin is not None:
             _print(f'margin: {answer.margin}')
     else:
-        print(f'{answer.error.code.name}: {answer.error}', file=sys.stderr)  # noqa: T201
+        text = with_readable_times(f'{answer.error.code.name}: {answer.error}')
+        print(text, file=sys.stderr)  # noqa: T201
     return {Verdict.TRUE: SUCCESS, Verdict.FALSE: FALSE}.get(answer.verdict, ERROR)
 
 
@@ -87,7 +96,7 @@ class _Feedback:
         if progress.episodes is not None:
             before, self._episodes = self._episodes, progress.episodes
             if change := progress.episodes.change(before):
-                print(change, file=sys.stderr, flush=True)  # noqa: T201
+                print(with_readable_times(change), file=sys.stderr, flush=True)  # noqa: T201
         if progress.waits_for not in {'', self._reason}:
             since = ' for a while' if progress.states_progressed else ''
             text = f'no state has come{since}: {progress.waits_for}'
@@ -159,3 +168,4 @@ def add_evaluate_options(parser: argparse.ArgumentParser) -> None:
         help='ask the formula at every state until the timeout; exit code 1: it was false from one',
     )
     parser.add_argument('--json', action='store_true', help='print a line of JSON')
+    add_utc_option(parser)

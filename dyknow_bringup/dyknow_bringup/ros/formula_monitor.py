@@ -14,7 +14,7 @@ from dyknow_bringup.demonstration.expectations import (
 )
 from dyknow_bringup.resources import formulas_path
 from dyknow_bringup.simulation.scenario import UNDECIDED
-from dyknow_common import SECOND_NS, ExitCode, round_time
+from dyknow_common import SECOND_NS, ExitCode, clock_time, round_time, with_readable_times
 from dyknow_common.ros import DyKnowNode, run
 from dyknow_configuration import RequestedFormula, Severity, read_formulas
 from dyknow_coordinator import Answer, Progress, StandingVerdicts
@@ -126,8 +126,9 @@ class FormulaMonitor(DyKnowNode):
         """Log the outcome of a formula: an alarm with the severity of the formula."""
         logger = self.get_logger()
         text = f'{monitored.name}: {monitored.outcome}'
-        text += '' if monitored.known_at is None else f' at {round_time(monitored.known_at)}'
-        text += f': {monitored.explanation}' if monitored.explanation else ''
+        text += '' if monitored.known_at is None else f' at {clock_time(monitored.known_at)}'
+        reason = with_readable_times(monitored.explanation)
+        text += f': {reason}' if reason else ''
         # A formula that is not violated in its time ends with TIMEOUT. A logger of rclpy has one
         # severity for each call in the code.
         if monitored.outcome in {'true', HOLDS, UNDECIDED, ExitCode.TIMEOUT.name}:

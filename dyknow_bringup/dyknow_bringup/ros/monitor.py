@@ -26,7 +26,7 @@ from dyknow_bringup.errors import BringupError
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.system_start import where_coordinators_are
 from dyknow_bringup.simulation.scenario import UNDECIDED
-from dyknow_common import SECOND_NS, ExitCode, duration_option, round_duration
+from dyknow_common import SECOND_NS, ExitCode, add_utc_option, duration_option, round_duration
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_common.ros import TICK_PERIOD_S, start_ros
 from dyknow_common.tables import Terminal
@@ -245,3 +245,4 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--coordinator', default='stream_reasoning_coordinator', metavar='NODE')
     parser.add_argument('--json', action='store_true', help='print a line of JSON for each change')
+    add_utc_option(parser)

@@ -83,6 +83,14 @@ class SystemStart:
         waiting = len(streams['waiting'].split())
         refused = int(semantics.get('refused', '0'))
         accepted = str(int(semantics['annotations']) - refused)
+        numbers = (
+            ontology['files'],
+            semantics['annotations'],
+            streams['streams'],
+            streams['refused'],
+        )
+        if set(numbers) == {'0'} and streams['engines'] and not waiting:
+            return f'DyKnow runs in {self._namespace}, without ontologies, annotations and streams'
         return f'DyKnow runs in {self._namespace}: ' + ', '.join(
             (
                 f'{_counted(ontology["files"], "ontologies")} ({contents})',

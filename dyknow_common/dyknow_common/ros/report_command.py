@@ -12,7 +12,7 @@ from typing import Any
 from rich.console import RenderableType
 from rich.live import Live
 
-from dyknow_common.durations import SECOND_NS, duration_option
+from dyknow_common.durations import SECOND_NS, add_utc_option, duration_option
 from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.commands import CommandNode, run_with_node
 from dyknow_common.ros.qos import LATCHED
@@ -114,6 +114,7 @@ def add_report_options(parser: argparse.ArgumentParser, node: str, role: str) ->
         role: that node, in words.
     """
     parser.add_argument('--json', action='store_true', help='print a line of JSON for each report')
+    add_utc_option(parser)
     parser.add_argument('--watch', action='store_true', help='show each new report')
     parser.add_argument(
         '--timeout', type=duration_option, default='5 s', help='to wait for a report (default: 5 s)'

@@ -12,8 +12,10 @@ from dyknow_common import (
     ExitCode,
     Margin,
     Verdict,
+    date_time,
     round_duration,
-    round_time,
+    time_since,
+    with_readable_times,
 )
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.evaluation.standing import StandingVerdicts
@@ -135,7 +137,7 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
         ('formula', status.formula),
         ('phase', status.phase.name.lower()),
         ('verdict', status.verdict.name.lower()),
-        ('decided at', '' if decided is None else round_time(decided)),
+        ('decided at', '' if decided is None else time_since(decided, status.started)),
         ('every state', '' if status.episodes is None else status.episodes.text),
         ('waits for', status.waits_for),
         ('margin', '' if status.margin is None else str(status.margin)),
@@ -143,9 +145,9 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
         ('error', '' if status.error is None else status.error.message),
         ('plan', status.plan),
         ('action', status.action),
-        ('started', round_time(status.started)),
+        ('started', date_time(status.started)),
         ('states', str(status.states_progressed)),
-        ('latest valid time', '' if latest is None else round_time(latest)),
+        ('latest valid time', '' if latest is None else time_since(latest, status.started)),
         ('residual formula', status.residual_formula),
         ('state stream', status.state_stream),
         ('streams', '\n'.join(f'{each.symbol}: {each.stream}' for each in status.groundings)),
@@ -159,7 +161,7 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
         ),
         ('events', '\n'.join(status.events)),
     )
-    return ((name, text) for name, text in known if text)
+    return ((name, with_readable_times(text, status.started)) for name, text in known if text)
 
 
 def alarm_level(status: EvaluationStatus, *, is_monitored: bool) -> Level:

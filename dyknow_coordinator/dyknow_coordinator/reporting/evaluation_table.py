@@ -9,7 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_common import ExitCode, Verdict, round_duration
+from dyknow_common import ExitCode, Verdict, round_duration, with_readable_times
 from dyknow_common.tables import (
     Cell,
     ReportTable,
@@ -37,7 +37,7 @@ def evaluation_table(statuses: Iterable[EvaluationStatus], now: int) -> ReportTa
             round_duration(max(0, now - status.started)),
             # An evaluation without a name of its own is named by its formula.
             '' if status.formula == status.name else status.formula,
-            _remark(status),
+            with_readable_times(_remark(status), status.started),
         )
         for status in statuses
     ]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from typing import Any, Final
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, time_since, with_readable_times
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Level, diagnose
 from dyknow_coordinator.reporting.evaluation_status import outcome
 from dyknow_dashboard.model.live_reports import strip
@@ -112,7 +112,7 @@ class FormulaTable:
             'explanation': _reason(status),
             'residual': '' if status.phase is EvaluationPhase.ENDED else status.residual_formula,
             'waits_for': status.waits_for,
-            'decided_at': '' if status.decided_at is None else round_time(status.decided_at),
+            'decided_at': _time(status.decided_at, status.started),
             'episodes': [] if status.episodes is None else list(_episodes(status)),
             'groundings': [
                 {
@@ -122,7 +122,7 @@ class FormulaTable:
                 }
                 for each in status.groundings
             ],
-            'events': list(status.events),
+            'events': [with_readable_times(each, status.started) for each in status.events],
             'margins': [
                 [round((time - status.started) / SECOND_NS, 3), _finite(lower), _finite(upper)]
                 for time, lower, upper in evaluation.margins
@@ -140,7 +140,11 @@ class FormulaTable:
             'plan': _shortened(' / '.join(filter(None, (status.plan, status.action)))),
             'state': outcome(status),
             'kind': _kind(status, diagnosis.level),
-            'text': _shortened(diagnosis.text.removeprefix(f'{outcome(status)}: ')),
+            'text': _shortened(
+                with_readable_times(
+                    diagnosis.text.removeprefix(f'{outcome(status)}: '), status.started
+                )
+            ),
             'margin': '' if status.margin is None else str(status.margin),
             'states': status.states_progressed,
             'since': max(self._now - status.started, 0) // SECOND_NS,
@@ -203,21 +207,24 @@ def _kind(status: EvaluationStatus, level: Level) -> str:
 
 
 def _reason(status: EvaluationStatus) -> str:
-    if status.error is not None:
-        return status.error.message
-    if status.explanation:
-        return status.explanation
-    return '' if status.episodes is None else status.episodes.text
+    text = '' if status.episodes is None else status.episodes.text
+    if status.error is not None or status.explanation:
+        text = status.explanation if status.error is None else status.error.message
+    return with_readable_times(text, status.started)
+
+
+def _time(nanoseconds: int | None, start: int) -> str:
+    return '' if nanoseconds is None else time_since(nanoseconds, start)
 
 
 def _episodes(status: EvaluationStatus) -> Iterable[dict[str, Any]]:
     episodes = () if status.episodes is None else status.episodes.latest_episodes
     for each in reversed(episodes):
         yield {
-            'begin': round_time(each.begin),
-            'end': round_time(each.end) if each.has_ended else '',
+            'begin': _time(each.begin, status.started),
+            'end': _time(each.end, status.started) if each.has_ended else '',
             'states': each.states,
-            'explanation': each.text,
+            'explanation': with_readable_times(each.text, status.started),
         }
 
 

@@ -327,6 +327,9 @@ class _Explainer:
         first, second = map(_with_value, terms, shown)
         if isinstance(atom.left, _LITERALS):
             operator, first, second = MIRRORED_COMPARISONS[operator], second, first
+        if operator in {'=', '!='}:
+            are_equal = (operator == '=') is holds
+            return f'{first} at {time} is {"equal to" if are_equal else "not"} {second}'
         return f'{first} at {time} is {"" if holds else "not "}{operator} {second}'
 
 

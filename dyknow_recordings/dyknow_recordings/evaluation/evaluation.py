@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode, one_line
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.column_states import ColumnStates
@@ -300,9 +300,9 @@ class RecordingEvaluation:
 
     def _report(self, request: _Request) -> FormulaReport:
         requested, group, episodes = request.requested, request.group, request.episodes
+        name = requested.name or one_line(requested.text)
         if group is None or episodes is None:
-            text = requested.text
-            return FormulaReport(requested.name or text, text, error=request.error)
+            return FormulaReport(name, requested.text, error=request.error)
         error = episodes.error
         if error is None and not (episodes.states or episodes.has_ended):
             # Nothing is known of the formula: to call that undecided would hide it.
@@ -310,7 +310,7 @@ class RecordingEvaluation:
             error = RecordingError(f'the recording has no state: {reason}', ExitCode.NOT_FOUND)
         formula = episodes.grounded.formula
         return FormulaReport(
-            requested.name or formula,
+            name,
             formula,
             episodes=tuple(episodes.episodes),
             error=error,

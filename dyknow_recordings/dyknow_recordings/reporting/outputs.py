@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from typing import Any, Protocol
 
-from dyknow_common import DyKnowError
+from dyknow_common import DyKnowError, with_readable_times
 from dyknow_common.executables import ERROR, SUCCESS
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.documents import failure_document, recording_document
@@ -88,7 +88,8 @@ class Messages:
     def add(self, report: RecordingReport) -> None:
         """Print the notes of a recording."""
         if self._with_notes:
-            print_notes(report.recording, report.notes)
+            notes = (with_readable_times(str(each), report.start_time) for each in report.notes)
+            print_notes(report.recording, notes)
 
     def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: ARG002
         """Print an error, which names the recording."""

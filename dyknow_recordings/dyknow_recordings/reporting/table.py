@@ -11,7 +11,13 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_common import DyKnowError, round_duration, round_time
+from dyknow_common import (
+    DyKnowError,
+    date_time,
+    round_duration,
+    time_since,
+    with_readable_times,
+)
 from dyknow_common.tables import Terminal, figure, fixed, folded, framed_table
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reading.recording import RecordingReader
@@ -46,8 +52,11 @@ def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     margins = [folded('margin')] if has_margins else []
     return framed_table(
         [folded('formula'), fixed('outcome'), fixed('at'), *margins, folded('why')],
-        (_row(each, judgement, has_margins=has_margins) for each in report.formulas),
-        title=Text(f'{report.recording} ({duration})'),
+        (
+            _row(each, judgement, report.start_time, has_margins=has_margins)
+            for each in report.formulas
+        ),
+        title=Text(f'{report.recording} ({duration} from {date_time(report.start_time)} on)'),
         title_justify='left',
     )
 
@@ -61,14 +70,17 @@ def print_topics(recording: RecordingReader) -> None:
     Terminal(highlight=False).print(table)
 
 
-def _row(report: FormulaReport, judgement: Judgement, *, has_margins: bool) -> tuple[Text, ...]:
+def _row(
+    report: FormulaReport, judgement: Judgement, start: int, *, has_margins: bool
+) -> tuple[Text, ...]:
     style = _STYLES.get(report.outcome, 'green' if judgement.passes(report) else 'red')
     decisive = decisive_episode(report)
-    at = '' if decisive is None or decisive.decided_at is None else round_time(decisive.decided_at)
+    decided_at = None if decisive is None else decisive.decided_at
+    at = '' if decided_at is None else time_since(decided_at, start)
     return (
         Text(report.name),
         Text(report.outcome, style=style),
         Text(at),
         *([Text('' if report.margin is None else str(report.margin))] if has_margins else []),
-        Text('\n'.join(reasons(report, decisive))),
+        Text(with_readable_times('\n'.join(reasons(report, decisive)), start)),
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from dyknow_interfaces.msg import EvaluationStatusArray
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, with_readable_times
 from dyknow_common.ros import LATCHED, DiagnosticsPublisher, DyKnowNode
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
 from dyknow_coordinator.ros.reporting.change_batch import ChangeBatch
@@ -86,7 +86,7 @@ class EvaluationsReport:
             yield DiagnosticStatus(
                 level=bytes([diagnosis.level]),
                 name=f'{reporter}: {status.name}{number}',
-                message=diagnosis.text,
+                message=with_readable_times(diagnosis.text, status.started),
                 hardware_id=NO_HARDWARE,
                 values=[KeyValue(key=name, value=text) for name, text in details(status)],
             )

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from typing import Final
 
+from dyknow_common import with_readable_times
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.figures import PageFigures
@@ -45,7 +46,7 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     at = ''
     if episode is not None and episode.decided_at is not None:
         at = f' at {whole.text(episode.decided_at)}'
-    text = escape(_reason(formula, episode))
+    text = escape(with_readable_times(_reason(formula, episode), whole.start))
     if '\n' in text:  # It shows a place in the text of the formula.
         text = f'<pre>{text}</pre>'
     yield (
@@ -120,7 +121,7 @@ def _episodes(formula: FormulaReport, whole: Span) -> Iterator[str]:
                 str(len(run.episodes)),
                 f'<span class="word {run.first.outcome}">{run.first.outcome}</span>',
                 _time(run.first.decided_at, whole),
-                escape(_episode_reason(run.first)),
+                escape(with_readable_times(_episode_reason(run.first), whole.start)),
             )
             for run in runs[:_MAX_ROWS]
         ),
@@ -142,7 +143,7 @@ def _streams(formula: FormulaReport, whole: Span) -> Iterator[str]:
                 (
                     _time(each.valid_time, whole),
                     f'<code>{escape(each.stream_name)}</code>',
-                    escape(each.message),
+                    escape(with_readable_times(each.message, whole.start)),
                 )
                 for each in formula.violations[:_MAX_ROWS]
             ),
@@ -150,7 +151,8 @@ def _streams(formula: FormulaReport, whole: Span) -> Iterator[str]:
         )
     if formula.events:
         yield '<h3>Changes of streams</h3>'
-        yield ''.join(f'<p>{escape(each)}</p>' for each in formula.events[:_MAX_ROWS])
+        shown = (with_readable_times(each, whole.start) for each in formula.events[:_MAX_ROWS])
+        yield ''.join(f'<p>{escape(each)}</p>' for each in shown)
     if formula.groundings:
         yield '<h3>Streams</h3>'
         rows_of = (

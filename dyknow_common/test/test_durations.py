@@ -1,0 +1,54 @@
+"""Points in time as people read them."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from dyknow_common import add_utc_option, clock_time, date_time, time_since, with_readable_times
+
+START = 1_710_773_349_911_591_000
+"""2024-03-18 14:49:09.911591 UTC."""
+
+
+@pytest.fixture
+def utc() -> Iterator[None]:
+    before = os.environ.get('TZ')
+    parser = argparse.ArgumentParser()
+    add_utc_option(parser)
+    parser.parse_args(['--utc'])
+    yield
+    if before is None:
+        del os.environ['TZ']
+    else:
+        os.environ['TZ'] = before
+    time.tzset()
+
+
+@pytest.mark.usefixtures('utc')
+def test_times_for_people() -> None:
+    assert clock_time(START) == '14:49:09.911'
+    assert date_time(START) == '2024-03-18 14:49:09.911 UTC'
+    assert time_since(START + 13_662_999_999, START) == '13.662 s, 14:49:23.574'
+    # Those of a simulation, or of a trace, are no times of a clock.
+    assert clock_time(12_300_000_000) == date_time(12_300_000_000) == '12.300 s'
+    assert time_since(12_300_000_000, 2_000_000_000) == '10.300 s'
+
+
+@pytest.mark.usefixtures('utc')
+@pytest.mark.parametrize(
+    ('text', 'start', 'expected'),
+    [
+        ('x = 1 at 1710773349.911591 s is not > 2', START, 'x = 1 at 0.000 s is not > 2'),
+        ('in [1710773350.321 s, 1710773355.500 s]', START, 'in [0.409 s, 5.588 s]'),
+        ('since 1710773348.911 s', START, 'since -1.001 s'),
+        ('at 1710773349.911591 s', None, 'at 14:49:09.911'),
+        ('at 12.300 s, x1710773349.911 s, 1710773349.911 sheep', 0, None),
+    ],
+)
+def test_texts_with_times_for_people(text: str, start: int | None, expected: str | None) -> None:
+    assert with_readable_times(text, start) == (text if expected is None else expected)
