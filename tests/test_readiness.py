@@ -49,7 +49,7 @@ def test_a_system_is_ready_when_the_last_of_its_nodes_is(tmp_path: Path) -> None
         line[line.index('1 s')] = '60 s'
         done = output_of(line, environment)
         assert done.returncode == 0, done.stderr
-        assert done.stdout.startswith('DyKnow runs in /robot, without ontologies')
+        assert done.stdout.startswith('DyKnow runs in /robot: 0 ontologies')
         assert '1 stream, 0 refused' in done.stdout
         launcher.kill(matching.name)
         client.spin_until(lambda: heard[-1] is False, 'it is not ready any more')

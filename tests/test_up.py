@@ -188,7 +188,7 @@ def test_parameters_and_engines(tmp_path: Path) -> None:
     environment = private_environment()
     options = [str(robot), '--params-file', str(parameters), '--engines', '2']
     with up(environment, *options) as terminal, closing(Client(environment)) as client:
-        terminal.wait_for('DyKnow runs in /')
+        terminal.wait_for('DyKnow runs in /: no ontology, annotation or stream is loaded')
 
         def value(node: str, name: str) -> float:
             answer = client.call(GetParameters, f'{node}/get_parameters', names=[name])

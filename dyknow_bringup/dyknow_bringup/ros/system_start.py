@@ -90,7 +90,7 @@ class SystemStart:
             streams['refused'],
         )
         if set(numbers) == {'0'} and streams['engines'] and not waiting:
-            return f'DyKnow runs in {self._namespace}, without ontologies, annotations and streams'
+            return f'DyKnow runs in {self._namespace}: no ontology, annotation or stream is loaded'
         return f'DyKnow runs in {self._namespace}: ' + ', '.join(
             (
                 f'{_counted(ontology["files"], "ontologies")} ({contents})',
