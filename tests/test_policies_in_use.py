@@ -29,8 +29,8 @@ from dyknow_bringup.processes.processes import (
     SystemConfiguration,
     formula_markers,
     formula_monitor,
-    guard_processes,
     uav_simulation,
+    watching_processes,
 )
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.resources import (
@@ -205,7 +205,7 @@ def asking(enclave: str, domain: int) -> Iterator[None]:
 @contextmanager
 def reactions(environment: dict[str, str], robot: Path, folder: Path) -> Iterator[None]:
     """Run a guard, `dyknow monitor` with triggers, and a live page with its buttons."""
-    guards = guard_processes(SystemConfiguration(guards={'base_guard': robot}))
+    guards = watching_processes(SystemConfiguration(guards={'base_guard': robot}))
     line = command(
         'dyknow', 'monitor', str(robot), '--retry', '--ros-args', '--enclave', '/dyknow_monitor'
     )

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from rcl_interfaces.srv import GetParameters
+from std_msgs.msg import Float64
 
 from commands import command, output_of, running
 from system import LIMIT, Client, private_environment
@@ -180,6 +181,23 @@ def test_the_logs_of_an_error_are_left(tmp_path: Path) -> None:
     assert 'unknown reasoner' in (logs / 'dyknow_nodes.log').read_text(encoding='utf-8')
 
 
+def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
+    robot = tmp_path / 'robot.yaml'
+    formula = '\'always "/level".data < 5\''
+    robot.write_text(f'formulas: [{{name: calm, severity: error, formula: {formula}}}]')
+    environment = private_environment()
+    with (
+        up(environment, str(robot), '--monitor') as terminal,
+        closing(Client(environment)) as client,
+    ):
+        publisher = client.node.create_publisher(Float64, '/level', 10)
+        client.node.create_timer(0.1, lambda: publisher.publish(Float64(data=7.0)))
+        alarm = 'ERROR formula_monitor: calm: false at '
+        client.spin_until(
+            lambda: alarm in terminal.text, 'the alarm', instead=lambda: terminal.text
+        )
+
+
 def test_parameters_and_engines(tmp_path: Path) -> None:
     """A file of parameters takes precedence over those of the robot."""
     parameters, robot = tmp_path / 'parameters.yaml', tmp_path / 'robot.yaml'
@@ -216,6 +234,7 @@ def syntax_error(folder: Path) -> list[str]:
             lambda _: ['--reasoner', 'guess'],
             "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'",
         ),
+        (lambda _: ['--monitor'], '--monitor: there are no formulas; name a robot.yaml'),
         (lambda _: ['--namespace', 'a b'], 'must not contain characters'),
         (lambda _: ['--params-file', 'nope.yaml'], 'params_file: there is no file /'),
         (

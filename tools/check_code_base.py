@@ -44,6 +44,7 @@ ROSDEP_KEYS = {
     'owlready2': 'python3-owlready2-pip',
     'pint': 'python3-pint',
     'pytest': 'python3-pytest',
+    'prometheus_client': 'python3-prometheus-client',
     'pyulog': 'python3-pyulog-pip',
     'rdflib': 'python3-rdflib',
     'rich': 'python3-rich',

@@ -3,7 +3,8 @@
 ros2 launch dyknow_bringup uav_monitoring.launch.py scenario:=near_miss uavs:=5
 """
 
-from dyknow_bringup.processes.launching import is_true, launch_description
+from dyknow_bringup.processes.arguments import is_true
+from dyknow_bringup.processes.launching import launch_description
 from dyknow_bringup.processes.processes import (
     dyknow_processes,
     formula_markers,

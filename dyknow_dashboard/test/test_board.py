@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, Verdict
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, Level, SymbolGrounding
+from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.reporting.node_status import NodeState
 from dyknow_dashboard.model.board import Board, PageState
 from dyknow_dashboard.model.formulas import MAX_ENDED, MAX_MARGINS, MAX_SHOWN
 from dyknow_dashboard.model.graph import MAX_NODES, graph
 from dyknow_dashboard.model.health import STALE_NS, DiagnosedPart, HealthTable, NodeHealth
+from dyknow_dashboard.model.metrics import metrics_of
 from dyknow_dashboard.model.requests import Interest
 from dyknow_dashboard.model.streams import source_of
 from dyknow_stream_processing.reporting.stream_report import (
@@ -21,6 +26,8 @@ from dyknow_stream_processing.reporting.stream_report import (
     StreamReport,
     StreamState,
 )
+
+GRAFANA = Path(__file__).parents[2] / 'docs' / 'examples' / 'grafana.json'
 
 GROUNDING = SymbolGrounding(
     'Power[uav1]',
@@ -72,6 +79,40 @@ def opened(board: Board) -> PageState:
     page = PageState(Interest('formulas', (row['id'],)))
     board.state_topics([page])
     return page
+
+
+def test_metrics() -> None:
+    verdicts = StandingVerdicts(holds=3, fails=2, is_violated=True, episode_count=4)
+    slow = replace(POWER, name='slow', episodes=verdicts, margin=Margin(-1.5, math.inf))
+    older = replace(POWER, started=1, states_progressed=1)
+    board = board_of(POWER, slow, older)
+    board.streams.update(STREAMS, ['/engine'])
+    gone = NodeHealth('/manager', NodeState(False, Level.OK, 'running', 7 * SECOND_NS))
+    board.health.update([gone], 0)
+    lines = metrics_of(board).decode().splitlines()
+    for expected in (
+        'dyknow_formula_failing{formula="power"} 0.0',
+        'dyknow_formula_failing{formula="slow"} 1.0',
+        'dyknow_formula_state{formula="slow",state="violated"} 1.0',
+        'dyknow_formula_states_total{formula="power"} 5.0',
+        'dyknow_formula_episodes_total{formula="slow"} 4.0',
+        'dyknow_formula_margin{bound="lower",formula="slow"} -1.5',
+        'dyknow_stream_flowing{stream="spare"} 0.0',
+        'dyknow_stream_rate_hertz{stream="uav1_power"} 19.96',
+        'dyknow_stream_delay_seconds{stream="uav1_power"} 0.003',
+        'dyknow_stream_drops_total{reason="max_delay",stream="uav1_power"} 2.0',
+        'dyknow_stream_violations_total{stream="uav1_power"} 3.0',
+        'dyknow_node_alive{node="/manager"} 0.0',
+        'dyknow_node_level{node="/manager"} 2.0',
+    ):
+        assert lines.count(expected) == 1, expected
+    assert not [line for line in lines if 'bound="upper"' in line]
+    # The example for Grafana asks for nothing else.
+    known = {re.match(r'\w+', line)[0] for line in lines if not line.startswith('#')}
+    panels = json.loads(GRAFANA.read_text(encoding='utf-8'))['panels']
+    asked = re.findall(r'dyknow_\w+', str([each['targets'] for each in panels]))
+    assert asked
+    assert set(asked) <= known
 
 
 def test_a_page_gets_what_has_changed() -> None:

@@ -22,10 +22,12 @@ from served import TIMEOUT_S, PageConnection, Served, serving
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board
+from dyknow_dashboard.model.metrics import CONTENT_TYPE
 from dyknow_dashboard.server.guards import RateLimit, is_loopback, is_own_host, is_same_origin
 from dyknow_dashboard.server.pages import MAX_FRAME, MAX_PAGES
 from dyknow_dashboard.server.serving import MAX_BODY, MAX_HEADERS, DashboardServer, ServerOptions
 
+RUNNING = EvaluationStatus('power', 'always p', EvaluationPhase.RUNNING, started=0)
 ASKED = {'formula': 'true', 'name': '', 'every_state': False, 'margin': False, 'timeout_s': 1}
 
 
@@ -46,6 +48,17 @@ def test_the_files_of_the_page(served: Served) -> None:
     for name in re.findall(r'(?:src|href)="([^"]+)"', page.decode()):
         status, headers, content = served.request('GET', f'/{name}')
         assert (status, bool(content)) == (200, True), name
+
+
+def test_metrics_are_served_and_all_reports_read_from_then_on(served: Served) -> None:
+    served.run(lambda: served.board.formulas.update([RUNNING], 1))
+    assert not served.server.pages.are_open
+    for _ in range(2):
+        status, headers, content = served.request('GET', '/metrics')
+        assert (status, headers['Content-Type']) == (200, CONTENT_TYPE)
+        assert b'dyknow_formula_failing{formula="power"} 0.0\n' in content
+    assert served.server.pages.are_open
+    assert len(served.changes) == 1
 
 
 def test_the_page_draws_with_the_code_of_the_report(served: Served) -> None:

@@ -19,6 +19,7 @@ from dyknow_reasoning.execution import instance_pool
 from dyknow_reasoning.language.formula import Comparison
 from dyknow_reasoning.progression.atoms import evaluate
 
+NO_BIT = 'only whole numbers that are not negative have bits, and places'
 NAMES = [f'o{index}' for index in range(30)]
 
 
@@ -53,6 +54,16 @@ def decided(text: str, **values: Any) -> FormulaResult:
         ('angle_difference(x, 0)', {'x': -math.pi}, math.pi),
         ('angle_difference(0, x)', {'x': math.pi}, math.pi),
         ('angle_difference(x, y)', {'x': 0.25, 'y': 0.5}, -0.25),
+        ('sin(x)', {'x': math.pi / 6}, math.sin(math.pi / 6)),
+        ('cos(0)', {}, 1),
+        ('atan2(x, y)', {'x': -1, 'y': -1}, -3 * math.pi / 4),
+        ('mod(x, 360)', {'x': -90}, 270),
+        ('mod(x, 0.5)', {'x': 1.75}, 0.25),
+        ('mod(x, 7)', {'x': 10**400}, 10**400 % 7),
+        ('bit(x, 3)', {'x': 0b1000}, 1),
+        ('bit(x, 0)', {'x': 0b1000}, 0),
+        ('bit(x, y)', {'x': (1 << 60) + 2.0**0 - 1, 'y': 60.0}, 1),
+        ('bit(x, 64)', {'x': 1 << 64}, 1),
         ('abs(min(x, -x)) * 2', {'x': 3}, 6),
     ],
 )
@@ -76,6 +87,20 @@ def test_values(term: str, values: dict[str, float], expected: float) -> None:
             'angle_difference(x, x)',
             {'x': math.inf},
             "'angle_difference(x, x)' is angle_difference(inf, inf): not a number",
+        ),
+        ('sin(x)', {'x': math.inf}, "'sin(x)' is sin(inf): an infinite angle has no direction"),
+        (
+            'mod(x, 0)',
+            {'x': 5},
+            "'mod(x, 0)' is mod(5, 0): there is no remainder of a division by zero",
+        ),
+        *(
+            (
+                f'bit(x, {place})',
+                {'x': flags},
+                f"'bit(x, {place})' is bit({flags}, {place}): {NO_BIT}",
+            )
+            for flags, place in ((1.5, 0), (-1, 0), (1, -1))
         ),
         (
             'hypot(x, 1)',
@@ -108,6 +133,11 @@ CALLS = [
     'sqrt(A)',
     'hypot(A, B)',
     'angle_difference(A, B)',
+    'sin(A)',
+    'cos(A)',
+    'atan2(A, B)',
+    'mod(A, B)',
+    'bit(A, 1)',
     'min(A, B) * A',
 ]
 ANY = st.one_of(

@@ -13,6 +13,7 @@ from dyknow_bringup.processes.robot import with_robot
 
 CONFIGURATION: Final = {
     'config': ('', 'robot.yaml, which describes the robot'),
+    'monitor': ('false', 'monitor the formulas of the robot.yaml, and run their triggers'),
     'ontology': ('', 'OWL files, separated by commas'),
     'annotations': ('', 'files in SSL, separated by commas'),
     'streams': ('', 'files in the stream language, separated by commas'),
@@ -47,7 +48,12 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
         engines=_number('engines', values['engines']),
         recorder={'folder': str(Path(record).resolve())} if record else None,
     )
-    return with_robot(files, Path(values['config']).resolve()) if values['config'] else files
+    monitor = is_true('monitor', values['monitor'])
+    if values['config']:
+        return with_robot(files, Path(values['config']).resolve(), monitor=monitor)
+    if monitor:
+        raise BringupError('monitor: there are no formulas; name a robot.yaml as config')
+    return files
 
 
 def robots(values: Mapping[str, str]) -> tuple[Process, ...]:
@@ -72,6 +78,18 @@ def robots(values: Mapping[str, str]) -> tuple[Process, ...]:
             f'as {values["store"]}/{ROBOT}'
         )
     return processes
+
+
+def is_true(name: str, value: str) -> bool:
+    """Return the value of a boolean launch argument.
+
+    Raises:
+        BringupError: for another text than launch itself accepts.
+    """
+    text = value.lower()
+    if text not in {'true', '1', 'false', '0'}:
+        raise BringupError(f"{name}: '{value}' is neither true nor false")
+    return text in {'true', '1'}
 
 
 def _number(name: str, text: str) -> int:

@@ -12,6 +12,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.arguments import is_true
 from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.logs import last_lines
 from dyknow_bringup.processes.processes import Process, enclave, join_namespaces
@@ -60,18 +61,6 @@ def launch_description(
         for name, (default, description) in all_arguments.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
-
-
-def is_true(name: str, value: str) -> bool:
-    """Return the value of a boolean launch argument.
-
-    Raises:
-        BringupError: for another text than launch itself accepts.
-    """
-    text = value.lower()
-    if text not in {'true', '1', 'false', '0'}:
-        raise BringupError(f"{name}: '{value}' is neither true nor false")
-    return text in {'true', '1'}
 
 
 class _StartWatch:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -17,6 +17,12 @@ ENGINE: Final = 'stream_processing_engine'
 
 RECORDER: Final = 'black_box_recorder'
 """The executable that records black boxes, and its name."""
+
+MONITOR: Final = 'formula_monitor'
+"""The executable that monitors formulas, and its name."""
+
+NO_TIMEOUT_S: Final = 1e9
+"""The longest that a formula may be monitored: 30 years."""
 
 MAX_ENGINES: Final = 32
 """The most stream processing engines of a system."""
@@ -67,6 +73,7 @@ class SystemConfiguration:
         params_file: a file of parameters, as ROS has them, which takes precedence over all others.
         engines: the number of stream processing engines.
         guards: their names, each with the robot.yaml that describes it.
+        monitored: the robot.yaml whose formulas are monitored from the start on; None: none are.
         recorder: parameters of the recorder of black boxes; None: it is not started.
 
     Raises:
@@ -83,6 +90,7 @@ class SystemConfiguration:
     params_file: Path | None = None
     engines: int = 1
     guards: Mapping[str, Path] = field(default_factory=dict)
+    monitored: Path | None = None
     recorder: Mapping[str, ParameterValue] | None = None
 
     def __post_init__(self) -> None:
@@ -140,9 +148,22 @@ def _recorder(configuration: SystemConfiguration) -> list[Process]:
     return [Process('dyknow_reactions', RECORDER, given, params_file=configuration.params_file)]
 
 
-def guard_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
-    """Return the guards, each in a process of its own: it must survive what it watches."""
-    return tuple(
+def watching_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
+    """Return the guards and the monitor of formulas, which must survive what they watch."""
+    guards = _guards(configuration)
+    if configuration.monitored is None:
+        return tuple(guards)
+    monitor = Process(
+        'dyknow_bringup',
+        MONITOR,
+        {'robot': str(configuration.monitored), 'timeout': NO_TIMEOUT_S},
+        params_file=configuration.params_file,
+    )
+    return (*guards, monitor)
+
+
+def _guards(configuration: SystemConfiguration) -> Iterator[Process]:
+    return (
         Process(
             'dyknow_reactions',
             'guard',
@@ -157,7 +178,7 @@ def guard_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
 def robot_processes(
     namespaces: Sequence[str], configurations: Sequence[SystemConfiguration]
 ) -> tuple[Process, ...]:
-    """Return the nodes and the guards of each of several robots in one ROS domain.
+    """Return the nodes, guards and monitor of each of several robots in one ROS domain.
 
     Args:
         namespaces: of the robots.
@@ -170,7 +191,7 @@ def robot_processes(
     return tuple(
         replace(process, namespace=namespace)
         for namespace, configuration in zip(namespaces, configurations, strict=True)
-        for process in (*dyknow_processes(configuration), *guard_processes(configuration))
+        for process in (*dyknow_processes(configuration), *watching_processes(configuration))
     )
 
 
@@ -183,7 +204,7 @@ def uav_simulation(scenario: Path, vehicles: int) -> Process:
 
 def formula_monitor(formulas: Path) -> Process:
     """Return the node that monitors the formulas of a file and logs the answers."""
-    return Process('dyknow_bringup', 'formula_monitor', {'formulas': str(formulas)})
+    return Process('dyknow_bringup', MONITOR, {'formulas': str(formulas)})
 
 
 def formula_markers() -> Process:

@@ -17,10 +17,13 @@ from dyknow_configuration import RobotConfiguration, read_robot, write_texts
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 
-def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfiguration:
+def with_robot(
+    configuration: SystemConfiguration, path: Path, *, monitor: bool = False
+) -> SystemConfiguration:
     """Return a configuration with what a robot.yaml describes added to it.
 
-    The recorder of black boxes is started if a formula asks for one.
+    The recorder of black boxes is started if a formula asks for one, and a monitor of the formulas
+    if that is requested.
 
     The nodes read files: the texts of the robot are written to a folder that exists as long as this
     process.
@@ -34,6 +37,8 @@ def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfigur
             f"{path}: 'domains' is for recordings only, as a running system takes the objects of "
             "its ontologies; list them as 'objects' instead"
         )
+    if monitor and not robot.formulas:
+        raise BringupError(f"{path}: there is no formula; add one under 'formulas'")
     if configuration.recorder is not None or any(each.record for each in robot.formulas):
         recorder = {'robot': str(path.absolute()), **(configuration.recorder or {})}
         configuration = replace(configuration, recorder=recorder)
@@ -41,7 +46,7 @@ def with_robot(configuration: SystemConfiguration, path: Path) -> SystemConfigur
     written = added(
         configuration, write_texts(robot, temporary_folder(), path.stem, with_places=True)
     )
-    return replace(written, guards=guards)
+    return replace(written, guards=guards, monitored=path.resolve() if monitor else None)
 
 
 def fleet_configuration(vehicles: Sequence[str]) -> SystemConfiguration:

@@ -16,7 +16,7 @@ from dyknow_bringup.resources import formulas_path
 from dyknow_bringup.simulation.scenario import UNDECIDED
 from dyknow_common import SECOND_NS, ExitCode, clock_time, round_time, with_readable_times
 from dyknow_common.ros import DyKnowNode, run
-from dyknow_configuration import RequestedFormula, Severity, read_formulas
+from dyknow_configuration import RequestedFormula, Severity, read_formulas, read_robot
 from dyknow_coordinator import Answer, Progress, StandingVerdicts
 from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_reactions.ros.triggers import Triggers
@@ -40,11 +40,12 @@ class FormulaMonitor(DyKnowNode):
     """A client that monitors each formula by a MonitorFormula action, and keeps its outcome.
 
     Args:
-        formulas: to monitor; None: those of the file of the parameter `formulas`.
+        formulas: to monitor; None: those of the file of a parameter, `robot` or `formulas`.
         on_change: called with every formula whose outcome has changed; None: it is logged.
         name: of the node.
-        retries: True to monitor a formula again after an error, until it has a verdict. A formula
-            that never had a state is monitored again also otherwise, while nodes are missing.
+        retries: True to monitor a formula again after an error, until it has a verdict; those of
+            the parameter `robot` are. A formula that never had a state is monitored again also
+            otherwise, while nodes are missing.
     """
 
     def __init__(
@@ -56,16 +57,21 @@ class FormulaMonitor(DyKnowNode):
         retries: bool = False,
     ) -> None:
         super().__init__(name)
-        path = self.parameter('formulas', str(formulas_path()), 'YAML file with the formulas.')
+        robot = self.parameter('robot', '', 'robot.yaml whose formulas are monitored.')
+        path = self.parameter(
+            'formulas', str(formulas_path()), 'YAML file with the formulas, without a robot.'
+        )
         self._timeout = self.parameter(
             'timeout', 86_400.0, 'Seconds after which the monitoring of a formula ends.', (0.1, 1e9)
         )
         self.coordinator = self.parameter(
             'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
         )
-        requested = read_formulas(Path(path)) if formulas is None else formulas
-        self._triggers = Triggers(self, requested)
-        self.formulas = [MonitoredFormula(formula) for formula in requested]
+        if formulas is None:
+            formulas = read_robot(Path(robot)).formulas if robot else read_formulas(Path(path))
+            retries = retries or bool(robot)
+        self._triggers = Triggers(self, formulas)
+        self.formulas = [MonitoredFormula(formula) for formula in formulas]
         self._retries = retries
         self._is_cancelled = False
         self._restarting: set[int] = set()

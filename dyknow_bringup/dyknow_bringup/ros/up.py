@@ -23,7 +23,7 @@ from dyknow_bringup.processes.processes import (
     Process,
     SystemConfiguration,
     dyknow_processes,
-    guard_processes,
+    watching_processes,
 )
 from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.processes.supervision import Supervisor
@@ -117,11 +117,11 @@ def up(chosen: argparse.Namespace) -> int:
 def _processes(
     chosen: argparse.Namespace,
 ) -> tuple[tuple[Process, ...], tuple[Process, ...]]:
-    """Return the nodes of DyKnow, and the processes that run them and the guards."""
+    """Return the nodes of DyKnow, and the processes that run them and what watches."""
     configuration = _configuration(chosen)
     nodes = dyknow_processes(configuration)
     joined = nodes if chosen.processes else composed(nodes, os.environ)
-    return nodes, (*joined, *guard_processes(configuration))
+    return nodes, (*joined, *watching_processes(configuration))
 
 
 def _await_start(
@@ -175,7 +175,11 @@ def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
         engines=chosen.engines,
         recorder=chosen.record and {'folder': str(chosen.record.resolve())},
     )
-    return files if chosen.robot is None else with_robot(files, chosen.robot)
+    if chosen.robot is not None:
+        return with_robot(files, chosen.robot, monitor=chosen.monitor)
+    if chosen.monitor:
+        raise BringupError('--monitor: there are no formulas; name a robot.yaml')
+    return files
 
 
 def add_up_options(parser: argparse.ArgumentParser) -> None:
@@ -187,7 +191,7 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
         'errors of all nodes.',
         (
             'dyknow up',
-            'dyknow up robot.yaml',
+            'dyknow up robot.yaml --monitor',
             'dyknow up --ontology robot.owl --annotations robot.ssl --streams robot.streams',
             'dyknow up --namespace /robot1 --use-sim-time',
             'dyknow up robot.yaml & dyknow up --wait && dyknow monitor robot.yaml',
@@ -196,6 +200,12 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
     )
     _add_files(parser)
     _add_settings(parser)
+    parser.add_argument(
+        '--monitor',
+        action='store_true',
+        help='monitor the formulas of the robot.yaml, too, and run their triggers, as "dyknow '
+        'monitor robot.yaml --retry" does',
+    )
     parser.add_argument(
         '--no-respawn', action='store_true', help='end when a node dies (default: start it again)'
     )

@@ -15,6 +15,7 @@ from dyknow_bringup.processes.processes import (
     formula_monitor,
     ros_arguments,
     uav_simulation,
+    watching_processes,
 )
 from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.resources import executable_path, scenario_names, scenario_path
@@ -132,6 +133,19 @@ def test_robots_that_would_share_what_is_their_own(values: dict[str, str], words
 
 def test_a_namespace_that_begins_like_another() -> None:
     assert len(robots(robot_arguments(robots='robot1,robot10'))) == 14
+
+
+def test_the_formulas_of_a_robot_are_monitored_where_that_is_asked_for(tmp_path: Path) -> None:
+    robot = tmp_path / 'robot.yaml'
+    robot.write_text('formulas: [\'always "/a".b < 1\']', encoding='utf-8')
+    for monitor, names in (('true', ['formula_monitor']), ('false', [])):
+        found = configuration(robot_arguments(config=str(robot), monitor=monitor))
+        assert [each.name for each in watching_processes(found)] == names
+    with pytest.raises(BringupError, match='monitor: there are no formulas'):
+        configuration(robot_arguments(monitor='true'))
+    robot.write_text('{}', encoding='utf-8')
+    with pytest.raises(BringupError, match='there is no formula; add one under'):
+        configuration(robot_arguments(config=str(robot), monitor='true'))
 
 
 def test_the_recorder_is_started_where_a_formula_has_a_black_box(tmp_path: Path) -> None:

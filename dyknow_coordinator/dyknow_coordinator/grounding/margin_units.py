@@ -22,7 +22,7 @@ _TOKEN: Final = re.compile(
     r'"(?:\\.|[^"\\])*"\S*|\[[^\]]*\]|(?P<name>[A-Za-z_][\w.]*\'*)(?P<call>\()?'
 )
 
-_SAME_UNIT: Final = {'abs', 'hypot', 'max', 'min'}
+_SAME_UNIT: Final = {'abs', 'hypot', 'max', 'min', 'mod'}
 """The functions whose value has the unit of their arguments."""
 
 

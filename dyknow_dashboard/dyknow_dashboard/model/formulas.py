@@ -94,6 +94,11 @@ class FormulaTable:
         """Return an evaluation; None if it is not known any more."""
         return self._known.get(key)
 
+    def statuses(self) -> list[EvaluationStatus]:
+        """Return the status of each evaluation, the latest last."""
+        found = [each.status for each in self._known.values()]
+        return sorted(found, key=lambda status: status.started)
+
     def running(self) -> list[EvaluationStatus]:
         """Return the status of each evaluation that has not ended."""
         found = (each.status for each in self._known.values())

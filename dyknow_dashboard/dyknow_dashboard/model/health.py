@@ -47,13 +47,13 @@ class HealthTable:
     """The nodes of DyKnow, and what other nodes publish on `/diagnostics`."""
 
     def __init__(self) -> None:
-        self._nodes: tuple[NodeHealth, ...] = ()
+        self.nodes: tuple[NodeHealth, ...] = ()
         self._diagnoses: dict[str, tuple[int, DiagnosedPart]] = {}
         self.version = 0
 
     def update(self, nodes: Iterable[NodeHealth], now: int) -> None:
         """Take the present health of all nodes, and forget diagnoses that are too old."""
-        self._nodes = tuple(nodes)
+        self.nodes = tuple(nodes)
         kept = {name: each for name, each in self._diagnoses.items() if now - each[0] < STALE_NS}
         self._diagnoses = kept
         self.version += 1
@@ -67,9 +67,9 @@ class HealthTable:
     def document(self) -> dict[str, Any]:
         """Return all nodes, and the diagnoses of others."""
         # The coordinator tells there of the nodes and the formulas, which the page has anyway.
-        ours = tuple(f'{each.name}: ' for each in self._nodes)
+        ours = tuple(f'{each.name}: ' for each in self.nodes)
         return {
-            'nodes': [_row(each) for each in self._nodes],
+            'nodes': [_row(each) for each in self.nodes],
             'diagnoses': [
                 {
                     'name': each.name,

@@ -165,7 +165,7 @@ async def _serve(options: ServerOptions, namespace: str) -> None:
         def attend() -> None:
             states = server.pages.states
             topics = frozenset(board.state_topics(states))
-            thread.run(partial(reader.attend, is_open=bool(states), topics=topics))
+            thread.run(partial(reader.attend, is_open=server.pages.are_open, topics=topics))
 
         reader = SystemReader(thread.adapter, board, thread.deliver, attend)
         operator = ThreadedOperator(thread, operations)

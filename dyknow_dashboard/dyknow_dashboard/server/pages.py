@@ -18,6 +18,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board, PageState
+from dyknow_dashboard.model.metrics import metrics_of
 from dyknow_dashboard.model.requests import interest, read_document
 from dyknow_dashboard.server.guards import HEADERS, RateLimit, is_own_host, is_same_origin
 
@@ -57,11 +58,25 @@ class OpenPages:
         self.greeting = greeting
         self.on_change = on_change
         self.sockets: set[PageSocket] = set()
+        self.has_scraper = False
+        """True once metrics were asked for: then all reports are read, as for an open page."""
 
     @property
     def states(self) -> list[PageState]:
         """What each page has and shows."""
         return [each.page for each in self.sockets]
+
+    @property
+    def are_open(self) -> bool:
+        """True if all reports are needed."""
+        return bool(self.sockets) or self.has_scraper
+
+    def serve_metrics(self) -> bytes:
+        """Return the metrics of all reports that were read; those of formulas always are."""
+        if not self.has_scraper:
+            self.has_scraper = True
+            self.on_change()
+        return metrics_of(self.board)
 
     def close(self) -> None:
         """Close all connections."""

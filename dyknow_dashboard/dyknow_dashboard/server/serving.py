@@ -16,6 +16,7 @@ from tornado.web import Application
 from dyknow_common import ExitCode
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board
+from dyknow_dashboard.model.metrics import CONTENT_TYPE
 from dyknow_dashboard.server.guards import RateLimit
 from dyknow_dashboard.server.pages import MAX_FRAME, OpenPages, PageSocket
 from dyknow_dashboard.server.requests import (
@@ -135,6 +136,8 @@ def _routes(system: ServedSystem, pages: OpenPages) -> Any:
         yield path, FileHandler, {'system': system, 'kind': kind, 'content': content}
     kind = 'text/javascript; charset=utf-8'
     yield '/plotly.js', FileHandler, {'system': system, 'kind': kind, 'content': _plotly}
+    served = {'system': system, 'kind': CONTENT_TYPE, 'content': pages.serve_metrics}
+    yield '/metrics', FileHandler, served
     yield '/api/([a-z]+)', ActionHandler, {'system': system}
     yield '/live', PageSocket, {'pages': pages}
 

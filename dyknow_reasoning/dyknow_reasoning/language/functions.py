@@ -11,7 +11,12 @@ from dyknow_common import AGGREGATES, CONVERSIONS, PositionedError, TextPosition
 _OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
     'abs': ('one operand', 1, 1),
     'sqrt': ('one operand', 1, 1),
+    'sin': ('one operand', 1, 1),
+    'cos': ('one operand', 1, 1),
+    'atan2': ('two operands', 2, 2),
     'angle_difference': ('two operands', 2, 2),
+    'mod': ('two operands', 2, 2),
+    'bit': ('two operands', 2, 2),
     'min': ('two operands or more', 2, None),
     'max': ('two operands or more', 2, None),
     'hypot': ('two operands or more', 2, None),

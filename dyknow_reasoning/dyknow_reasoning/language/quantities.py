@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from dyknow_common import DyKnowError, PositionedError, UnitConversion, unit_conversion
 from dyknow_reasoning.errors import ReasoningError
@@ -75,6 +75,10 @@ def check_units_are_known(formula: Formula) -> None:
             raise ReasoningError(
                 f"'{quantity}' has a unit, and the unit of '{name}' is not known; {correction}"
             )
+
+
+_RESULTS: Final = {'sin': None, 'cos': None, 'atan2': 'rad'}
+"""The units of functions that do not have that of their first operand; None: plain numbers."""
 
 
 def _converted(node: Any, conversion: _Conversion) -> Any:
@@ -182,16 +186,16 @@ class _Conversion:
         return product, f'({first or "dimensionless"}){term.operator}({second})'
 
     def _function(self, term: Function) -> _Measured:
-        if term.name == 'sqrt':
-            ((_, unit),) = self.alike(term.arguments)
-            if unit is not None:
+        if term.name in {'sqrt', 'bit'}:
+            if any(unit is not None for _, unit in self.alike(term.arguments)):
                 message = f"the unit of '{term}' is not known; write plain numbers beside it"
                 raise PositionedError(message, term.position)
             return term, None
-        wanted = 'rad' if term.name == 'angle_difference' else None
+        wanted = 'rad' if term.name in {'angle_difference', 'sin', 'cos'} else None
         measured = self.alike(term.arguments, wanted)
         arguments = tuple(argument for argument, _ in measured)
-        return Function(term.name, arguments, position=term.position), measured[0][1]
+        unit = _RESULTS.get(term.name, measured[0][1])
+        return Function(term.name, arguments, position=term.position), unit
 
     def _unit_of(self, term: Feature | FieldReference) -> str:
         name = term.name if isinstance(term, Feature) else str(term)

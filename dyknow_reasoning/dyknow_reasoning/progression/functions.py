@@ -65,6 +65,19 @@ def _angle_difference(first: _Number, second: _Number) -> float:
     return math.pi if difference == -math.pi else difference
 
 
+def _modulo(first: _Number, second: _Number) -> _Number:
+    if not second:
+        raise ValueError
+    return first % second
+
+
+def _bit(value: _Number, place: _Number) -> int:
+    whole, number = int(value), int(place)
+    if whole != value or number != place or whole < 0 or number < 0:
+        raise ValueError
+    return whole >> number & 1
+
+
 def _extreme(choose: Callable[..., _Number]) -> Callable[..., _Number]:
     """Return an extreme that is a float if any operand is one, as results of arithmetic are.
 
@@ -85,7 +98,12 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., _Number]]] = {
     'max': _extreme(max),
     'sqrt': math.sqrt,
     'hypot': math.hypot,
+    'sin': math.sin,
+    'cos': math.cos,
+    'atan2': math.atan2,
     'angle_difference': _angle_difference,
+    'mod': _modulo,
+    'bit': _bit,
 }
 
 _VECTOR_FUNCTIONS: Final[Mapping[str, Callable[[Sequence[Any]], _Array]]] = {
@@ -97,5 +115,7 @@ _VECTOR_FUNCTIONS: Final[Mapping[str, Callable[[Sequence[Any]], _Array]]] = {
 
 _REASONS: Final = {
     'sqrt': 'a negative number has no square root',
-    'angle_difference': 'an infinite angle has no direction',
+    **dict.fromkeys(('sin', 'cos', 'angle_difference'), 'an infinite angle has no direction'),
+    'mod': 'there is no remainder of a division by zero',
+    'bit': 'only whole numbers that are not negative have bits, and places',
 }

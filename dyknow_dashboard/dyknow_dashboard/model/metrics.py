@@ -1,0 +1,108 @@
+"""What the page shows, as metrics of Prometheus.
+
+Gauges are of the latest reports. Counters count since a node was started, so they fall where one is
+started again, as Prometheus expects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import isfinite
+from typing import Final
+
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from dyknow_common import SECOND_NS, shortened
+from dyknow_coordinator import EvaluationStatus
+from dyknow_coordinator.reporting.evaluation_status import outcome
+from dyknow_coordinator.reporting.node_status import diagnose_node
+from dyknow_dashboard.model.board import Board
+from dyknow_dashboard.model.streams import MAX_STREAMS
+from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
+
+CONTENT_TYPE: Final = 'text/plain; version=0.0.4; charset=utf-8'
+
+_FAILING: Final = frozenset({'false', 'violated'})
+
+
+def metrics_of(board: Board) -> bytes:
+    """Return the metrics of a system in the text format of Prometheus.
+
+    A formula is labelled with its name, a stream and a node with theirs. Of evaluations with one
+    name, the latest counts.
+    """
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(_BoardCollector(board))
+    return generate_latest(registry)
+
+
+class _BoardCollector(Collector):
+    def __init__(self, board: Board) -> None:
+        self._board = board
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield all metrics."""
+        yield from _of_formulas(self._board.formulas.statuses())
+        yield from _of_streams(self._board.streams.reports[:MAX_STREAMS])
+        yield from self._of_nodes()
+
+    def _of_nodes(self) -> Iterator[Metric]:
+        alive = _gauge('node_alive', 'Whether a node of DyKnow runs.', 'node')
+        level = _gauge('node_level', 'Its diagnosis: 0 ok, 1 warning, 2 error.', 'node')
+        for each in self._board.health.nodes:
+            alive.add_metric([each.name], float(each.state.alive))
+            level.add_metric([each.name], float(diagnose_node(each.state).level))
+        yield from (alive, level)
+
+
+def _of_formulas(statuses: Sequence[EvaluationStatus]) -> Iterator[Metric]:
+    failing = _gauge('formula_failing', 'Whether a formula is false or violated.', 'formula')
+    state = _gauge('formula_state', 'The state of a formula, as a label.', 'formula', 'state')
+    states = _counter('formula_states', 'States that a formula was progressed over.', 'formula')
+    episodes = _counter('formula_episodes', 'Episodes in which a formula failed.', 'formula')
+    margin = _gauge('formula_margin', 'A bound of the margin of a formula.', 'formula', 'bound')
+    for name, status in {shortened(each.name): each for each in statuses}.items():
+        word = outcome(status)
+        failing.add_metric([name], float(word in _FAILING))
+        state.add_metric([name, word], 1.0)
+        states.add_metric([name], status.states_progressed)
+        if status.episodes is not None:
+            episodes.add_metric([name], status.episodes.episode_count)
+        if status.margin is not None:
+            bounds = {'lower': status.margin.lower, 'upper': status.margin.upper}
+            for bound, value in bounds.items():
+                if isfinite(value):
+                    margin.add_metric([name, bound], value)
+    yield from (failing, state, states, episodes, margin)
+
+
+def _of_streams(reports: Sequence[StreamReport]) -> Iterator[Metric]:
+    flowing = _gauge('stream_flowing', 'Whether a stream has samples.', 'stream')
+    rate = _gauge('stream_rate_hertz', 'Samples in the last second.', 'stream')
+    delay = _gauge('stream_delay_seconds', 'Mean delay in the last second.', 'stream')
+    samples = _counter('stream_samples', 'Samples of a stream.', 'stream')
+    violations = _counter('stream_violations', 'Violations of its constraints.', 'stream')
+    drops = _counter(
+        'stream_drops', 'Samples that were dropped, by the reason.', 'stream', 'reason'
+    )
+    for each in reports:
+        is_flowing = each.state is StreamState.FLOWING
+        flowing.add_metric([each.name], float(is_flowing))
+        rate.add_metric([each.name], each.flow.rate if is_flowing else 0.0)
+        if each.flow.rate:
+            delay.add_metric([each.name], each.flow.mean_delay / SECOND_NS)
+        samples.add_metric([each.name], each.samples)
+        violations.add_metric([each.name], each.violations)
+        for reason, count in each.drops.items():
+            drops.add_metric([each.name, reason], count)
+    yield from (flowing, rate, delay, samples, violations, drops)
+
+
+def _gauge(name: str, text: str, *labels: str) -> GaugeMetricFamily:
+    return GaugeMetricFamily(f'dyknow_{name}', text, labels=labels)
+
+
+def _counter(name: str, text: str, *labels: str) -> CounterMetricFamily:
+    return CounterMetricFamily(f'dyknow_{name}', text, labels=labels)
