@@ -137,7 +137,7 @@ def test_a_namespace_that_begins_like_another() -> None:
 
 def test_the_formulas_of_a_robot_are_monitored_where_that_is_asked_for(tmp_path: Path) -> None:
     robot = tmp_path / 'robot.yaml'
-    robot.write_text('formulas: [\'always "/a".b < 1\']', encoding='utf-8')
+    robot.write_text('formulas: [{name: a, formula: \'always "/a".b < 1\'}]', encoding='utf-8')
     for monitor, names in (('true', ['formula_monitor']), ('false', [])):
         found = configuration(robot_arguments(config=str(robot), monitor=monitor))
         assert [each.name for each in watching_processes(found)] == names
