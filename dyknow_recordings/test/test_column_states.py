@@ -306,6 +306,18 @@ def test_stand_ins_of_several_features(
         compare(made(drawn), batch, formulas, start)
 
 
+def test_a_standby_whose_first_state_waits() -> None:
+    drawn: Drawn = [
+        *((name, 1, 0, 0.0, '') for name in 'ebc'),
+        ('a', 400, 0, 5.0, ''),
+        ('b', 1, 0, 0.0, ''),
+        ('a', 100, 0, 0.0, ''),
+    ]
+    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+        compare(made(drawn), 1, formulas)
+
+
 @pytest.mark.parametrize('batch', [16, 64, 1000])
 def test_a_stand_in_after_states_as_columns(batch: int) -> None:
     """The states that are kept of it were made as columns, too."""

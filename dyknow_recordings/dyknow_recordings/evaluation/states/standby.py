@@ -158,10 +158,12 @@ class RecordedStandby:
     def take(self, now: int) -> StandbyStream | None:
         """Return the stream, which is then the caller's; None if there is none that is well.
 
-        A stream without states is not: its sources may never have any.
+        A stream of a topic that has not begun is not: it may never have a state.
         """
         taken = self.stream
-        if taken is None or taken.latest is None or self._is_broken:
+        if taken is None or self._is_broken:
+            return None
+        if not all(map(self._streams.known.is_flowing, taken.chosen)):
             return None
         if any(self._choice.is_excluded(each, now) for each in taken.chosen):
             return None
