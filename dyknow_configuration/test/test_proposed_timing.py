@@ -152,8 +152,8 @@ def test_a_computer_that_is_busy_for_a_moment() -> None:
     st.integers(5, 1000), st.lists(st.integers(-100, 100), min_size=6, max_size=30), st.integers(1)
 )
 def test_a_regular_topic_has_a_period(period: int, jitter: list[int], seed: int) -> None:
-    """Every topic whose intervals differ by less than a period gets one, however it is moved."""
-    moments = [n * period + each * period // 401 for n, each in enumerate(jitter)]
+    """Every topic whose intervals differ by less than the shortest of them gets one."""
+    moments = [n * period + int(each * period / 701) for n, each in enumerate(jitter)]
     start = seed % 10**9 * 10**9 + 1
     found = [
         proposed_timing([times(moments, moments, start=each)]).constraints
