@@ -19,7 +19,7 @@ from dyknow_coordinator import EvaluationStatus
 from dyknow_coordinator.reporting.evaluation_status import outcome
 from dyknow_coordinator.reporting.node_status import diagnose_node
 from dyknow_dashboard.model.board import Board
-from dyknow_dashboard.model.streams import MAX_STREAMS
+from dyknow_dashboard.model.streams import MAX_STREAMS, OWN
 from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
 
 CONTENT_TYPE: Final = 'text/plain; version=0.0.4; charset=utf-8'
@@ -45,7 +45,9 @@ class _BoardCollector(Collector):
     def collect(self) -> Iterator[Metric]:
         """Yield all metrics."""
         yield from _of_formulas(self._board.formulas.statuses())
-        yield from _of_streams(self._board.streams.reports[:MAX_STREAMS])
+        # Those of states have new names again and again: each would be a series of its own.
+        named = [each for each in self._board.streams.reports if not each.name.startswith(OWN)]
+        yield from _of_streams(named[:MAX_STREAMS])
         yield from self._of_nodes()
 
     def _of_nodes(self) -> Iterator[Metric]:
