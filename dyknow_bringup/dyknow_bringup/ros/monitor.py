@@ -23,6 +23,7 @@ from dyknow_bringup.demonstration.expectations import (
 )
 from dyknow_bringup.demonstration.tables import formula_table
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.processes import NO_TIMEOUT_S
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.system_start import where_coordinators_are
 from dyknow_bringup.simulation.scenario import UNDECIDED
@@ -171,7 +172,12 @@ class _MonitorRun:
 def _watching(
     options: argparse.Namespace, formulas: tuple[RequestedFormula, ...], *, is_live: bool
 ) -> Iterator[_MonitorRun]:
-    parameters = ['-p', f'coordinator:={json.dumps(options.coordinator)}', '-p', 'timeout:=1.0e+9']
+    parameters = [
+        '-p',
+        f'coordinator:={json.dumps(options.coordinator)}',
+        '-p',
+        f'timeout:={NO_TIMEOUT_S}',
+    ]
     # Lines of the log would disturb the table; they are still on /rosout.
     quiet = ['--disable-stdout-logs'] if is_live else []
     start_ros([*sys.argv, '--ros-args', *parameters, *quiet])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -59,14 +59,23 @@ class SourceChoice:
         self._failed: dict[FeatureSource, int] = {}
 
     def choose(
-        self, features: Iterable[str], candidates: Candidates, known: KnownStreams, now: int
+        self,
+        features: Iterable[str],
+        candidates: Candidates,
+        known: KnownStreams,
+        now: int,
+        *preferences: Callable[[FeatureSource], bool],
     ) -> tuple[FeatureSource, ...]:
         """Return a source for each ground feature; see `Candidates.choose`.
 
-        One that nobody publishes is worse than one that has failed.
+        One that nobody publishes is worse than one that has failed. Further preferences are less
+        important.
         """
         return candidates.choose(
-            features, known.is_available, lambda source: not self.is_excluded(source, now)
+            features,
+            known.is_available,
+            lambda source: not self.is_excluded(source, now),
+            *preferences,
         )
 
     def replacements(
@@ -76,12 +85,7 @@ class SourceChoice:
 
         It is asked after a failure: at the start, the first samples may still be on their way.
         """
-        return candidates.choose(
-            features,
-            known.is_available,
-            lambda source: not self.is_excluded(source, now),
-            known.is_flowing,
-        )
+        return self.choose(features, candidates, known, now, known.is_flowing)
 
     def stand_ins(
         self,

@@ -46,7 +46,7 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     at = ''
     if episode is not None and episode.decided_at is not None:
         at = f' at {whole.text(episode.decided_at)}'
-    text = escape(with_readable_times(_reason(formula, episode), whole.start))
+    text = _text(_reason(formula, episode), whole)
     if '\n' in text:  # It shows a place in the text of the formula.
         text = f'<pre>{text}</pre>'
     yield (
@@ -121,7 +121,7 @@ def _episodes(formula: FormulaReport, whole: Span) -> Iterator[str]:
                 str(len(run.episodes)),
                 f'<span class="word {run.first.outcome}">{run.first.outcome}</span>',
                 _time(run.first.decided_at, whole),
-                escape(with_readable_times(_episode_reason(run.first), whole.start)),
+                _text(_episode_reason(run.first), whole),
             )
             for run in runs[:_MAX_ROWS]
         ),
@@ -143,7 +143,7 @@ def _streams(formula: FormulaReport, whole: Span) -> Iterator[str]:
                 (
                     _time(each.valid_time, whole),
                     f'<code>{escape(each.stream_name)}</code>',
-                    escape(with_readable_times(each.message, whole.start)),
+                    _text(each.message, whole),
                 )
                 for each in formula.violations[:_MAX_ROWS]
             ),
@@ -151,8 +151,7 @@ def _streams(formula: FormulaReport, whole: Span) -> Iterator[str]:
         )
     if formula.events:
         yield '<h3>Changes of streams</h3>'
-        shown = (with_readable_times(each, whole.start) for each in formula.events[:_MAX_ROWS])
-        yield ''.join(f'<p>{escape(each)}</p>' for each in shown)
+        yield ''.join(f'<p>{_text(each, whole)}</p>' for each in formula.events[:_MAX_ROWS])
     if formula.groundings:
         yield '<h3>Streams</h3>'
         rows_of = (
@@ -172,6 +171,10 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]], more: int) -> Ite
     yield '</table></div>'
     if more > 0:
         yield f'<p class="soft">{more} more</p>'
+
+
+def _text(text: str, whole: Span) -> str:
+    return escape(with_readable_times(text, whole.start))
 
 
 def _time(time: int | None, whole: Span) -> str:
