@@ -46,6 +46,8 @@ demo: build  ## monitor a simulated UAV fleet (scenario power_surge)
 	@$(IN_ENVIRONMENT) dyknow demo --report log/demo.html
 
 test: setup-tests build  ## run all tests
+	@# Each process would compile all tests in the first run.
+	@[ -d .pytest_cache ] || { $(IN_ENVIRONMENT) python -m pytest --collect-only -q > /dev/null; }
 	@$(IN_ENVIRONMENT) python -m pytest -n $(TEST_PROCESSES)
 
 test-long: setup-tests build  ## run property tests with RANDOM_CASES (100000) each; REFERENCE_TESTS selects files

@@ -32,6 +32,8 @@ project(tf2_msgs)
 find_package(ament_cmake REQUIRED)
 find_package(geometry_msgs REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
+list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX
+  "^rosidl_(generator_cpp|typesupport_cpp|typesupport_fastrtps_cpp|typesupport_introspection_cpp):")
 rosidl_generate_interfaces(${PROJECT_NAME} "msg/TFMessage.msg" DEPENDENCIES geometry_msgs)
 ament_package()
 """,
@@ -46,7 +48,7 @@ def tf2_is_installed() -> bool:
 def tf2_environment(folder: Path) -> dict[str, str]:
     """Make the messages of tf2 in a folder, and return the variables by which processes find them.
 
-    This takes about 10 s of processor time.
+    This takes some seconds of processor time: only what Python nodes load is made.
     """
     if tf2_is_installed():
         return {}

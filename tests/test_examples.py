@@ -160,7 +160,6 @@ def changes(line: list[str], environment: dict[str, str]) -> Iterator[Iterator[d
     [
         ('arm', 'joint_limit'),
         ('handover', 'hasty_release'),
-        ('rover', 'lidar_error'),
         ('rover', 'lost_odometry'),
     ],
 )

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 SCRIPT = Path(__file__).parent.parent / 'benchmarks' / 'fuzz_languages.py'
-INPUTS = 1000
+INPUTS = 600
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ TIMEOUT_S = 0.6
 """That of the guards: states come each 0.2 s, on a busy computer."""
 
 IMMEDIATE_S = 0.1
+ATTEMPTS = 5
 POWER = "['Power[uav1] < 150']"
 COMMAND = '"/cmd_vel_in".linear.x'
 
@@ -72,20 +73,29 @@ def test_a_violation(system: System, base: GuardedBase) -> None:
 
 
 def test_a_violation_of_former_states(system: System, tmp_path: Path) -> None:
-    """The coordinator has other states made before the guard reads the violation."""
+    """The coordinator has other states made before the guard reads the violation.
+
+    On a busy computer, the guard may have read the first of them before the violation: it then
+    has begun anew with states that are well, and does not say what was wrong with the former ones.
+    """
     system.batteries.reset()
     with guarded_base(system, tmp_path, POWER, timeout='5 s') as base:
         base.wait_until_open()
-        base.process.send_signal(signal.SIGSTOP)
-        system.batteries.publish_after_latest('uav1', 20_000_000)
-        time.sleep(0.1)
-        base.process.send_signal(signal.SIGCONT)
-        system.client.spin_until(
-            lambda: any('sample_period is' in each.reason for each in base.statuses),
-            'the violation',
-            instead=lambda: [each.reason for each in base.statuses],
-        )
-        base.wait_until_open()
+        for _ in range(ATTEMPTS):
+            reported = len(base.statuses)
+            base.process.send_signal(signal.SIGSTOP)
+            system.batteries.publish_after_latest('uav1', 20_000_000)
+            time.sleep(0.1)
+            base.process.send_signal(signal.SIGCONT)
+            system.client.spin_until(
+                lambda begin=reported: any(each.reason for each in base.statuses[begin:]),
+                'the guard has closed',
+            )
+            base.wait_until_open()
+            if any('sample_period is' in each.reason for each in base.statuses[reported:]):
+                return
+            system.batteries.reset()
+        raise AssertionError([each.reason for each in base.statuses])
 
 
 def test_without_commands_the_safe_message_is_repeated(system: System, base: GuardedBase) -> None:

@@ -35,10 +35,10 @@ from dyknow_stream_processing import (
 
 Parse = Callable[[str], object]
 
-MANY = 60_000
+MANY = 30_000
 """A number of characters that are words of their own."""
 
-LONG = 300_000
+LONG = 150_000
 """A number of characters within one word."""
 
 EXAMPLES: dict[Parse, str] = {

@@ -10,7 +10,7 @@ from pathlib import Path
 from domains import reserve_domain
 
 SCRIPT = Path(__file__).parent.parent / 'benchmarks' / 'soak_clients.py'
-MINUTES = 0.2
+MINUTES = 0.1
 
 ROWS = (
     'random_requests',

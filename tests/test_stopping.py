@@ -111,8 +111,7 @@ def test_a_process_stops_at_any_moment(line: list[str], code: int) -> None:
     wait_for(lambda: not any(map(members, domains)), 'the end of all processes')
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path, number: signal.Signals) -> None:
+def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path) -> None:
     with System(tmp_path, composition=False) as system:
         actions = ActionClient(
             system.client.node,
@@ -126,7 +125,7 @@ def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path, number: signal.S
             system.ask(ALWAYS, timeout=60.0)
             goals.append(actions.send_goal_async(MonitorFormula.Goal(formula=ALWAYS)))
         system.client.spin_until(lambda: any(goal.done() for goal in goals), 'a goal is accepted')
-        for _ in range(2):
+        for number in (signal.SIGINT, signal.SIGTERM):
             for process in system.running.values():
                 process.send_signal(number)
         codes = {name: process.wait(LIMIT) for name, process in system.running.items()}

@@ -76,15 +76,11 @@ def node(environment: dict[str, str], executable: str) -> int:
     raise AssertionError(f'{executable} does not run')
 
 
-COMPOSITIONS = pytest.mark.parametrize(
+@pytest.mark.parametrize(
     ('composition', 'killed'),
     [((), 'dyknow_nodes'), (('--processes',), 'stream_processing_engine')],
     ids=['one_process', 'processes'],
 )
-"""The options of a composition, and a process that is killed in it."""
-
-
-@COMPOSITIONS
 def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
     composition: tuple[str, ...], killed: str
 ) -> None:
@@ -105,13 +101,10 @@ def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
     assert outcomes[-1][0] == 0, outcomes
 
 
-@COMPOSITIONS
-def test_without_respawn_the_end_of_a_process_ends_the_system(
-    composition: tuple[str, ...], killed: str
-) -> None:
+def test_without_respawn_the_end_of_a_process_ends_the_system() -> None:
     environment = private_environment()
     with subprocess.Popen(
-        command('dyknow', 'up', '--no-respawn', *composition),
+        command('dyknow', 'up', '--no-respawn'),
         env={**os.environ, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -119,9 +112,9 @@ def test_without_respawn_the_end_of_a_process_ends_the_system(
     ) as process:
         terminal = Terminal(process)
         terminal.wait_for('DyKnow runs in /')
-        os.kill(node(environment, killed), signal.SIGKILL)
+        os.kill(node(environment, 'dyknow_nodes'), signal.SIGKILL)
         assert process.wait(LIMIT) == 2
-        terminal.wait_for(f'dyknow: {killed} was killed by SIGKILL')
+        terminal.wait_for('dyknow: dyknow_nodes was killed by SIGKILL')
         terminal.join()
     assert not members(environment['ROS_DOMAIN_ID'])
 

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,9 @@ from running_checks import (
 from dyknow_recordings.check import main
 from dyknow_recordings.jobs import cluster as cluster_module
 
-pytest.importorskip('distributed')
+pytestmark = pytest.mark.skipif(
+    find_spec('distributed') is None, reason='distributed is not installed'
+)
 
 
 @dataclass

@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -44,8 +45,10 @@ from dyknow_recordings.reporting.pictures.timeline import (
 )
 from dyknow_stream_processing import Violation
 
-pytest.importorskip('plotly')
-pytest.importorskip('matplotlib')
+pytestmark = pytest.mark.skipif(
+    not all(map(find_spec, ('plotly', 'matplotlib'))),
+    reason='plotly and matplotlib are not both installed',
+)
 
 HOSTILE = '<script>alert(1)</script><b title="x">&amp;$x_{'
 
