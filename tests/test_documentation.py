@@ -39,12 +39,18 @@ ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / 'docs' / 'examples'
 CONFIGURATION = 'docs/configuration.md'
 MEANING = 'docs/meaning.md'
+FORMULAS = 'docs/formulas.md'
+STREAMS = 'docs/streams.md'
+ONTOLOGY = 'docs/ontology.md'
 DOCUMENTS = (
     'README.md',
     'docs/clients.md',
     CONFIGURATION,
     'docs/index.md',
     'docs/languages.md',
+    FORMULAS,
+    STREAMS,
+    ONTOLOGY,
     MEANING,
 )
 
@@ -94,9 +100,17 @@ def rover_annotations() -> tuple[Annotation, ...]:
     return parse_annotations(example('rover.ssl'))
 
 
-def test_the_manual_shows_every_language() -> None:
-    for language in ('bridges', 'formula', 'python', 'ssl', 'streams'):
-        assert blocks('docs/languages.md', language), language
+@pytest.mark.parametrize(
+    ('document', 'languages'),
+    [
+        (FORMULAS, ('formula', 'python')),
+        (STREAMS, ('streams', 'python')),
+        (ONTOLOGY, ('ssl', 'bridges')),
+    ],
+)
+def test_the_manual_shows_every_language(document: str, languages: tuple[str, ...]) -> None:
+    for language in languages:
+        assert blocks(document, language), language
 
 
 def test_a_wrong_example_would_be_noticed() -> None:
@@ -115,7 +129,7 @@ def test_formulas_make_sense(text: str) -> None:
 
 
 def test_both_spellings_are_one_formula() -> None:
-    ascii_spelling, symbols, *_ = blocks('docs/languages.md', 'formula')[0].splitlines()
+    ascii_spelling, symbols, *_ = blocks(FORMULAS, 'formula')[0].splitlines()
     assert '□' in symbols
     assert parse_formula(symbols) == parse_formula(ascii_spelling)
 
@@ -147,7 +161,7 @@ def test_python_compiles(text: str) -> None:
 def test_the_formula_group_of_the_manual_finds_the_surge(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    (text,) = (text for text in blocks('docs/languages.md', 'python') if 'FormulaGroup()' in text)
+    (text,) = blocks(FORMULAS, 'python')
     exec(compile(text, 'example', 'exec'), {})  # noqa: S102
     told = capsys.readouterr().out
     assert told.startswith('power FALSE 5000000000 for u = uav2: ')
@@ -155,7 +169,8 @@ def test_the_formula_group_of_the_manual_finds_the_surge(
 
 
 def test_the_computational_units_of_the_manual_are_those_that_come_with_dyknow() -> None:
-    text = (ROOT / 'docs/languages.md').read_text(encoding='utf-8')
+    text = (ROOT / STREAMS).read_text(encoding='utf-8')
+    text = text.partition('## Computational units')[2].partition('\n#')[0]
     rows = re.findall(r'^\| (`.*?`) \|', text, re.MULTILINE)
     shipped = {name for name, unit in load_units().items() if unit.__module__ == units.__name__}
     assert {name for row in rows for name in re.findall(r'`(\w+)`', row)} == shipped
@@ -177,9 +192,7 @@ print(dict(samples[0].fields))
 
 def test_the_package_of_units_can_be_installed_and_used(tmp_path: Path) -> None:
     setup, module = (
-        text
-        for text in blocks('docs/languages.md', 'python')
-        if 'rover_units' in text or 'slip' in text
+        text for text in blocks(STREAMS, 'python') if 'rover_units' in text or 'slip' in text
     )
     package, installed = tmp_path / 'rover_units', tmp_path / 'installed'
     package.mkdir()

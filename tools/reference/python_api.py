@@ -34,8 +34,8 @@ API = {
 }
 
 INTRODUCTION = """\
-What programs import, with its docstrings. [Clients](../clients.md) and
-[Languages](../languages.md) show how to use it. Times are integers in nanoseconds unless a name
+What programs import, with its docstrings. [Clients](../clients.md),
+[formulas](../formulas.md) and [streams](../streams.md) show how to use it. Times are integers in nanoseconds unless a name
 or a docstring says otherwise."""
 
 WIDTH = 90
