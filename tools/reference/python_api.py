@@ -35,8 +35,8 @@ API = {
 
 INTRODUCTION = """\
 What programs import, with its docstrings. [Clients](../clients.md),
-[formulas](../formulas.md) and [streams](../streams.md) show how to use it. Times are integers in nanoseconds unless a name
-or a docstring says otherwise."""
+[formulas](../formulas.md) and [streams](../streams.md) show how to use it. Times are integers in
+nanoseconds unless a name or a docstring says otherwise."""
 
 WIDTH = 90
 RECEIVERS = {'self', 'cls'}
