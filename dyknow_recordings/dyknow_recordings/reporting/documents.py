@@ -1,4 +1,4 @@
-"""Results of a check as JSON; docs/recordings.md describes the keys."""
+"""Results of a check as JSON; docs/recordings.schema.json describes the keys."""
 
 from __future__ import annotations
 
