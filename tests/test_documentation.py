@@ -214,10 +214,6 @@ def test_the_package_of_units_can_be_installed_and_used(tmp_path: Path) -> None:
     assert (used.stdout, used.stderr) == ("{'slip': 0.25}\n", '')
 
 
-def test_the_readme_shows_the_node_that_is_shipped() -> None:
-    assert excerpt('python') == example('stop_when_empty.py')
-
-
 def test_the_readme_shows_the_robot_that_is_shipped() -> None:
     assert statements(excerpt('yaml')) == statements(example('rover.yaml'))
 
