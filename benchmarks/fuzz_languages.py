@@ -98,7 +98,7 @@ class Findings:
 
 
 class Mutations:
-    """Random texts that resemble those of a corpus."""
+    """Random texts that resemble a corpus."""
 
     def __init__(self, corpus: Sequence[str], generator: np.random.Generator) -> None:
         self._corpus = corpus

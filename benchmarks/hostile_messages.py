@@ -124,7 +124,7 @@ def flood(client: HostileClient) -> None:
 
 
 def evaluations_at_once(client: HostileClient) -> None:
-    """Send many formulas at once, none of which is decided soon."""
+    """Send many formulas at once that are not decided soon."""
     timeout = nanoseconds_to_duration(3 * SECOND_NS)
     for each in range(AT_ONCE):
         formula = f'forall u in UAV: always Power[u] < {1000 + each}'

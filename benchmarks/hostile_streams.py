@@ -149,7 +149,7 @@ def equivalences(client: HostileClient) -> None:
 
 
 def doubling_streams(client: HostileClient) -> None:
-    """Create streams of which each reads its predecessor twice."""
+    """Create streams that each read their predecessor twice."""
     for lines in (25, 60, 2000):
         merges = ''.join(f'stream a{each + 1} = merge(a{each}, a{each}); ' for each in range(lines))
         text = f'stream a0 = {BATTERY}; {merges} sink a{lines}'

@@ -149,7 +149,7 @@ def _make_group(system: RunningSystem) -> int:
 
 
 def streams(*, quick: bool) -> Any:
-    """Grow the streams of an engine, all of which have a subscriber."""
+    """Grow the streams of an engine, each with a subscriber."""
     sizes = (20, 50) if quick else (100, 200, 400, 800, 1600, 3200)
     with RunningSystem(VEHICLES, RATE) as system, ExitStack() as stack:
         system.warm_up()

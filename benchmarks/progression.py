@@ -346,7 +346,7 @@ def open_runs(seconds: int) -> list[tuple[float, int]]:
 
 
 def every_state() -> Iterator[tuple[str, str, float]]:
-    """Yield the costs of formulas that are asked at every state, beside those of one evaluation."""
+    """Yield the costs of formulas asked at every state, beside the costs of one evaluation."""
     response, power = (text.removeprefix('always ') for text in (RESPONSE, POWER))
     nested = 'always[0, 1 s] eventually[0, 0.5 s] Power[x] > 150'
     positive = 'always Alt[x] > 0'

@@ -105,7 +105,7 @@ def _basic(name: str, chance: random.Random) -> Any:
     if name in INTEGER_BITS:
         bits, signed = INTEGER_BITS[name]
         low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
-        # Not small numbers: some are those of streams and groups of other clients.
+        # Not small numbers: some belong to streams and groups of other clients.
         return chance.choice((low, high, low + 77, high - 55, chance.randint(low, high)))
     if name == 'boolean':
         return chance.random() < 0.5  # noqa: PLR2004

@@ -41,7 +41,7 @@ WANTED = {topic: FIELDS[type_name] for topic, type_name in TOPICS.items()}
 
 
 def templates() -> dict[str, bytearray]:
-    """Return a serialised message of each type; the stamp is that of the header, at byte 4."""
+    """Return a serialised message of each type; the header's stamp is at byte 4."""
     store = get_typestore(Stores.ROS2_JAZZY)
     types = store.types
     time = types['builtin_interfaces/msg/Time'](0, 0)

@@ -42,7 +42,7 @@ def command(count: int, path: Path, jobs: int) -> list[str]:
 
 
 def run(commands: Sequence[Sequence[str]]) -> tuple[float, float, set[tuple[str, int]]]:
-    """Run commands at the same time; return the seconds, those of processors, and the outputs."""
+    """Run commands at the same time; return elapsed and processor seconds, and the outputs."""
     start, used = perf_counter(), time_of_children()
     running = [subprocess.Popen(each, stdout=subprocess.PIPE, text=True) for each in commands]
     with ThreadPoolExecutor(len(running)) as threads:
@@ -56,7 +56,7 @@ def run(commands: Sequence[Sequence[str]]) -> tuple[float, float, set[tuple[str,
 def many(folder: Path, count: int) -> dict[str, Any]:
     """Compare the check of equal recordings with `--jobs 2` to that one by one.
 
-    The speedup is that of a user who waits for the command: two processors must be free. Two
+    The speedup is what a user sees who waits for the command: two processors must be free. Two
     commands at the same time, each for half of the recordings, show what the machine allows. The
     processor time shows what the second process costs, on a busy machine as well.
     """

@@ -128,7 +128,7 @@ def each_limit(kind: str) -> float:
 
 
 def check_equality(python: str, kind: str, shape: str) -> None:
-    """Check that all tools agree on formulas of which some are false."""
+    """Check that all tools agree on formulas, some of them false."""
     columns = signals(kind, CHECKED_STATES)
     texts = list(formulas(shape, CHECKED_STATES, [1.5, 9, 2.5, 9, 1.9, 2.1]))
     _, expected = ours([each.ours for each in texts], columns)

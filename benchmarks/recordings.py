@@ -81,7 +81,7 @@ def memory_of_columns(path: Path) -> float:
 
 
 def reading(folder: Path, count: int) -> dict[str, Any]:
-    """Compare the reading of columns with that of raw messages."""
+    """Compare reading columns with reading raw messages."""
     check_equality(recording(folder, min(count, CHECKED_MESSAGES)))
     path = recording(folder, count)
     times: dict[str, list[float]] = {'columns': [], 'raw': []}

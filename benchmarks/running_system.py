@@ -186,7 +186,7 @@ class RunningSystem:
         return [name for names in self.sources.values() for name in names]
 
     def has_fleet_streams_only(self) -> bool:
-        """Return True if the only streams are those of the fleet."""
+        """Return True if only the fleet has streams."""
         return self.streams() == {f'{name}_power' for name in self.batteries}
 
     def command(self, *words: object) -> str:

@@ -181,7 +181,7 @@ def ontology(*, quick: bool) -> Any:
 
 
 def service(*, quick: bool) -> Any:
-    """Measure the round trip of a request, and that of a service with an empty answer."""
+    """Measure the round trips of a request and of a service with an empty answer."""
     use_private_domain()
     rounds = 50 if quick else 500
     with tempfile.TemporaryDirectory() as folder:

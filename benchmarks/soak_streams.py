@@ -55,7 +55,7 @@ WARM_UP = 0.4
 
 
 class Churn:
-    """Temporary streams, of which the oldest are destroyed."""
+    """Temporary streams; the oldest are destroyed."""
 
     def __init__(self, client: Client) -> None:
         self.created = 0

@@ -239,7 +239,7 @@ def evaluations(system: System) -> Iterator[Evaluations]:
 
 @pytest.fixture
 def spares(system: System) -> Iterator[Spares]:
-    """Streams that a test makes beside those of the fleet, and their annotations."""
+    """Streams that a test makes beside the fleet's, and their annotations."""
     made = Spares(system)
     yield made
     made.clear()

@@ -169,7 +169,7 @@ class Monitored:
 
 
 class Spares:
-    """Streams beyond those of the fleet, and what they mean, until they are cleared away."""
+    """Additional streams, and what they mean, until they are cleared away."""
 
     def __init__(self, system: System) -> None:
         self._system = system

@@ -1,7 +1,7 @@
 """Publish the topics of the rover of the README, 20 times a second, until standard input ends.
 
 Each line of standard input is an object in JSON that changes values: `charge`, `speed`, and
-`publishes_battery`. A process that does nothing else pauses for nothing, unlike that of a test.
+`publishes_battery`. A process that does nothing else pauses for nothing, unlike a test's.
 """
 
 from __future__ import annotations

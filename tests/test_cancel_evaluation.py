@@ -68,7 +68,7 @@ def test_all_evaluations_of_a_name_are_ended(system: System, evaluations: Evalua
 def test_a_caller_of_the_service_is_answered(
     system: System, evaluations: Evaluations, name: str
 ) -> None:
-    """Without a name of its own, an evaluation has that of its formula."""
+    """Without a name of its own, an evaluation has its formula as name."""
     answered = system.ask(ALWAYS)
     evaluations.wait_for_state()
     assert cancel(system, name).cancelled == 1

@@ -23,7 +23,7 @@ def system(shared_system: SharedSystem, composition: bool) -> System:  # noqa: F
 
 
 def wait_for_own_streams(system: System, count: int) -> None:
-    """Wait until there are so many streams beside those of the fleet."""
+    """Wait until there are so many streams beside the fleet's."""
     system.client.spin_until(
         lambda: len(system.streams() - system.fleet_streams) == count,
         f'{count} streams beside those of the fleet',
@@ -52,7 +52,7 @@ def test_a_better_stream_comes_and_goes(
     system.client.spin_until(
         lambda: former.isdisjoint(system.streams()), 'the former states are gone', pause=POLL
     )
-    # The spare stream, the states, and those of the other stream on standby.
+    # The spare stream, the states, and the standby's states of the other stream.
     wait_for_own_streams(system, 3)
     batteries.power['uav1'] = 240.0
     said = batteries.stamp

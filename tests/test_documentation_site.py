@@ -72,7 +72,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 def texts_of_the_code() -> Iterator[str]:
-    """All texts of the packages, cut where they have values, and those of scripts."""
+    """All texts of packages and scripts, cut where they have values."""
     for path in (*ROOT.glob('dyknow_*/dyknow_*/**/*.py'), ROOT / 'tools' / 'set_up.py'):
         for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):

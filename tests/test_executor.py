@@ -172,7 +172,7 @@ def test_callbacks_that_exclude_each_other_wait_for_a_coroutine(bench: Bench) ->
         events.append('open')
         gate.set_result(None)
 
-    timers = [bench.timer(first)]  # Its group is that of all callbacks that name none.
+    timers = [bench.timer(first)]  # It is in the group of all callbacks that name none.
     bench.timer(second)
     others = [bench.node.create_timer(0.2, open_gate, callback_group=ReentrantCallbackGroup())]
     bench.spin()

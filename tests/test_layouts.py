@@ -1,4 +1,4 @@
-"""Layouts for viewers: all topics and fields in them are those of the running demonstration."""
+"""Layouts for viewers: the running demonstration has all their topics and fields."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many engines, any of which may die, stop or come back: the manager loses no stream."""
+"""The manager loses no stream while any of many engines dies, stops or comes back."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_what_streams_are_made_of(nodes: StreamNodes) -> None:
     assert sources()['tank'] == set()
     made_of = set().union(*(sources()[name] for name in CHAIN))
     assert TANK in made_of
-    # Of its own streams an engine needs no topic; those of the other it hears like any.
+    # An engine needs no topic for its own streams, and subscribes to the other's like any.
     assert made_of - {TANK}
     assert made_of - {TANK} <= set(topics(*CHAIN))
 

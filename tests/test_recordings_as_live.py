@@ -52,7 +52,7 @@ FLIGHT = (
     'eventually ("/uav1/armed".data and "/uav1/odometry".pose.pose.position.z > 1)',
     '"/uav1/battery".voltage > 11 until[0 s, 30 s] "/uav1/odometry".twist.twist.linear.z > 0.5',
 )
-# The state that decides each of them is that of a stamped message: others are valid when received.
+# A stamped message makes each deciding state: others are valid when received.
 HOP = (
     'eventually "/uav2/odometry".pose.pose.position.z > 0.5',
     'always "/uav2/odometry".pose.pose.position.z < 0.3',

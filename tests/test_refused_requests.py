@@ -1,4 +1,4 @@
-"""Requests with names that cannot be those of topics, and changes of parameters."""
+"""Requests with names that no topic can have, and changes of parameters."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     ('name', 'specification'),
     [
         (LONG, 'select data from "/a"'),
-        # The topic of the stream is short enough, but that of its violations is not.
+        # The topic of the stream is short enough, the topic of its violations is not.
         ('b' * 225, 'select data from "/a"'),
         ('c', f'select data from "/{LONG}"'),
         ('c', f'source (data: float) "/{LONG}"; sink select data from "/{LONG}"'),

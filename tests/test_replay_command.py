@@ -42,7 +42,7 @@ def test_a_recording_is_replayed_with_its_clock() -> None:
 
 
 def test_topics_of_several_publishers_have_several_again(tmp_path: Path) -> None:
-    """Otherwise, an engine would take their messages for those of one that stamps in order."""
+    """Otherwise, an engine would take them for one publisher that stamps in order."""
     types, kind = get_typestore(Stores.ROS2_JAZZY), 'std_msgs/msg/Bool'
     with Writer(tmp_path / 'bag', version=9) as writer:
         for topic, count in (('/one', 1), ('/several', 3)):

@@ -116,7 +116,7 @@ def test_a_request_for_a_name_that_is_taken(nodes: StreamNodes) -> None:
 
 
 def make_level_and_half(nodes: StreamNodes) -> None:
-    """Two streams, of which the second reads the topic of the first."""
+    """Two streams; the second reads the topic of the first."""
     nodes.start(ONE)
     nodes.start(TWO)
     nodes.start_manager()

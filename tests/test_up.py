@@ -192,7 +192,7 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
 
 
 def test_parameters_and_engines(tmp_path: Path) -> None:
-    """A file of parameters takes precedence over those of the robot."""
+    """A parameter file takes precedence over the robot's parameters."""
     parameters, robot = tmp_path / 'parameters.yaml', tmp_path / 'robot.yaml'
     parameters.write_text('/**:\n  ros__parameters: {hang_limit: 33.0, silence_limit: 7.0}\n')
     robot.write_text('nodes:\n  stream_reasoning_coordinator: {silence_limit: 10.0}\n')

@@ -25,7 +25,7 @@ sink sync((select level as a from "/dyknow/streams/far" with max_delay = {}),
 
 
 class Robot:
-    """Publishes two stamped levels, of which the first one changes, and knows what it has said."""
+    """Publishes two stamped levels, a changing and a constant one, and records them."""
 
     def __init__(self, nodes: StreamNodes) -> None:
         self._node = nodes.client.node

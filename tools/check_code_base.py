@@ -7,7 +7,7 @@
 - A file of tests has a name of its own: where ROS is installed, launch_testing imports it by this
   name.
 - package.xml declares what the code of its package imports, and nothing else.
-- All packages have one version, which is that of the wheel.
+- All packages and the wheel have one version.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def packages() -> list[str]:
 
 
 def modules(package: str) -> list[Path]:
-    """Return the files of the modules of a package, with those of the Python packages beside it."""
+    """Return the files of the modules of a package and of the Python packages beside it."""
     return sorted((ROOT / package).glob('dyknow_*/**/*.py'))
 
 

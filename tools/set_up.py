@@ -124,7 +124,7 @@ def pip(venv, *arguments):
 
 
 def correct_paths_of_wheels():
-    """Replace the paths of the machine that built the wheels of ROS by those of this one."""
+    """Replace paths of the machine that built the wheels of ROS by paths of this one."""
     include = sysconfig.get_config_var('INCLUDEPY')
     version = f'python{sys.version_info[0]}.{sys.version_info[1]}'
     site_packages = str(VENV / 'lib' / version / 'site-packages')

@@ -25,7 +25,7 @@ for name in names:
     importlib.import_module(name)
 print(len(names))
 """
-"""Imports all modules of the wheel, of which none may need ROS."""
+"""Imports all modules of the wheel: none may need ROS."""
 
 
 def main():

@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the executable dyknow.
 
     Args:
-        arguments: of the command; None for those of the process.
+        arguments: of the command; None: the arguments of the process.
     """
     given = sys.argv[1:] if arguments is None else list(arguments)
     if '_ARGCOMPLETE' in os.environ:
@@ -104,6 +104,6 @@ def _run(arguments: Sequence[str]) -> int:
         parser.error(unknown('verb', arguments[0], VERBS))
     chosen, others = parser.parse_known_args(arguments)
     if others:
-        # argparse would show the usage of dyknow, not that of the verb.
+        # argparse would show the usage of dyknow instead of the verb's.
         chosen.refuse(f'unrecognized arguments: {" ".join(others)}')
     return int(chosen.command(chosen))

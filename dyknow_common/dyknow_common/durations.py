@@ -94,7 +94,7 @@ def format_duration(nanoseconds: int) -> str:
 def round_duration(nanoseconds: int, unlike: int | None = None) -> str:
     """Return a duration for people to read, with at least three digits: `314 ms`, `12.3 s`.
 
-    It has more digits if its text would be that of `unlike`, another duration.
+    It has more digits if it would otherwise look like `unlike`, another duration.
     """
     digits = 3
     if unlike is not None and unlike != nanoseconds:
@@ -155,7 +155,7 @@ def with_readable_times(text: str, start: int | None = None) -> str:
 
     Args:
         text: such as an explanation, with times as from `format_time`.
-        start: in nanoseconds; None if it is not known: then the times are those of the clock.
+        start: in nanoseconds; None if unknown: then times are on the clock.
     """
 
     def readable(found: re.Match[str]) -> str:

@@ -20,7 +20,7 @@ _UNSENDABLE: Final = re.compile('[\x00\ud800-\udfff]')
 
 
 class ExitCode(IntEnum):
-    """The outcome of a request; the numbers are those of dyknow_interfaces/msg/ExitStatus."""
+    """The outcome of a request; numbers as in dyknow_interfaces/msg/ExitStatus."""
 
     SUCCESS = 0
     INVALID_ARGUMENT = 1

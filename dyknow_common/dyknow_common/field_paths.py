@@ -131,11 +131,11 @@ def key_array(
 def element_fields(fields: FieldTypes, elements: ArrayElements) -> FieldTypes | str:
     """Return the fields of a sample that is made of an element of an array.
 
-    They are those of the element, its number, and those of the message.
+    They are the element's, its number, and the message's.
 
     Args:
         fields: of the message, with their types.
-        elements: those of which each is a sample.
+        elements: the array whose elements become samples.
 
     Returns:
         The fields; or the reason why there are no such elements.

@@ -27,7 +27,7 @@ _REFERENCE: Final = re.compile(
 
 
 class SymbolKind(IntEnum):
-    """The kind of a symbol; the numbers are those of dyknow_interfaces/msg/Symbol."""
+    """The kind of a symbol; numbers as in dyknow_interfaces/msg/Symbol."""
 
     FEATURE = 0
     SORT = 1

@@ -74,7 +74,7 @@ def _lines(file: TextIO, error: Callable[[str], DyKnowError]) -> Iterator[str]:
 def read_text(path: Path | InlineText, content: str, error_class: type[DyKnowError]) -> str:
     """Return the text of a file that a user has given, read in bounded time.
 
-    Arguments and errors are those of `open_text`. A folder, a pipe or a device cannot be read
+    Arguments and errors as in `open_text`. A folder, a pipe or a device cannot be read
     (NOT_FOUND), nor a file with more than MAX_FILE_BYTES.
     """
     if isinstance(path, InlineText):
@@ -148,7 +148,7 @@ def replace_file(path: Path, content: bytes, rights: int = 0o666) -> None:
         return
     draft = path.with_name(f'{path.name}.new')
     try:
-        draft.unlink(missing_ok=True)  # It may be a link, or that of an interrupted replacement.
+        draft.unlink(missing_ok=True)  # It may be a link, or left by an interrupted replacement.
         descriptor = os.open(draft, _CREATE, rights)
         with open(descriptor, 'wb') as file:  # noqa: PTH123 - with its rights
             file.write(content)

@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Verdict(IntEnum):
-    """The verdict on a formula; the numbers are those of dyknow_interfaces/msg/FormulaResult."""
+    """The verdict on a formula; numbers as in dyknow_interfaces/msg/FormulaResult."""
 
     UNDECIDED = 0
     TRUE = 1

@@ -77,8 +77,8 @@ class RequestedGuard:
         name: of the guard and its node.
         input: the topic of the messages.
         output: the topic on which it passes them on.
-        formulas: all of which must hold.
-        message_type: of both topics; empty for that of the publishers of the input.
+        formulas: all must hold.
+        message_type: of both topics; empty: as the publishers of the input have it.
         safe: the fields of the message that is sent instead, those that are not zero; None: none.
         period: between two safe messages while no message comes, in nanoseconds.
         latch: True if a guard that has closed stays closed until it is reset.
@@ -106,7 +106,7 @@ class RobotSort:
         name: its name.
         below: the sort that contains it; empty for none.
         description: for people.
-        objects: those that are listed for it, without those of sorts below it.
+        objects: those listed for it, not for sorts below it.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""States of a stream on standby, which may follow those of another stream without a gap.
+"""States of a stream on standby, which may follow another stream's states without a gap.
 
 Valid times, in seconds. The standby takes over after the state at 3.0; the one at 2.5 shows that it
 lacks no state after that:

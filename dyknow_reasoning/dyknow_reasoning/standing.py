@@ -38,7 +38,7 @@ _CLEANUP_STATES: Final = 4096
 
 @dataclass(frozen=True, slots=True)
 class FailureEpisode:
-    """Consecutive states from each of which a formula is false.
+    """Consecutive start states: a formula is false from each of them.
 
     Args:
         begin: the valid time of the first of these states, in nanoseconds.
@@ -85,7 +85,7 @@ class StandingFormula:
         formula_id: its id in the group.
         named: the formula.
         counts: the number of objects of each sort.
-        instances: all of which must hold for it to hold.
+        instances: the formula holds if all of them do.
         histories: those that it looks back to.
         node_limit: the most nodes of what remains of an instance.
         margins: from each state on, if they were requested; its group steps them.
@@ -315,6 +315,6 @@ class StandingFormulas:
         return found.summary() if found else EpisodeSummary()
 
     def changed(self) -> list[int]:
-        """Return the formulas of which an episode has begun or ended since the last call."""
+        """Return the formulas with an episode that has begun or ended since the last call."""
         changed, self._changed = sorted(self._changed), set()
         return changed

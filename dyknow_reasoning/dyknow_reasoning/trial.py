@@ -137,7 +137,7 @@ class TrialFormula:
         """Return True if the formula holds at a proposed state.
 
         Args:
-            time: of the state, later than that of the latest accepted one; nanoseconds.
+            time: of the state, after the latest accepted one; nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
 
         Raises:
@@ -177,7 +177,7 @@ class TrialFormula:
                 return lambda _memories, _time, values: read(values)
 
     def _remembered(self, formula: PastFormula) -> _Truth:
-        """Return the function of a past operator, whose memory follows those of its operands."""
+        """Return the function of a past operator; its memory follows its operands' memories."""
         sides = [self._compiled(cast('Formula', part)) for part in parts(formula)]
         place, is_negated = len(self._memories), is_dual(formula)
         self._memories.append(memory_of(formula))

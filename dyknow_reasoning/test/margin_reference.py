@@ -105,7 +105,7 @@ def counted(bound: CountBound, number: int, members: Sequence[Bounds]) -> Bounds
         return least(counted(each, number, members) for each in both)
     if bound is CountBound.AT_MOST:
         return negation(counted(CountBound.AT_LEAST, number + 1, members))
-    # The greatest margin of which some number of members have it or more.
+    # The greatest margin that some number of members reach.
     return greatest(least(chosen) for chosen in combinations(members, number))
 
 

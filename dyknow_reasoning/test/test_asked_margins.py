@@ -47,7 +47,7 @@ intervals = st.builds(
 
 
 def around(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
-    """Formulas with windows that end, also before that of the formula in them."""
+    """Formulas with windows that end, also before the window of an inner formula."""
     return st.one_of(
         st.builds(Always, inner, intervals),
         st.builds(Eventually, inner, intervals),

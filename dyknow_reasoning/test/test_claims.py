@@ -180,7 +180,7 @@ class Judge:
         return self.states[-1][1]
 
     def shown(self, name: str | None, text: str, values: Mapping[str, Value]) -> Any:
-        """The value that is printed, once it is seen to be that of the state."""
+        """The printed value, after a check that it is the state's."""
         printed = value(text, values)
         if name is not None:
             actual = value(name, values)

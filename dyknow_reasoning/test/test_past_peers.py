@@ -18,7 +18,7 @@ BOUNDS = ((0, None), (0, 3), (1, 4), (2, 2))
 
 
 def random_formula(random: Random, depth: int) -> tuple[str, str, str]:
-    """A formula over p and q in our words, in those of Reelay, and in those of RTAMT."""
+    """A formula over p and q in our words, in Reelay's, and in RTAMT's."""
     if not depth or random.random() < 0.2:
         name = random.choice('pq')
         return name, f'{{{name}}}', f'({name} > 0.5)'

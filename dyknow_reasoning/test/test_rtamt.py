@@ -1,4 +1,4 @@
-"""Verdicts and margins over a real launch against those of RTAMT, where that is installed."""
+"""Verdicts and margins over a real launch, compared with RTAMT where it is installed."""
 
 from __future__ import annotations
 

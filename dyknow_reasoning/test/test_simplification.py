@@ -78,7 +78,7 @@ def at_once(text: str) -> str:
         ('x > 1 and x < 2', 'x'),
         ('forall u in S: exists v in S: P[v] > 3 or P[v] < 5', 'TRUE'),
         ('x > 9007199254740993 and x < 9007199254740992.0', 'FALSE'),
-        # One state after another, if the interval of one is within that of the other.
+        # One state after another, if one interval is within the other.
         ('(always x > 10) and eventually x < 5', 'FALSE'),
         ('(always[0, 3 s] x > 10) and eventually[1 s, 3 s] x < 5', 'FALSE'),
         ('(always[0, 3 s] x > 10) and (p until[1 s, 3 s] x < 5)', 'FALSE'),

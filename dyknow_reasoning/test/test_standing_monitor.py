@@ -69,7 +69,7 @@ def outcomes(text: str, domains: Domains, states: States) -> list[Outcome]:
 
 
 def check(text: str, domains: Domains, states: States) -> None:
-    """After each state, the verdicts are those of single evaluations."""
+    """After each state, the verdicts agree with single evaluations."""
     group, monitor = group_of(text, domains)
     final = outcomes(text, domains, states)
     for number, (time, values, is_gap) in enumerate(states):

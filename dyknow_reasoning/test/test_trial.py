@@ -1,4 +1,4 @@
-"""Formulas that are tried at states: the same verdicts as those of a group, and no traces."""
+"""Formulas that are tried at states: the verdicts of a group, and no traces."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def test_a_split_bag(tmp_path: Path, storage: str) -> None:
     folder = tmp_path / 'split'
     folder.mkdir()
     for number in range(3):
-        # The files overlap, as those of a recorder with several threads do.
+        # The files overlap, as a recorder with several threads makes them.
         part = messages(100, 100 * number)
         part[0] = (part[0][0] - 25_000_000 * (number > 0), *part[0][1:])
         write(tmp_path / f'part_{number}', storage, 'none', sorted(part))

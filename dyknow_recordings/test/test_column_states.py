@@ -136,7 +136,7 @@ MESSAGES = st.lists(
 
 
 def made(drawn: Drawn) -> list[RecordedSample]:
-    """The messages; those of /c and /d have no stamp, those of /e have times of sending."""
+    """The messages; /c and /d have no stamps, /e has times of sending."""
     now, stamps, found = at(0), dict.fromkeys('abcde', 0), []
     for name, distance, delay, value, odd in drawn:
         now += distance * MS + (6 * SECOND_NS if odd == 'silent' else 0)
@@ -427,7 +427,7 @@ def test_a_stamp_before_one_at_zero_is_out_of_order() -> None:
 
 
 def steady_recording() -> list[RecordedSample]:
-    """Regular messages, in time; those of /c have no stamp, those of /e times of sending."""
+    """Regular messages, in time; /c has no stamps, /e has times of sending."""
     found = []
     for topic, count, period, offset in (
         ('/a', 500, 10, 0),

@@ -304,7 +304,7 @@ def test_a_stand_in_without_states_is_no_success(files: MonitoringFiles) -> None
 
 
 def test_states_that_break_a_rule_at_the_end_are_no_success() -> None:
-    # Samples of /a wait for those of /b, until there are too many.
+    # Samples of /a wait for /b, until there are too many.
     waiting = series('/a', [0.001 * n for n in range(20_000)])
     source = recording([*waiting, sample('/b', 0, p=1.0)])
     report = check(source, 'always "/a".p < "/b".p + 5')
@@ -550,7 +550,7 @@ def test_a_jump_of_years_ends() -> None:
     ('delay', 'outcome'), [(0.9, 'undecided'), (2.0, Outcome.ERROR), (90_000.0, 'undecided')]
 )
 def test_stamps_of_a_clock_that_lags(delay: float, outcome: str) -> None:
-    """If it lags by more than a day, it is that of a simulation."""
+    """If it lags by more than a day, it is a simulation's."""
     messages = [sample('/a', time - delay, delay=delay, p=1) for time in steps(3, 9)]
     report = check(recording(messages), 'always "/a".p < 5')
     assert report.outcome == outcome, report

@@ -208,7 +208,7 @@ def test_a_process_with_threads_forks_none(bags: list[str]) -> None:
 
 
 def command_of(process: int) -> str:
-    """The command line of a process: that of its parent if it was forked."""
+    """The command line of a process, or of its parent if it was forked."""
     return Path(f'/proc/{process}/cmdline').read_text().replace('\0', ' ')
 
 

@@ -40,7 +40,7 @@ def test_verdicts_in_spite_of_losses_are_those_without(
     formulas: list[str],
     publishers: int | None,
 ) -> None:
-    """A verdict is certain, or there is none; the streams are those of all kinds."""
+    """A verdict is certain, or there is none, over streams of all kinds."""
     whole = made(drawn)
     times = [each.log_time for each in whole]
     first = times[span[0] % len(times)]

@@ -57,7 +57,7 @@ def file_of(
     checksum: bool = True,
     change: Callable[[bytes], bytes] = bytes,
 ) -> bytes:
-    """A file of chunks, the second of which is changed; `change` keeps its length."""
+    """A file of chunks; the second one is changed, and `change` keeps its length."""
     chunks = []
     for first in range(0, COUNT, PER_CHUNK):
         part = records[first : first + PER_CHUNK]

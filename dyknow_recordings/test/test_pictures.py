@@ -205,7 +205,7 @@ def test_the_windows_that_a_verdict_is_about() -> None:
 
 
 def fleet(count: int) -> Iterator[RecordingReport]:
-    """A recording of many robots, of which the last breaks the formula."""
+    """A recording of many robots; the last one breaks the formula."""
     names = tuple(f'u{n}' for n in range(count))
     samples = [
         sample('/fleet', n / 10, **{f'P[{name}]': float(n * (name == names[-1])) for name in names})

@@ -75,7 +75,7 @@ def test_a_long_signal_keeps_its_extremes(
     # Each point is one of the states.
     known = dict(zip(times, values, strict=True))
     np.testing.assert_array_equal([known[int(time)] for time in kept.times], kept.values)
-    # In each span of time, the least and the greatest value are those of all states.
+    # In each span of time, the least and the greatest value are over all states.
     all_times = np.array(times)
     for span in np.unique(all_times // width):
         of_all = values[all_times // width == span]

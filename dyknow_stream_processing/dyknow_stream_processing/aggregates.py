@@ -113,7 +113,7 @@ def _vector(elements: Any, kind: ValueType | None) -> NDArray[Any]:
         return np.zeros(0, np.int64 if kind is ValueType.INT else np.float64)
     if kind is not ValueType.INT:
         return np.asarray(elements)
-    # By itself, numpy makes floats of integers of which some need 64 bits without a sign.
+    # By itself, numpy makes floats of integers if some need 64 bits without a sign.
     return np.array(elements, np.uint64 if max(elements) > _MAX_INT64 else np.int64)
 
 

@@ -185,7 +185,7 @@ def _keyed(name: str, key: ElementKey, place: str, are_members: bool) -> Reader:
 
 
 def _elements(step: PathStep, place: str, read: Reader, *, nested: bool) -> Reader:
-    """Return a function that reads several elements; those of nested arrays become one list."""
+    """Return a function that reads several elements; nested arrays become one list."""
     wanted = step.selector if isinstance(step.selector, ArraySlice) else ArraySlice(0, None)
     start, stop = wanted.start, wanted.stop
 

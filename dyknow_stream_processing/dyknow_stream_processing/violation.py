@@ -16,7 +16,7 @@ class ViolationKind(StrEnum):
     CLOCK = 'clock'  # the clock of the sender of a topic differs by more than clock_tolerance
     VALID_TIME_ORDER = 'valid_time_order'  # a sample is older than its predecessor
     FIELDS = 'fields'  # a sample lacks a needed field, or its fields do not fit
-    BUFFER = 'buffer'  # too many samples wait for those of another stream
+    BUFFER = 'buffer'  # too many samples wait for another stream
     COMPUTATIONAL_UNIT = 'computational_unit'  # user code raised an error
     MESSAGE = 'message'  # a message cannot be converted to a sample
     LOST = 'lost'  # samples were lost between two nodes

@@ -87,7 +87,7 @@ def test_reordering_needs_a_bound(flow: Flow) -> None:
 
 
 def test_the_robots_of_one_publisher_are_ordered_by_themselves(flow: Flow) -> None:
-    """A relay may pass on the samples of one robot later than those of another."""
+    """A relay may pass on one robot's samples later than another's."""
     flow.ordered_topics.add('fleet')
     flow.create('select x from "fleet" where id = 1 with max_delay = 10 ms')
     flow.push('fleet', 5, 6, id=1, x=1)

@@ -11,7 +11,7 @@ from dyknow_stream_processing.language import term_sizes
 
 
 def doubled(times: int, first: str = 'select x from "t"') -> str:
-    """Merges of merges, each of which has twice the samples of the one before."""
+    """Merges of merges, each with twice the samples of the one before."""
     texts = [f'stream a{each} = merge(a{each - 1}, a{each - 1});' for each in range(1, times + 1)]
     return f'stream a0 = {first}; {"".join(texts)} sink a{times}'
 

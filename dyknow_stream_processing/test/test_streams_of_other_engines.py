@@ -1,4 +1,4 @@
-"""Two dataflows, of which the second reads a stream of the first over a link with delays.
+"""Two dataflows; the second reads a stream of the first over a link with delays.
 
 The reference is a single dataflow with both streams, in which nothing is delayed, stopped or dead.
 """

@@ -104,7 +104,7 @@ def test_a_start_in_the_future_keeps_what_it_needs(flow: Flow) -> None:
 def test_what_is_forgotten_changes_nothing(
     flow_class: type[Flow], events: list[tuple[str, int]], period: int, approximation: str
 ) -> None:
-    """A period of a nanosecond keeps all; its ticks at the multiples are those of the period."""
+    """A period of a nanosecond keeps all; at the multiples, it has the ticks of the period."""
     events.sort(key=lambda each: each[1])
     taken = []
     for each in (period, 1):

@@ -197,7 +197,7 @@ def test_ticks_at_a_period(
 
 
 def without_repeats(inputs: Sequence[NaiveInput], events: Sequence[Event]) -> list[Event]:
-    """The events without those of equal valid times, of which an inner `sync` has only the first.
+    """The events without repeated valid times: an inner `sync` has only the first of them.
 
     A message without a stamp that another one has overtaken is as if it were sent with that one.
     """

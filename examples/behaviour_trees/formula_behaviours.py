@@ -188,7 +188,7 @@ class FormulaGuard(FormulaBehaviour, Decorator):
     The child is not ticked before the states of all formulas come. As soon as a formula is false,
     or it is unknown whether it holds (there is an error, or no more states come), the child is
     interrupted (INVALID), and the status is FAILURE. The feedback message has the explanation.
-    Otherwise, the status is that of the child. A formula that is true is not evaluated again.
+    Otherwise, it has the status of the child. A formula that is true is not evaluated again.
 
     Args:
         name: of the behaviour.

@@ -62,13 +62,13 @@ def _in_one_process(processes: Iterable[Process]) -> Process:
 
 
 def names_in(process: Process) -> tuple[str, ...]:
-    """Return the names under which a process logs: its own, and those of nodes in it."""
+    """Return the names under which a process logs: its own, and its nodes'."""
     nodes = PACKAGES if process.executable == NODES else ()
     return process.name, *(join_namespaces(process.namespace, each).lstrip('/') for each in nodes)
 
 
 def name_in(process: Process, logger: str) -> str:
-    """Return the name under which a message of a process is shown: that of its node if known."""
+    """Return the name under which a message of a process is shown: its node's, if known."""
     node = logger.rpartition('.')[2]
     names = names_in(process)
     return next((each for each in names if each.rpartition('/')[2] == node), process.name)

@@ -44,7 +44,7 @@ class Launcher:
 
     Args:
         logs: a folder for the output of each process.
-        environment: variables that differ from those of this process.
+        environment: variables that differ from this process's.
     """
 
     def __init__(

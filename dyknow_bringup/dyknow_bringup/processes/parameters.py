@@ -19,7 +19,7 @@ _NODE: Final = re.compile(
 
 
 def for_any_namespace(path: Path) -> Path:
-    """Return a file of parameters that are those of the nodes in any namespace.
+    """Return a file of parameters for the nodes in any namespace.
 
     ROS takes `stream_manager:` for the node in the root namespace, and ignores it for others.
 

@@ -38,8 +38,8 @@ class Process:
         package: the package with its executable.
         executable: the name of the executable.
         parameters: values that differ from the defaults.
-        namespace: of the node, relative to that of all nodes.
-        node: the name of the node; empty for that of the executable.
+        namespace: of the node, relative to the namespace of all nodes.
+        node: the name of the node; empty: the executable's.
         parameter_file: a file with more parameters, of nodes by their names.
         params_file: a file of parameters for any nodes, as ROS has them, which takes precedence.
     """

@@ -40,7 +40,7 @@ class FormulaMonitor(DyKnowNode):
     """A client that monitors each formula by a MonitorFormula action, and keeps its outcome.
 
     Args:
-        formulas: to monitor; None: those of the file of a parameter, `robot` or `formulas`.
+        formulas: to monitor; None: from the file that the parameter `robot` or `formulas` names.
         on_change: called with every formula whose outcome has changed; None: it is logged.
         name: of the node.
         retries: True to monitor a formula again after an error, until it has a verdict; those of

@@ -49,7 +49,7 @@ END_TIMEOUT_S = 3.0
 """Time to wait until the coordinator has ended the evaluations."""
 
 CODES = {'true': SUCCESS, HOLDS: SUCCESS, UNDECIDED: SUCCESS, 'false': FALSE, VIOLATED: FALSE}
-"""The exit codes of outcomes; those of others are ERROR."""
+"""The exit codes of outcomes; all others have ERROR."""
 
 
 def monitor(options: argparse.Namespace) -> int:
@@ -162,7 +162,7 @@ class _MonitorRun:
 
     @property
     def code(self) -> int:
-        """The exit code: that of the worst outcome; at least FALSE if a formula was false once."""
+        """The exit code of the worst outcome; at least FALSE if a formula was false once."""
         outcomes = (CODES.get(each.outcome, ERROR) for each in self._monitor.formulas)
         has_failed = any(each.has_failed for each in self._monitor.formulas)
         return max(FALSE if has_failed else SUCCESS, *outcomes)

@@ -128,7 +128,7 @@ PLAIN_NODE: Final = Interfaces(
     subscribes=frozenset({'/clock'}),
     serves=frozenset({'~/get_type_description'}),
 )
-"""A node without the services of parameters, as commands have them."""
+"""A node without parameter services, such as a command's."""
 
 ROS_NODE: Final = PLAIN_NODE | Interfaces(serves=_services('~', *PARAMETER_SERVICES))
 """A node as rclpy makes it by default."""
@@ -153,7 +153,7 @@ CLIENT: Final = MONITOR | Interfaces(
     requests=_services(COORDINATOR, 'evaluate_formula', 'report_plan_action'),
     calls=_services(COORDINATOR, *ACTIONS),
 )
-"""`FormulaClient`: asks for verdicts, subscribes to those of others, and changes nothing."""
+"""`FormulaClient`: asks for verdicts, reads the verdict topics, and changes nothing."""
 
 COMMANDS: Final = MONITOR | Interfaces(
     subscribes=frozenset({f'{COORDINATOR}/evaluations', 'stream_manager/streams'}),
@@ -174,7 +174,7 @@ def engine_interfaces(
 
     Args:
         engine: its absolute name.
-        engines: those of all engines of the system.
+        engines: the names of all engines of the system.
         topics: that streams are made from.
         outputs: that sinks name for their messages.
     """

@@ -24,7 +24,7 @@ class Enclave:
     """A set of permissions with keys of its own, for one process.
 
     Args:
-        path: its name: that of the node, where it is for one node.
+        path: its name, which is the node's name where it is for one node.
         nodes: the interfaces of its nodes with absolute names, by the absolute names of the nodes.
     """
 

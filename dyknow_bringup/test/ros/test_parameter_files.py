@@ -1,4 +1,4 @@
-"""Files of parameters are those of nodes in any namespace."""
+"""Parameter files apply to nodes in any namespace."""
 
 from __future__ import annotations
 

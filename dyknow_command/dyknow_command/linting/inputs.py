@@ -176,7 +176,7 @@ def _entries(document: YamlValue) -> Iterator[tuple[str, YamlValue, YamlValue]]:
 
 
 def _placed(formulas: Iterable[RequestedFormula], document: YamlValue) -> Iterator[PlacedFormula]:
-    """Yield formulas with their places in a document, or the document for those of other files."""
+    """Yield formulas with their places in a document; formulas of other files with the document."""
     values = dict(_formula_values(document))
     for each in formulas:
         yield PlacedFormula(each, _place_in(values.get(each.name, document)))

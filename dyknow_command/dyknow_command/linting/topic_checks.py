@@ -109,7 +109,7 @@ def _uses(inputs: LintInputs) -> Iterator[TopicUse]:
 
 
 def _stream_uses(inputs: LintInputs, source: TextSource) -> Iterator[TopicUse]:
-    """Yield the topics of which streams are made, with the constraints on all of their samples."""
+    """Yield the topics that streams are made from, with the constraints on all their samples."""
     text = read_text(source, 'streams', ConfigurationError)
     begin = inputs.place_of(source)
     for declaration in parse_specification(text).declared(StreamDeclaration):

@@ -102,7 +102,7 @@ class VocabularyChecks:
 
     def _annotation_findings(self, knowledge: Knowledge) -> Iterator[Finding]:
         if not self._inputs.files.ontologies:
-            return  # Their words are those of an ontology that was not given.
+            return  # Their words are from an ontology that was not given.
         for source, annotation in annotations_of(self._inputs):
             try:
                 check_annotation(annotation, knowledge)

@@ -101,7 +101,7 @@ class _Listener:
 def observe_running(
     duration: int, read_fields: ReadFields, topic: str = ''
 ) -> tuple[ObservedTopic, ...]:
-    """Return the topics that are published, without those of ROS and DyKnow themselves.
+    """Return the published topics, except topics of ROS and DyKnow themselves.
 
     Args:
         duration: the time for which they are observed, in nanoseconds.

@@ -25,7 +25,7 @@ def _build(method: Callable[..., Any], _rule: str, children: list[Any], meta: An
 builder = v_args(wrapper=_build)
 """A decorator for builders, whose methods get the children of their rules as arguments.
 
-A node without a position gets that of the first token of its rule.
+A node without a position gets the position of its rule's first token.
 """
 
 

@@ -44,7 +44,7 @@ _PROFILE_OF_FOLDER = 'DEFAULT_FASTRTPS_PROFILES.xml'
 
 
 def start_ros(arguments: Sequence[str] | None = None) -> None:
-    """Initialise rclpy without its signal handlers; errors are those of `rclpy.init`.
+    """Initialise rclpy without its signal handlers; errors as in `rclpy.init`.
 
     Args:
         arguments: of the command line; None: those of this process.
@@ -179,7 +179,7 @@ def run_with_node(name: str, work: Callable[[CommandNode], None]) -> int:
 
 
 def run_ros_main(command: str, work: Callable[[], int]) -> int:
-    """Do the work of a command that uses ROS; arguments and result are those of `run_main`."""
+    """Do the work of a command that uses ROS; arguments and result as in `run_main`."""
 
     def work_of_command() -> int:
         with ros_errors():

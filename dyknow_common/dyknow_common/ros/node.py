@@ -205,7 +205,7 @@ class DyKnowNode(Node):
             message=message,
             values=[
                 KeyValue(key=key, value=value)
-                # The name of a value, such as that of a stream, must not hide the identity.
+                # A value's name, such as a stream's, must not hide the identity.
                 for key, value in {**identity, **loaded, **(values or {}), **identity}.items()
             ],
         )
@@ -331,7 +331,7 @@ class DyKnowNode(Node):
 
 
 def is_time_simulated(node: Node) -> bool:
-    """Return True if the time of a node is that of the topic /clock."""
+    """Return True if a node takes its time from the topic /clock."""
     # The clock of a node is a ROSClock, but rclpy declares it as a Clock.
     return bool(cast('ROSClock', node.get_clock()).ros_time_is_active)
 

@@ -43,7 +43,7 @@ class LogOnce:
         self._last_seen: dict[str, int] = {}
 
     def new(self, causes: Iterable[str]) -> list[str]:
-        """Return those of all present causes that are to be logged now."""
+        """Return the present causes that are due to be logged."""
         now, present = self._clock.now().nanoseconds, list(dict.fromkeys(causes))
         new = [cause for cause in present if cause not in self._last_seen]
         self._last_seen |= dict.fromkeys(present, now)

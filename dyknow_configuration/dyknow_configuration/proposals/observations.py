@@ -94,6 +94,6 @@ class ObservedTopic:
 def fields_of_interest(
     message_type: str, fields: Mapping[str, ValueType] | None
 ) -> tuple[str, ...]:
-    """Return the fields whose values proposals are made from, given those of a message type."""
+    """Return the fields, among those of a message type, whose values proposals are made from."""
     proposals = proposals_of(message_type, fields)
     return tuple(dict.fromkeys(path for each in proposals for path in each.read_fields))

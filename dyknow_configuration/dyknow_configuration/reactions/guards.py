@@ -63,7 +63,7 @@ def read_guards(
 
     Args:
         value: the list.
-        formulas: those of the file, which guards may name.
+        formulas: the file's, which guards may name.
         constants: that the formulas of guards may name, too.
 
     Raises:

@@ -23,7 +23,7 @@ class Answer:
         explanation: the reason for the verdict, for people.
         groundings: the streams used.
         margin: if it was asked for: the latest.
-        error: why there is no verdict; its `code` is that of the exit status.
+        error: why there is no verdict, with the `code` of the exit status.
         episodes: for a formula that is asked at every state.
     """
 

@@ -11,7 +11,7 @@ from dyknow_coordinator.evaluation.answer import Answer
 
 
 class EvaluationPhase(IntEnum):
-    """Phase of an evaluation; the numbers are those of EvaluationStatus."""
+    """Phase of an evaluation; numbers as in EvaluationStatus."""
 
     GROUNDING = 0
     RUNNING = 1

@@ -10,7 +10,7 @@ from dyknow_common import Margin, Verdict, round_time
 
 @dataclass(frozen=True, slots=True)
 class ViolationEpisode:
-    """Consecutive states from each of which a formula is false.
+    """Consecutive start states: a formula is false from each of them.
 
     Args:
         begin: valid time of the first of these states, in nanoseconds.

@@ -19,7 +19,7 @@ from dyknow_stream_processing import Select, StreamDeclaration, UnitDeclaration,
 
 
 class Grounding(IntEnum):
-    """Method to find streams for symbols; the numbers are those of EvaluateFormula."""
+    """Method to find streams for symbols; numbers as in EvaluateFormula."""
 
     AUTO = 0
     SYNTACTIC = 1
@@ -70,7 +70,7 @@ class Candidates:
     """The sources found for the features of a formula.
 
     Args:
-        found: sources; those of the same feature in descending order of quality.
+        found: sources; for one feature in descending order of quality.
         nearest: for symbols without a source, the nearest matches as text.
     """
 

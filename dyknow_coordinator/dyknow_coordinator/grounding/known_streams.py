@@ -41,7 +41,7 @@ class KnownStream:
         engine: the node that makes the stream, or made it last.
         received: for each topic that the stream is made from, the time at which the engine
             received the latest message, in nanoseconds; 0 before the first.
-        constraints: added to those of the specification.
+        constraints: added to the constraints in the specification.
         waits_for: why it has no samples; empty if they come.
     """
 
@@ -106,7 +106,7 @@ class KnownStreams:
         return self._origins(_source_names(source))
 
     def topics(self, sources: Iterable[FeatureSource]) -> tuple[str, ...]:
-        """Return the topics that sources are made from, without those of streams in between."""
+        """Return the topics that sources are made from, but not topics of streams in between."""
         found = {
             name
             for source in sources

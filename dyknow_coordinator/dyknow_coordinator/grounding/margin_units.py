@@ -1,4 +1,4 @@
-"""Units of margins: that of the features in the comparison that limits a margin.
+"""Units of margins: the unit of the features in the comparison that limits a margin.
 
 The reasoning engine does not know the ontology, so a margin has its unit from here. Sums have the
 unit of their features; products and quotients have none that is known.

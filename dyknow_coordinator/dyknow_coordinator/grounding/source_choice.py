@@ -52,7 +52,7 @@ class SilentTopic:
 class SourceChoice:
     """Chooses the best available source of each ground feature that has not failed recently.
 
-    All times are those of one clock, in nanoseconds.
+    All times are of one clock, in nanoseconds.
     """
 
     def __init__(self) -> None:

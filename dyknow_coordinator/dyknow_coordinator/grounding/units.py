@@ -51,7 +51,7 @@ async def find_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[st
 
 
 def _check_names(names: Iterable[str], known: Sequence[str]) -> None:
-    """Check that names without a unit are not those of features, misspelled."""
+    """Check that names without a unit are no misspelled features."""
     for name in names:
         similar = get_close_matches(name, known, n=1)
         if name not in known and similar:
@@ -65,7 +65,7 @@ def _check_names(names: Iterable[str], known: Sequence[str]) -> None:
 async def stated_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, Rows]:
     """Return the concepts with units that each feature is or is below, with these units.
 
-    The arguments and errors are those of `find_units`.
+    Arguments and errors as in `find_units`.
     """
     names = [each.name for each in feature_symbols(symbols) if not each.is_reference]
     return {name: await query(property_query(name, 'unit')) for name in dict.fromkeys(names)}

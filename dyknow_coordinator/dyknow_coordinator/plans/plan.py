@@ -26,7 +26,7 @@ from dyknow_coordinator.errors import CoordinationError
 
 
 class Holds(IntEnum):
-    """Period in which a formula of an action must hold; the numbers are those of PlanFormula."""
+    """Period in which a formula of an action must hold; numbers as in PlanFormula."""
 
     WHILE_EXECUTING = 0
     """From the start of its action to the end of the action."""
@@ -39,7 +39,7 @@ class Holds(IntEnum):
 
 
 class Event(IntEnum):
-    """Report on an action; the numbers are those of ReportPlanAction."""
+    """Report on an action; numbers as in ReportPlanAction."""
 
     STARTED = 0
     SUCCEEDED = 1
@@ -47,7 +47,7 @@ class Event(IntEnum):
 
 
 class PlanPhase(IntEnum):
-    """Phase of a formula of a plan; the numbers are those of PlanVerdict."""
+    """Phase of a formula of a plan; numbers as in PlanVerdict."""
 
     PENDING = 0
     RUNNING = 1

@@ -26,7 +26,7 @@ from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 class EvaluationStatus:
     """Status of an evaluation that runs or ended recently.
 
-    The fields are those of the EvaluationStatus message. Times are in nanoseconds; None if unknown.
+    Fields as in the EvaluationStatus message. Times are in nanoseconds; None if unknown.
     """
 
     name: str
@@ -55,7 +55,7 @@ class EvaluationStatus:
 
 
 class Level(IntEnum):
-    """Severity; the numbers are those of diagnostic_msgs/msg/DiagnosticStatus."""
+    """Severity; numbers as in diagnostic_msgs/msg/DiagnosticStatus."""
 
     OK = 0
     WARN = 1

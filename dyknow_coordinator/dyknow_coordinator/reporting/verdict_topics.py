@@ -41,7 +41,7 @@ def verdict_token(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class NamedVerdict:
-    """The state of a named formula; the fields are those of the FormulaVerdict message.
+    """The state of a named formula; fields as in the FormulaVerdict message.
 
     Args:
         stamp: valid time of the latest state that is known, in nanoseconds; zero if none is.

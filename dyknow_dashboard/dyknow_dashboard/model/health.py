@@ -1,4 +1,4 @@
-"""The health of nodes: those of DyKnow by their heartbeats, others by `/diagnostics`."""
+"""The health of nodes: DyKnow's by their heartbeats, others' by `/diagnostics`."""
 
 from __future__ import annotations
 

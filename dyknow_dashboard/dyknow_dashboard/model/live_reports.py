@@ -1,6 +1,6 @@
 """Evaluations that run, as the reports that pictures are drawn from.
 
-The pictures of a check and those of the page are the same: both are made of a `FormulaReport`. A
+A check and the page draw the same pictures: both are made of a `FormulaReport`. A
 formula that is asked at every state has the last ten times in which it was false; it holds between
 them:
 

@@ -116,7 +116,7 @@ class LiveSignals:
     def points(self, since: int) -> dict[str, Any]:
         """Return the part of the drawing that is later than a valid time, with all marks.
 
-        Its signals are in the order of those of the drawing.
+        Its signals are in the order of the drawing.
         """
         signals = self._recorder.result().signals
         names = dict.fromkeys(one.name for each in self._panels for one in each.signals)

@@ -30,7 +30,7 @@ class StreamTable:
         self.version += 1
 
     def document(self, evaluations: Sequence[EvaluationStatus]) -> dict[str, Any]:
-        """Return all streams, with the formulas of which each is a stand-in."""
+        """Return all streams, each with the formulas that it is a stand-in for."""
         stand_ins = _stand_ins(evaluations)
         rows = [_row(each, stand_ins) for each in self.reports[:MAX_STREAMS]]
         hidden = max(len(self.reports) - MAX_STREAMS, 0)

@@ -1,4 +1,4 @@
-"""Which requests are served: those of pages that this server has sent, and not too many.
+"""Decides which requests are served: from pages of this server, and not too many.
 
 A page of another site, open in the operator's browser, can send requests to this server, too. It
 cannot hide where it comes from:

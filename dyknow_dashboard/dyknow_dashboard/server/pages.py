@@ -72,7 +72,7 @@ class OpenPages:
         return bool(self.sockets) or self.has_scraper
 
     def serve_metrics(self) -> bytes:
-        """Return the metrics of all reports that were read; those of formulas always are."""
+        """Return the metrics of all reports that were read; reports of formulas always are."""
         if not self.has_scraper:
             self.has_scraper = True
             self.on_change()

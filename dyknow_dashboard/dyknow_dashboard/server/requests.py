@@ -32,7 +32,7 @@ _STATUSES: Final = {
     ExitCode.UNAVAILABLE: 503,
     ExitCode.TIMEOUT: 504,
 }
-"""The statuses of HTTP of errors; that of others is 422."""
+"""The HTTP statuses of errors; all others have 422."""
 
 _CHANGING: Final = frozenset({'ask', 'cancel', 'save'})
 

@@ -128,7 +128,7 @@ def sorts_of(formula: str) -> Sequence[str]:
 
 
 def objects_fault(formula: str, domains: Mapping[str, Sequence[str]], states: str) -> str:
-    """Return why objects are not those of the states of a formula; empty if they are."""
+    """Return why objects differ from those in a formula's states; empty if they do not."""
     group = FormulaGroup()
     group.add_formula(formula, formula)
     group.begin({sort: tuple(objects) for sort, objects in domains.items()})

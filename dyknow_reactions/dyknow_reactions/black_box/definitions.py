@@ -1,4 +1,4 @@
-"""The definitions of message types, as the installed packages have them."""
+"""The definitions of message types in the installed packages."""
 
 from __future__ import annotations
 

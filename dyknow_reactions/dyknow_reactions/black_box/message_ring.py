@@ -62,7 +62,7 @@ class MessageRing:
 
         Args:
             topic: its name.
-            time: of receipt in nanoseconds, not before that of the topic's latest message.
+            time: of receipt in nanoseconds, not before the topic's latest message.
             data: the message.
             is_latched: True if the publisher keeps it for later subscribers; the latest one of the
                 topic is then the last to be dropped.

@@ -25,7 +25,7 @@ class ClockJumps:
         Args:
             time: of the node, in nanoseconds.
             monotonic: the time of the monotonic clock, in nanoseconds.
-            is_simulated: True if the time of the node is that of /clock.
+            is_simulated: True if the node takes its time from /clock.
         """
         latest, self._latest = self._latest, (time, monotonic)
         if latest is None:

@@ -82,7 +82,7 @@ class CommandFormula:
         """Return why a command must not pass; empty if it may.
 
         Args:
-            time: by the monotonic clock, later than that of the latest command that passed.
+            time: by the monotonic clock, after the latest command that passed.
             command: the values of `fields`.
         """
         if self._trial is None:

@@ -16,7 +16,7 @@ which it holds, and each node of DyKnow has given a recent sign of life. With a 
 A state after a silence shows that its stream may have broken a constraint, whose violation is a
 message on another topic. So the states must have gone on before the gate opens.
 
-All times are those of one monotonic clock, in nanoseconds. Each method first closes the gate if
+All times are of one monotonic clock, in nanoseconds. Each method first closes the gate if
 something became too old before its time, so a latch does not depend on when it is looked at.
 """
 
@@ -30,7 +30,7 @@ from dyknow_common import format_duration, round_duration
 
 
 class GateState(IntEnum):
-    """Whether messages pass; the numbers are those of dyknow_interfaces/msg/GuardStatus."""
+    """Whether messages pass; numbers as in dyknow_interfaces/msg/GuardStatus."""
 
     OPEN = 0
     CLOSED = 1

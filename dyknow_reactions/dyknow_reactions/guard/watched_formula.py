@@ -26,7 +26,7 @@ class WatchedFormula:
     def failure(self, valid_time: int, values: Values) -> str:
         """Return why the formula does not hold from a state on; empty if it does.
 
-        It does not hold at a state with which an episode becomes known, or before the end of which
+        It does not hold at a state with which an episode becomes known, or before whose end
         the latest one has not ended. Once it cannot be asked any more, it never holds again.
 
         Args:

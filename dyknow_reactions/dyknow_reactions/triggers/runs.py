@@ -37,7 +37,7 @@ LOG_LENGTH: Final = 20
 
 
 class TriggerState(IntEnum):
-    """How a use of a trigger went; the numbers are those of DiagnosticStatus."""
+    """How a use of a trigger went; numbers as in DiagnosticStatus."""
 
     OK = 0
     WARN = 1

@@ -122,7 +122,7 @@ class BlockProgression:
     ) -> tuple[int, float]:
         """Take known steps to locations with the same atoms, while many states are skipped between.
 
-        All other steps are those of `_progress`, which are slower.
+        All other steps are those of the slower `_progress`.
 
         Args:
             single: the instance, at a location.

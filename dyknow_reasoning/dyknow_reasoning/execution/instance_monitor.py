@@ -125,7 +125,7 @@ class InstanceMonitor:
             values: the values of the features.
 
         Raises:
-            ReasoningError: if the valid time is not later than that of the latest state.
+            ReasoningError: if the valid time is not later than the latest state's.
         """
         if self.quick_step:
             self._leave_fast_path()

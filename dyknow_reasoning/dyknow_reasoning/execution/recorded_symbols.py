@@ -173,13 +173,13 @@ class SymbolSequence:
 
     @cached_property
     def _changes(self) -> list[int]:
-        """The indices of the states whose symbol is not that of the state before, and the end."""
+        """The indices of the states whose symbol differs from the state before, and the end."""
         return self._indices(self.symbols[1:] != self.symbols[:-1], 1)
 
     def next_other(self, index: int, end: int, known: frozenset[int]) -> int:
         """Return the index of the next state whose symbol is not one of the known; else the end.
 
-        If there are many atoms, it may return that of an earlier state.
+        If there are many atoms, it may return the symbol of an earlier state.
         """
         if self._has_table:
             edges = self._edges_of(known)

@@ -114,7 +114,7 @@ def _vector(times: Iterable[Any]) -> Array:
 
 
 def _integers(times: Iterable[Any]) -> list[int]:
-    """Return integers of any type as those of Python; raise ReasoningError for other values."""
+    """Return integers of any type as Python's; raise ReasoningError for other values."""
     found = list(times)
     if set(map(type, found)) <= {int}:
         return found

@@ -41,7 +41,7 @@ def _outermost(formula: Formula) -> tuple[list[Forall], list[Exists]]:
     while True:
         match formula:
             case Always(body=Forall() as inner) if not some:
-                # They commute: the choices are those of `forall x: always ...`.
+                # They commute: the choices are as for `forall x: always ...`.
                 every.append(inner)
                 formula = replace(formula, body=inner.body)
             case Forall() if not some:

@@ -226,7 +226,7 @@ class _Explainer:
     def _reasons_of_closed_window(self, node: Window, end: Bound, *, fresh: bool) -> list[str]:
         """Return the reasons why the end of its interval decides a window."""
         last = self._time(end, fresh=fresh)
-        # The window may join several, of which the last to start is known to reach the end.
+        # The window may join several; the last to start is known to reach the end.
         latest_start = max(interval.start for interval in self._intervals_of(node))
         start = node.start or Bound(end.state, latest_start)
         first = self._time(start, fresh=fresh)

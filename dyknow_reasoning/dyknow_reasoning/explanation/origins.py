@@ -29,7 +29,7 @@ _Context: TypeAlias = bool | str | None
 
 
 def windows_of_known_origin(formula: Node) -> frozenset[Sides]:
-    """Return the windows without an end of which at most one at a time is open.
+    """Return the windows without an end that are open one at a time.
 
     These are the windows that are reached at the first state only. Also, below windows of one kind,
     those whose end decides all of the formula or satisfies the next one at the same state.

@@ -121,7 +121,7 @@ def _new(
 
 
 def _check_uses(formula: Formula, constants: Mapping[str, TextPosition]) -> None:
-    """Check that no name of a constant is that of anything else."""
+    """Check that no name of a constant names anything else."""
     for node in walk(formula):
         uses: dict[str, str | None] = {
             'feature': node.name if isinstance(node, Feature) else None,

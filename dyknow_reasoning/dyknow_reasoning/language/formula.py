@@ -1,6 +1,6 @@
 """The abstract syntax of formulas: metric temporal logic over features (paper, section IV).
 
-Operators of the past are not in the paper; they mirror those of the future.
+Operators of the past are not in the paper; they mirror the operators of the future.
 
 `str` of a node is its canonical text: every compound operand in brackets, every duration with its
 unit, in the ASCII spelling.

@@ -1,4 +1,4 @@
-"""Intervals of time, as temporal operators have them."""
+"""Intervals of time of temporal operators."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _Names = frozenset[str]
 def resolve(formula: Formula) -> Formula:
     """Return a formula in which every name is a variable, an object or a feature.
 
-    The rules are those of `parse_formula`.
+    Rules as in `parse_formula`.
     """
     resolved: Formula = _resolved(formula, _object_names(formula), frozenset(), is_operand=False)
     return resolved

@@ -78,7 +78,7 @@ def check_units_are_known(formula: Formula) -> None:
 
 
 _RESULTS: Final = {'sin': None, 'cos': None, 'atan2': 'rad'}
-"""The units of functions that do not have that of their first operand; None: plain numbers."""
+"""The units of functions whose unit is not their first operand's; None: plain numbers."""
 
 
 def _converted(node: Any, conversion: _Conversion) -> Any:
@@ -110,7 +110,7 @@ class _Conversion:
 
         Args:
             terms: the terms.
-            wanted: the unit; None for that of the first term that is not a number.
+            wanted: the unit; None: the unit of the first term that is not a number.
             is_sum: True if they are added or subtracted.
         """
         measured = [self._measured(each) for each in terms]

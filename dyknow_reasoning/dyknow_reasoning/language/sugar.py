@@ -1,6 +1,6 @@
 """Operators that are written with others; the canonical text shows these.
 
-`until` of the paper is open at both ends. The operators here are those of MTL and MLTL, in which
+`until` of the paper is open at both ends. The operators here are from MTL and MLTL, in which
 the left side must hold from the present state on:
 
     F holds until[a, b] G    F and (F until[a, b] G), or G now if a is 0

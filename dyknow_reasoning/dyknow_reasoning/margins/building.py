@@ -83,7 +83,7 @@ class MarginBuilder:
     Args:
         kinds: the kinds of the features of the formula.
         domains: the objects of each sort.
-        limit: of the number of operators; each `<->` doubles those of both sides.
+        limit: of the number of operators; each `<->` doubles the operators of both sides.
 
     Attributes:
         readers: the margins of the comparisons and other atoms, and of negated ones.

@@ -141,7 +141,7 @@ class FirstUntil(FirstMargin):
         limit: Robustness,  # noqa: ARG002
         unknown: Robustness,
     ) -> Sequence[Robustness]:
-        """Return the margin: that of all known steps, and of an unknown one after them."""
+        """Return the margin of all known steps and of an unknown one after them."""
         if self._has_ended:
             return ()
         inner = self.body.open_margins(unknown, unknown)
@@ -171,7 +171,7 @@ class FirstUntil(FirstMargin):
     def _added(
         self, margin: Robustness, left: Robustness, leave: float, margins: Any
     ) -> tuple[Robustness, Robustness]:
-        """Return a margin and that of the left side, after those of both sides at a step."""
+        """Return a margin and the left side's, after a step with the margins of both sides."""
         next_left, right = margins
         if self._is_in_window(leave):
             margin = self.better(margin, self.worse(left, right))

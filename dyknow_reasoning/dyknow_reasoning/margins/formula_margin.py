@@ -37,7 +37,7 @@ _MAX_STEPS = 64
 """The states that are processed together."""
 
 _MAX_WORK = 4096
-"""The number of operators, times that of the states that are processed together."""
+"""The number of operators times the number of states that are processed together."""
 
 _PAUSE = 8
 """The times that bounds are found without asking how long they are stable, if that did not help."""
@@ -143,7 +143,7 @@ class BoundedMargins(ABC):
             self._steps.append(latest + 1, end - 1, None)
 
     def _process_unusable(self, valid_time: int, signals: list[Any]) -> None:
-        """Process a state of which some margins of comparisons are not known."""
+        """Process a state at which some margins of comparisons are unknown."""
         self._process()
         self._fork()
         for bound in self._bounds:

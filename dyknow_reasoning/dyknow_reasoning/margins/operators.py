@@ -1,4 +1,4 @@
-"""Operators that compute the margins of formulas from those of their parts, state by state.
+"""Operators that compute margins of formulas from the margins of their parts, state by state.
 
 A *margin* is a number that is above zero only if a formula is true, and below zero only if it is
 false: `x > 5` has the margin x - 5, `and` and `always` the least margin of their parts. Each
@@ -87,7 +87,7 @@ class Steps:
 
 @dataclass(slots=True)
 class Assumption:
-    """The margin of what is not known.
+    """An unknown margin.
 
     Args:
         unknown: None if a step needs none, as all is known.
@@ -243,7 +243,7 @@ class JunctionMargin(MarginOperator):
             each.need(last)
 
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
-        """Return the margins at the states for which those of all members are known."""
+        """Return the margins at the states at which all members' margins are known."""
         queues = self._queues
         for member, queue in zip(self.members, queues):  # noqa: B905 - strict is slower
             queue.extend(member.step(steps, assumption))
@@ -252,7 +252,7 @@ class JunctionMargin(MarginOperator):
         return list(map(self.join, zip(*margins)))  # noqa: B905 - strict is slower
 
     def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
-        """Return the margins that are not known yet, from those of the members."""
+        """Return the margins that are not known yet, from the members' margins."""
         if self.is_immediate:
             return ()
         members = []
@@ -276,7 +276,7 @@ class PairMargin(JunctionMargin):
 
     Args:
         left: the operator of one formula.
-        right: that of the other.
+        right: of the other one.
     """
 
     def __init__(self, left: MarginOperator, right: MarginOperator) -> None:
@@ -315,7 +315,7 @@ class StateJunction(MarginOperator):
         self.other.need(last)
 
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
-        """Return the margins at the states for which that of the other formula is known."""
+        """Return the margins at the states at which the other formula's margin is known."""
         read, unknown, queue = self.read, assumption.unknown, self._queue
         needed = steps if self._needed == inf else steps.until(self._needed)
         for signals in needed.signals:
@@ -324,7 +324,7 @@ class StateJunction(MarginOperator):
         return [join((queue.popleft(), other)) for other in self.other.step(steps, assumption)]
 
     def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
-        """Return the margins that are not known yet, from those of the other formula."""
+        """Return the margins that are not known yet, from the other formula's margins."""
         if not self._queue:
             return ()
         others, join = self.other.open_margins(limit, unknown), cast('Any', self.join)
@@ -375,7 +375,7 @@ class PreviousMargin(MarginOperator):
         self.body.need(last)
 
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
-        """Return the margins at the states before which that of the body is known."""
+        """Return the margins at the states before which the body's margin is known."""
         self._gaps.extend(each is None for each in steps.until(self._needed).states)
         found: list[Any] = []
         for margin in self.body.step(steps, assumption):
@@ -385,7 +385,7 @@ class PreviousMargin(MarginOperator):
         return found
 
     def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
-        """Return the margins at the states before which that of the body is not known yet."""
+        """Return the margins at the states before which the body's margin is not known yet."""
         if not self._gaps:
             return ()
         before = [self._before, *self.body.open_margins(limit, unknown)]
@@ -394,7 +394,7 @@ class PreviousMargin(MarginOperator):
 
 
 def _decisive(join: Callable[[Any], Any]) -> Robustness | None:
-    """Return the margin of one member that decides, whatever those of the others are."""
+    """Return the margin of one member that decides, whatever the others' margins are."""
     if join is min:
         return LOWEST
     return HIGHEST if join is max else None

@@ -153,7 +153,7 @@ class SlidingMargin(MarginOperator, Generic[WindowT]):
     def _end_of_first(self, since: float, skipped: int) -> float:
         """Return when the window of the first state since a time ends, without some earliest ones.
 
-        It may be that of the next state.
+        It may be the margin of the next state.
         """
         states = (each for each in islice(self._states, skipped, None) if each is not None)
         return max(next(states, self._now + 1), since) + self.end
@@ -252,7 +252,7 @@ class _SlidingPairs(SlidingMargin[WindowT]):
 class SlidingUntil(_SlidingPairs[UntilWindow]):
     """`until`; if universal, its dual, `release` with an open interval.
 
-    The arguments are those of `SlidingExtremum`.
+    Arguments as in `SlidingExtremum`.
     """
 
     def __init__(self, body: PairMargin, start: float, end: float, *, universal: bool) -> None:
@@ -297,7 +297,7 @@ class SlidingUntil(_SlidingPairs[UntilWindow]):
 class SlidingSince(_SlidingPairs[SinceWindow]):
     """`since`, the mirror of `until`; if universal, its dual.
 
-    The arguments are those of `SlidingExtremum`; the start and the end of the window are at most 0.
+    Arguments as in `SlidingExtremum`; the start and the end of the window are at most 0.
     """
 
     def __init__(self, body: PairMargin, start: float, end: float, *, universal: bool) -> None:

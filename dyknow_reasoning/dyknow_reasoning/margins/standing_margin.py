@@ -53,7 +53,7 @@ class _MarginRun(NamedTuple):
 class StandingMargin(BoundedMargins):
     """The margins of a formula from every state on.
 
-    The arguments are those of `BoundedMargins`.
+    Arguments as in `BoundedMargins`.
     """
 
     every_state = True

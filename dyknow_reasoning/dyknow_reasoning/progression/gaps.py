@@ -100,7 +100,7 @@ def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -
             case Window():
                 found[each] = _window_halves(each, gap, times)
             case Remembering():
-                found[each] = TRUE, FALSE  # The memories are not those of the missing states.
+                found[each] = TRUE, FALSE  # The memories know nothing of the missing states.
             case Junction() | AtLeast():
                 halves = zip(*(found[part] for part in each.parts), strict=True)
                 optimistic, pessimistic = (_combined(each, half, store) for half in halves)

@@ -298,7 +298,7 @@ class _Translator:
 
 @dataclass(frozen=True, slots=True)
 class PastOperands:
-    """The operands of a ground past operator, of which `right` is the only one of most operators.
+    """Operands of a ground past operator. Most operators have only `right`.
 
     Args:
         atoms: the atom of each slot.

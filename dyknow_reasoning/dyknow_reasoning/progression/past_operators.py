@@ -118,7 +118,7 @@ class SinceMemory(PastMemory):
         self.ends: deque[tuple[int, int]] = deque()
         """These rows by the last time at which the youngest such candidate is young enough."""
         self.younger: deque[tuple[int, int, int]] = deque()
-        """The other candidates as spans of time, of which one may be that of a gap; their rows."""
+        """The other candidates as spans of time, perhaps one of a gap; their rows."""
         self._lost: int | None = None
 
     def step(self, time: int, left: int, right: int) -> int:
@@ -166,7 +166,7 @@ class SinceMemory(PastMemory):
             ends.pop()
 
     def _add(self, first: int, last: int, rows: int) -> None:
-        """Add candidates between two times, none of which is old enough."""
+        """Add candidates between two times that are not old enough."""
         younger, end = self.younger, self._end
         if end is None:
             rows &= ~self.holds
@@ -307,5 +307,5 @@ def interval_of(formula: PastFormula) -> Interval:
 
 
 def is_dual(formula: PastFormula) -> bool:
-    """Return True if the memory is that of the negated operator over the negated operand."""
+    """Return True for the memory of the negated operator over the negated operand."""
     return isinstance(formula, Historically)

@@ -95,7 +95,7 @@ class Progression:
         return node
 
     def _step_parts(self, node: Junction, *, fresh: bool) -> tuple[Node, ...]:
-        """Progress the parts; the members of a window join those of the junction."""
+        """Progress the parts; the members of a window join the junction's members."""
         members: list[Node] = []
         for part in node.parts:
             if type(part) is Window and part.universal is node.universal:

@@ -151,7 +151,7 @@ def _is_contradictory(thresholds: Iterable[_Threshold]) -> bool:
 
 
 def _needed(thresholds: Mapping[_Key, _Threshold]) -> set[_Key] | None:
-    """Return those of some thresholds of one term that imply the others.
+    """Return the thresholds of one term that imply the others.
 
     Return None if no value satisfies all of them.
     """

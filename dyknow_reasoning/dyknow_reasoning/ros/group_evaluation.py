@@ -120,7 +120,7 @@ class GroupEvaluation:
         self._standby: StateSubscription | None = None
         self._kept: StandbyStates[State] = StandbyStates()
         self._pause: Pause | None = None
-        # True until the current stream delivers a state later than those of the former one.
+        # True until the current stream delivers a state later than the former one's.
         self._catches_up = False
         self._skipped = 0
         # For each stream, the states that were dropped since the latest one that was accepted.
@@ -212,7 +212,7 @@ class GroupEvaluation:
             domains: empty, or the domains of the evaluation.
             state_stream: the topic of the new states.
             result_topic: empty, or the result topic of the evaluation.
-            gap: True if states may be missing between those of the two streams; for the standby,
+            gap: True if states may be missing between the two streams; for the standby,
                 if the present stream is violated.
             doubtful_from: the valid time from which on states of a violated stream are doubtful.
 

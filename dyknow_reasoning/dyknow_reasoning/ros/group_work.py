@@ -1,4 +1,4 @@
-"""The order in which a formula group is used, of which some work happens in the background."""
+"""The order of all work on a formula group, partly in the background."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ class BlackBoxContent:
     def judged(self, report: RecordingReport) -> RecordingReport:
         """Return the results of a check without a verdict that states before the bag may change.
 
-        A note says so if the verdict is another one than that of the running system.
+        A note says so if the verdict differs from the running system's.
         """
         (found,) = report.formulas
         if fault := self._missing_streams or (not found.error and self._missing_states(found)):
@@ -213,7 +213,7 @@ def read_black_box(path: Path) -> BlackBoxContent | None:
         path: of the folder of the bag, or of its file.
 
     Raises:
-        RecordingError: if the metadata is that of a black box, and damaged.
+        RecordingError: if the metadata belongs to a black box and is damaged.
     """
     folder = path if path.is_dir() else path.parent
     try:

@@ -42,7 +42,7 @@ from dyknow_recordings.reading.recording import RecordedFields
 from dyknow_stream_processing import TickKey
 
 MAX_WAITING: Final = 10_000
-"""The number of messages of a topic that may wait for those of another, as in a `sync`."""
+"""The number of messages of a topic that may wait for another topic, as in a `sync`."""
 
 MAX_STEP_NS: Final = 30 * SECOND_NS
 """The longest time without a message: after a longer one, the clock may have been stopped."""
@@ -175,7 +175,7 @@ class ColumnStates:
         return {topic: needed[topic].of(each) for topic, each in received.histories.items()}
 
     def _keep(self, received: ReceivedMessages, new: Histories, kept: Histories) -> None:
-        """Keep some of the messages; those of other topics are not known any more."""
+        """Keep some of the messages, and none of other topics."""
         self._end = received.end
         for topic, each in new.items():
             self._latest[topic] = int(each.valid_times[-1])

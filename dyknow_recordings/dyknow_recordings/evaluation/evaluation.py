@@ -1,6 +1,6 @@
 """Evaluation of formulas over a recording, with the verdicts of the running system.
 
-The parts are those of the nodes: a vocabulary (ontology manager and matching), streams (stream
+The parts correspond to the nodes: a vocabulary (ontology manager and matching), streams (stream
 manager and processing engine), and groups of formulas over the same states (coordinator and
 reasoning engine). One loop drives all of them by the log times of the recording:
 

@@ -1,6 +1,6 @@
 """Formulas over the same states, and the supervision of these states.
 
-The rules are those of the coordinator (`StateSupervisor`, `SilenceMonitor`) and of the reasoning
+The rules are as in the coordinator (`StateSupervisor`, `SilenceMonitor`) and the reasoning
 engine (`GroupEvaluation`), with one clock: the log time of the recording. Other streams replace
 those that failed at once, where nodes need a few hundred milliseconds.
 """
@@ -373,7 +373,7 @@ class StateGroup:
             self._replace(known.affected(self._chosen, violation.stream_name), violation)
 
     def _find_silent_sources(self, now: int) -> None:
-        """Find the sources because of which the states broke a constraint some time ago."""
+        """Find the sources that made the states break a constraint some time ago."""
         if self._silence is None or self._silence[0] > now:
             return
         violation, self._silence = self._silence[1], None

@@ -114,7 +114,7 @@ class RecordedStreams:
     def prepare(self, candidates: Iterable[FeatureSource]) -> Mapping[str, frozenset[str]]:
         """Make the streams that some sources are made of; return the fields that these read.
 
-        The streams run from the beginning of the recording, as those of a stream manager do.
+        The streams run from the beginning of the recording, as under a stream manager.
 
         Returns:
             The fields by absolute topic.

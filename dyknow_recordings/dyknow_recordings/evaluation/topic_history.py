@@ -63,7 +63,7 @@ class TopicHistory:
 
 
 def concatenated(columns: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:
-    """Return the values of several columns, none of which changes its type."""
+    """Return the values of several columns, each of one type."""
     if len({each.dtype for each in columns}) > 1:
         columns = [each.astype(object) for each in columns]
     return np.concatenate(columns)

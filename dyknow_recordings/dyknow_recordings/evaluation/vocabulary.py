@@ -23,7 +23,7 @@ class MonitoringFiles:
         annotations: files in SSL.
         streams: files in the stream language.
         bridges: files of bridge rules between the ontologies.
-        domains: the objects of sorts, which take precedence over those of the ontologies.
+        domains: the objects of sorts, which take precedence over the ontologies.
         states: the specification of the states of the only formula; empty: it is grounded.
         constraints: of the states of all formulas.
     """

@@ -24,7 +24,7 @@ def serve(jobs: BinaryIO, results: BinaryIO) -> NoReturn:
     threading.Thread(target=_read, args=(jobs, read), daemon=True).start()
     while True:
         pickler = pickle.Pickler(results)
-        # A fork may have other reducers of errors, such as those of Dask for tracebacks.
+        # A fork may have other reducers of errors, such as Dask's for tracebacks.
         pickler.dispatch_table = _without_errors(copyreg.dispatch_table)
         pickler.dump(read.get().run())
         results.flush()

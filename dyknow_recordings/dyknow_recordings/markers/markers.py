@@ -57,7 +57,7 @@ _GROUND_FEATURE = re.compile(r"""[A-Za-z_]\w*'*\[([^\[\]"]+)\]""", re.ASCII)
 
 
 class MarkerShape(IntEnum):
-    """The shape of a marker; the numbers are those of visualization_msgs/msg/Marker."""
+    """The shape of a marker; numbers as in visualization_msgs/msg/Marker."""
 
     BOX = 1
     LINES = 5

@@ -10,7 +10,7 @@ from dyknow_common import ValueType
 
 @dataclass(frozen=True, slots=True)
 class TopicContent:
-    """The messages of a topic; of one that changes its type, those of the first type.
+    """The messages of a topic; if it changes its type, only messages of the first one.
 
     Args:
         message_type: such as `nav_msgs/msg/Odometry`.

@@ -74,7 +74,7 @@ def open_recording(path: Path, types: MessageTypes | None = None) -> RecordingRe
 
     Args:
         path: of a folder with `metadata.yaml`, or of a `.mcap`, `.db3`, `.ulg` or `.csv` file.
-        types: where the definitions of message types are that it lacks; by default, those of its
+        types: where to find message types that it does not define; by default, those of its
             distribution of ROS 2 and of the sourced workspaces.
 
     Raises:

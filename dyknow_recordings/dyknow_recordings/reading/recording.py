@@ -65,7 +65,7 @@ class RecordedTopic:
 
 @dataclass(frozen=True, slots=True)
 class RecordingFault:
-    """A fault of a recording, in spite of which the rest of it was read.
+    """A fault of a recording; the rest of it was read.
 
     Args:
         place: a file, a byte in a file, or a topic.
@@ -97,7 +97,7 @@ class FaultCounter:
             place: a file, a byte in a file, or a topic.
             reason: the kind of the fault; faults of one kind at one place are counted together.
             count: for messages that were lost, their number.
-            detail: only that of the first fault of a kind is kept.
+            detail: of the first fault of a kind only.
         """
         self._counts[place, reason] += count
         self._details.setdefault((place, reason), f', first {detail}' if detail else '')

@@ -15,7 +15,7 @@ _MAX_NESTING: Final = 32
 class BoundedLog(ULog):  # type: ignore[misc]
     """A log of PX4 whose formats have a limited size.
 
-    MAX_VALUES is that of one message of each topic, together; MAX_TEXT that of the names of all.
+    MAX_VALUES bounds one message of each topic, together; MAX_TEXT the names of all.
 
     Raises:
         RecordingError: naming a format that is too large, or contains itself.

@@ -1,6 +1,6 @@
 """Results as a report of JUnit, which systems for continuous integration show.
 
-All times are those of the recordings, so that the same recordings have the same report.
+All times are from the recordings, so the same recordings have the same report.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def _result(kind: type[Error | Failure], name: str, message: str, *more: str) ->
 
 
 def _class_name(recording: str) -> str:
-    """Return the name of a recording as that of a class, whose packages are the folders.
+    """Return the name of a recording as a class name, whose packages are the folders.
 
     Jenkins takes what stands before the last dot for the package.
     """

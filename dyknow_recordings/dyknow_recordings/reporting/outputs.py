@@ -102,7 +102,7 @@ class Messages:
 
 
 class ExitStatus:
-    """The exit code of the command: that of its worst recording.
+    """The exit code of the command, from its worst recording.
 
     Args:
         judgement: of undecided formulas.
@@ -128,7 +128,7 @@ class ExitStatus:
 
 
 def print_notes(recording: str, notes: Iterable[object]) -> None:
-    """Print faults of a recording and of the configuration; those of its file name it already."""
+    """Print faults of a recording and of the configuration; the latter's name its file already."""
     for note in map(str, notes):
         sys.stderr.write(f'{note if note.startswith(recording) else f"{recording}: {note}"}\n')
 

@@ -128,8 +128,8 @@ class Annotation:
         ranges: the variables of the features, for a stream that carries many objects.
         keys: for each variable, the field that names its object.
         constraints: those that the samples of each ground feature keep.
-        elements: of an array of the messages, each of which is a sample.
-        is_topic: true if the name is that of a topic, quoted in the text.
+        elements: the array of a message whose elements become samples.
+        is_topic: True for the name of a topic, quoted in the text.
         text: the parsed text, for error messages.
     """
 

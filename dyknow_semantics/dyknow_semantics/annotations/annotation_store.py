@@ -21,7 +21,7 @@ from dyknow_semantics.sqlite_files import (
 
 _KIND: Final = 'store of annotations'
 _VERSION: Final = 1
-"""The version of the tables; 0 is that of stores before it was written."""
+"""The version of the tables; stores from before it was written have 0."""
 
 
 class AnnotationStore:

@@ -1,4 +1,4 @@
-"""Bridge rules between ontologies, such as those of several robots (paper, section V; C-OWL).
+"""Bridge rules between ontologies, for example of several robots (paper, section V; C-OWL).
 
 `robot2:height equivalent uav:Altitude`: two features, or two sorts, mean the same;
 `robot2:Drone into uav:UAV`: each instance of the first is one of the second, but not vice versa;
@@ -102,7 +102,7 @@ def bridge_triple(bridge: Bridge, knowledge: Knowledge) -> Triple:
 
     Raises:
         LanguageError: with the position, for an unknown name, two names of different kinds, or two
-            features of which one cannot stand in for the other.
+            features that cannot stand in for each other.
     """
     if bridge.relation is Relation.SAME:
         names = knowledge.instance_names

@@ -51,7 +51,7 @@ class StatedSignature:
 
 
 INHERITED: Final = StatedSignature()
-"""The signature of a feature that states nothing itself; also that of a sort."""
+"""The signature of a sort, and of a feature that states nothing itself."""
 
 
 class SignatureReader:

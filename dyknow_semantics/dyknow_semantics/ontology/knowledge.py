@@ -93,7 +93,7 @@ class Knowledge:
 
     @property
     def counts(self) -> dict[str, int]:
-        """The numbers of concepts, features and objects, without those of the upper ontology."""
+        """The numbers of concepts, features and objects outside the upper ontology."""
         concepts = {iri for iri in self._concepts if not iri.startswith(vocabulary.UPPER_ONTOLOGY)}
         return {
             'concepts': len(concepts),

@@ -68,7 +68,7 @@ class Ontology:
     """Why some bridges have no effect at present."""
 
     revision = 0
-    """The number of changes, except those of entailed statements."""
+    """The number of changes, without entailed statements."""
 
     def __init__(self, store: str | Path | None = None, bridges: Iterable[Bridge] = ()) -> None:
         self._bridges = tuple(bridges)

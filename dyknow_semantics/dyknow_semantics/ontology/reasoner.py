@@ -72,7 +72,7 @@ class ReasonerProcess:
         self._reasoner = reasoner
         self._limit_s = limit_s
         self._memory = memory
-        # Java reserves more addresses than it uses memory: its own limit is that of its objects.
+        # Java reserves more addresses than it uses memory, so its own option limits its objects.
         self._process = WorkerProcess()
 
     def stop(self) -> None:

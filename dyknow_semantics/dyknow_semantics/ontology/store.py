@@ -173,7 +173,7 @@ def _open(file: Path) -> Any:
 
 
 def _check_version(file: Path) -> None:
-    """Check that the installed owlready2 reads a store; it converts those of older versions."""
+    """Check that the installed owlready2 reads a store; it converts stores of older versions."""
     with closing(sqlite3.connect(file)) as connection, store_errors(_KIND, file):
         if not connection.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]:
             return  # It is a new file.

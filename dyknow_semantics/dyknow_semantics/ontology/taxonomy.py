@@ -41,7 +41,7 @@ class Taxonomy:
         self._check_size({*parents, *children})
 
     def _check_size(self, concepts: Iterable[str]) -> None:
-        """Check that the closure is small; that of a long chain is not."""
+        """Check that the closure is small; a long chain has a large one."""
         size = 0
         for concept in concepts:
             size += len(self._above(concept))

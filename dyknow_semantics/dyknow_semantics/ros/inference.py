@@ -111,7 +111,7 @@ class Inference:
             self._node.spawn(self._reason, self._reasoner)
 
     async def _reason(self, reasoner: ReasonerProcess) -> None:
-        """Run the reasoner until its result is that of the present ontology."""
+        """Run the reasoner until its result is about the present ontology."""
         try:
             while True:
                 draft = await self._ontology_thread.run(self._ontology.draft)

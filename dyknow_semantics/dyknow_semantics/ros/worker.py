@@ -1,4 +1,4 @@
-"""Threads for work that takes long, of which only some may wait."""
+"""Threads for long work, with a bounded queue."""
 
 from __future__ import annotations
 

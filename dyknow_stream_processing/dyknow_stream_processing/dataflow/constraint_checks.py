@@ -16,7 +16,7 @@ If the stamps of "a" are in order, as those of one publisher are, no sample wait
     6       receive the sample valid at 3  - (dropped, violation: out of order)
 
 Example of the check of leads: `"a" with max_lead = 5 ms`. At 20, a sample valid at 25 is passed on,
-and one valid at 26 is dropped with a violation. A topic without `max_lead` has that of the engine.
+and one valid at 26 is dropped with a violation. A topic without `max_lead` has the engine's.
 """
 
 from __future__ import annotations

@@ -96,7 +96,7 @@ class Dataflow:
         Args:
             name: the name by which later specifications may refer to it.
             specification: defines the stream.
-            constraints: are added to those of the specification.
+            constraints: are added to the constraints in the specification.
             on_sample: receives each sample; available times are strictly increasing.
             on_violation: receives the violations in the stream and in all its inputs.
 
@@ -170,7 +170,7 @@ class Dataflow:
         """Return the topics whose samples are needed, each with the needed fields.
 
         The name `ALL` among them stands for all fields except the elements of arrays, the name
-        `WHOLE` for the message itself, of which a `WholeMessage` is pushed.
+        `WHOLE` for the message itself, pushed as a `WholeMessage`.
         """
         return total_demand(each.resolved.term for each in self._streams.values())
 

@@ -48,7 +48,7 @@ class Distances:
 
     @classmethod
     def of_period(cls, constraints: StreamConstraints) -> Distances:
-        """Return those of `sample_period`, which must be given."""
+        """Return the bounds of `sample_period`, which must be given."""
         demand = (
             f'sample_period is {format_duration(constraints.sample_period or 0)}, '
             f'give or take {format_duration(constraints.sample_period_deviation or 0)}'
@@ -59,7 +59,7 @@ class Distances:
 
     @classmethod
     def of_gap(cls, constraints: StreamConstraints) -> Distances:
-        """Return those of `max_gap`, which must be given."""
+        """Return the bounds of `max_gap`, which must be given."""
         longest = constraints.max_gap or 0
         demand = f'max_gap is {format_duration(longest)}'
         return cls(ViolationKind.MAX_GAP, 0, longest, constraints.end_time, demand)

@@ -57,7 +57,7 @@ class _ArrivalChecks:
 
     Args:
         max_lead: the least one, in nanoseconds.
-        reorder: that of the innermost stream that states it.
+        reorder: as the innermost stream states it.
     """
 
     max_lead: int | None = None

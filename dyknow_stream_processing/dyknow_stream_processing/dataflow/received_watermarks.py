@@ -66,7 +66,7 @@ class ReceivedWatermarks:
         return origin
 
     def note_sample(self, stream_id: int, number: int) -> SampleOrigin:
-        """Record the receipt of a sample; an id of 0 is that of a publisher that is no engine."""
+        """Record the receipt of a sample; a publisher that is no engine has the id 0."""
         if stream_id == 0:
             return SampleOrigin.SAME
         if stream_id in self._former:

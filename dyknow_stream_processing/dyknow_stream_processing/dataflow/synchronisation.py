@@ -32,7 +32,7 @@ TickKey = tuple[str, int]
 """The label of a periodic operator without a start, and its period in nanoseconds."""
 
 MAX_WAITING: Final = 10_000
-"""The number of samples of an input that may wait for those of another."""
+"""The number of samples of an input that may wait for another input."""
 
 MAX_TICKS: Final = 10_000
 """The number of ticks that are emitted at once when the time jumps."""

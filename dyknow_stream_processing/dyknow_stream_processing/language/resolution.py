@@ -57,7 +57,7 @@ class FreeNames:
 
 @dataclass(frozen=True, slots=True)
 class Resolved:
-    """A stream all of whose references are to topics.
+    """A stream whose references are all to topics.
 
     Args:
         term: its definition.
@@ -97,7 +97,7 @@ def resolve(
 
     Args:
         specification: the specification.
-        constraints: are added to those of the stream.
+        constraints: are added to the stream's.
         streams: that an identifier may refer to, beside those that the specification declares.
         topic_fields: returns the fields of a topic; `None` if they are not known.
         units: the existing computational units, by name.
@@ -105,7 +105,7 @@ def resolve(
     Raises:
         LanguageError: with the position, for an unknown name, for fields, types and constraints
             that do not fit, and for a stream that is too large.
-        DyKnowError: if the added constraints contradict those of the specification.
+        DyKnowError: if the added constraints contradict the specification's.
     """
     resolver = _Resolver(specification, streams, topic_fields, units)
     for each in specification.declared(syntax.StreamDeclaration):

@@ -196,7 +196,7 @@ class Select(_Constrained):
     Args:
         selections: the fields.
         source: the stream.
-        conditions: all of which a sample must satisfy.
+        conditions: a sample must satisfy all.
         elements: of an array of the messages of the source; each is a sample.
     """
 
@@ -264,7 +264,7 @@ Term = StreamReference | BuiltInSource | Call | Select | Merge | Sync
 
 @dataclass(frozen=True, slots=True)
 class SourceDeclaration(SyntaxNode):
-    """A topic and those of its fields that are used."""
+    """A topic and its used fields."""
 
     name: str
     fields: tuple[TypedField, ...]

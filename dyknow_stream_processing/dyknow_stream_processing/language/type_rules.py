@@ -32,7 +32,7 @@ def collision_text(field: str, first: str, second: str) -> str:
 def settings(unit: Unit) -> tuple[str, ...]:
     """Return the parameters of a unit that a call may set by name, `mean(power, window = 5 s)`.
 
-    They are those of the constructor of a class, and the keyword-only ones of a function.
+    The constructor's parameters of a class, and a function's keyword-only ones.
     """
     try:
         parameters = signature(unit).parameters.values()

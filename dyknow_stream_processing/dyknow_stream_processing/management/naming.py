@@ -12,7 +12,7 @@ from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import SinkDeclaration, StreamReference
 
 WATERMARKS_NAME: Final = '_watermarks'
-"""The last part of the topic for the watermarks of an engine, beside those of its streams."""
+"""The last part of the topic for the watermarks of an engine, beside its streams' topics."""
 
 _PLACEHOLDER: Final = '<name>'
 
@@ -85,5 +85,5 @@ class NamingConvention:
         return name
 
     def matches(self, name: str, topic: str) -> bool:
-        """Return true if a topic is that of a stream in some namespace."""
+        """Return True if the topic carries a stream, in any namespace."""
         return f'/{topic}'.endswith('/' + self.topic(name).lstrip('/'))

@@ -27,7 +27,7 @@ def streams_from_json(text: str, manager: str) -> tuple[Stream, ...]:
     """Return the streams in a text of `streams_to_json`; created ones wait for an engine.
 
     Raises:
-        StreamError: if the text has another format, or is that of another manager.
+        StreamError: if the text has another format, or belongs to another manager.
         LanguageError: if a specification in it is wrong.
     """
     try:

@@ -22,7 +22,7 @@ class CreatedStream:
         stream_id: as its engine stated it when it made the stream; 0 if a manager found it made.
         sources: the topics of the streams that it is made from and that other nodes publish.
         message: why it waits or failed; where, when and why it was recreated.
-        reported: True if the text is that of an engine, with aliases that a manager wrote into it.
+        reported: True for the text of an engine, with aliases that a manager wrote into it.
         lost: why its last engine no longer makes it; empty if it had none.
         failed: True if it cannot be made and a later attempt would fail for the same reason.
     """

@@ -117,7 +117,7 @@ def several_publishers(nodes: Iterable[str]) -> str:
 
 
 def with_origins(reports: Collection[StreamReport]) -> Iterator[StreamReport]:
-    """Yield reports; those of waiting streams with the reasons of the streams they are made of."""
+    """Yield reports; a waiting stream's has the reasons of the streams that it is made of."""
     by_topic = {each.topic: each for each in reports if each.topic}
 
     def message(report: StreamReport, *consumers: StreamReport) -> str:

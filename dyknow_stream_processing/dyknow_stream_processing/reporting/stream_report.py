@@ -14,7 +14,7 @@ SAMPLE_TYPE: Final = 'dyknow_interfaces/msg/Sample'
 
 
 class StreamState(IntEnum):
-    """The state of a stream; the numbers are those of dyknow_interfaces/msg/StreamStatus."""
+    """The state of a stream; numbers as in dyknow_interfaces/msg/StreamStatus."""
 
     FLOWING = 0
     WAITING = 1

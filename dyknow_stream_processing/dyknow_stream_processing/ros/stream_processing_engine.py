@@ -293,7 +293,7 @@ class StreamProcessingEngine(DyKnowNode):
                 )
 
     def _watermarks(self) -> Iterator[Any]:
-        """Yield the watermarks that are later than those of the last samples."""
+        """Yield the watermarks that are later than the last samples'."""
         if not self._sources.catch_up():
             return
         for name, output in self._outputs.items():

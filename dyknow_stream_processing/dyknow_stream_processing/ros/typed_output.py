@@ -18,7 +18,7 @@ from dyknow_stream_processing.ros.topics.publications import find_publication
 from dyknow_stream_processing.sample import Sample
 
 MESSAGE_SUFFIX: Final = '/message'
-"""The end of the topic, after that of the stream, where the sink names none."""
+"""The end of the topic, after the stream's, where the sink names none."""
 
 _QUALITY_OF_SERVICE: Final = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 

@@ -17,7 +17,7 @@ that must not wait. The middleware gets the messages of a node in the order of t
 too: a violation before the state that shows it. Other messages must not wait: a subscription would
 receive some that were published before it was created.
 
-A direct message has a number, as those of the middleware have, but numbers of its own.
+Direct messages are numbered, too, apart from those of the middleware.
 
 Each node runs in its own thread, so messages wait in a queue of the receiving node. All direct
 messages of a node are received in the order of their publication, whatever their topics are.
@@ -181,7 +181,7 @@ class DirectSubscription:
 
         Args:
             message: the message.
-            number: of the message, among those of the publisher.
+            number: the publisher's number of the message.
             sender: the full name of the node of the publisher.
         """
         self._direct_senders.add(sender)

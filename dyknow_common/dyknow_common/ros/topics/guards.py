@@ -74,7 +74,7 @@ def create_guarded_subscription(
     refusal: Refusal | None = None,
     **options: Any,
 ) -> Any:
-    """Create a subscription with a `MessageGuard`; the other arguments are those of rclpy."""
+    """Create a subscription with a `MessageGuard`; other arguments as in rclpy."""
     guard: Any = MessageGuard(node, node.resolve_topic_name(topic), callback, refusal)
     return node.create_subscription(msg_type, topic, guard, qos_profile, **options)
 

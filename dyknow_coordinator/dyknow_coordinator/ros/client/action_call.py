@@ -111,7 +111,7 @@ class ActionCall:
         return self._unanswered > 0
 
     def cancel(self) -> None:
-        """Cancel the goal; the result is then that of the server, if it answers in time."""
+        """Cancel the goal. The call ends with the server's result if that arrives in time."""
         if self._has_ended:
             return
         self._is_cancelled = True

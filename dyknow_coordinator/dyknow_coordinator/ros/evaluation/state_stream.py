@@ -58,7 +58,7 @@ class StateStream:
 
         Args:
             chosen: the sources that it is made from.
-            constraints: added to those of the sources.
+            constraints: added to the sources' own.
 
         Raises:
             DyKnowError: if it cannot be created, or was destroyed before that.

@@ -242,7 +242,7 @@ class StateSupervisor:
             self._replace(stream, affected, violation)
 
     async def _find_silent_sources(self, stream: StateStream, violation: Any) -> None:
-        """Find the sources because of which the states break the client's constraints."""
+        """Find the sources that make the states break the client's constraints."""
         self._observer.set_phase(EvaluationPhase.INTERRUPTED)
         await self._context.node.deadlines.after(NEXT_REPORT_S)
         if not self._has_ended and stream is self.stream:

@@ -63,7 +63,7 @@ class WatchedStates:
 
 
 class CommandStates:
-    """A formula over commands and states; the arguments are those of `WatchedStates`."""
+    """A formula over commands and states; arguments as in `WatchedStates`."""
 
     def __init__(
         self, name: str, formula: CommandFormula, gate: Gate, clock: GuardClock, settle: Settle

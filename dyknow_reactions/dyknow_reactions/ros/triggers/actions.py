@@ -138,7 +138,7 @@ class SendGoalAction:
 
 
 class CancelGoalAction:
-    """Cancels all goals of an action, whoever has sent them."""
+    """Cancels all goals of an action, of all clients."""
 
     def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
         self._node, self._trigger = node, trigger

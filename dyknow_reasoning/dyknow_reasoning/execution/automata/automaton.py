@@ -187,7 +187,7 @@ class Automaton:
         return move
 
     def _move(self, before: Location, node: Node) -> Move:
-        """Return the move from a location to that of a node, with its clocks renumbered."""
+        """Return the move from a location to the location of a node, with its clocks renumbered."""
         bounds = bounds_of(node)
         kept = tuple(sorted({bound.state for bound in bounds}))
         numbers = {state: number for number, state in enumerate(kept)}

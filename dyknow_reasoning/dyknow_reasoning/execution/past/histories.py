@@ -139,7 +139,7 @@ class Histories:
         return None if register is None else register.first_state
 
     def extended(self, time: int, values: Values) -> Values:
-        """Return the values of a state with those of the registers.
+        """Return the values of a state and of the registers.
 
         A state that is not later than the one before has no effect: it will be refused.
         """

@@ -1,4 +1,4 @@
-"""Groups of registers that are alike, such as those of the instances of a quantified formula."""
+"""Groups of similar registers, such as the registers of all instances of a quantified formula."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class RegisterGroup:
             )
             for slot in slots(first.mask)
         }
-        # The truth of the operands by that of their atoms.
+        # The truth of the operands by the truth of their atoms.
         sides = np.array([first.sides[symbol] for symbol in range(1 << first.mask.bit_length())])
         left, right = first.operands.left, first.operands.right
         self._left = None if left is TRUE else self._truths_of(left, sides[:, 0] != 0)
@@ -108,7 +108,7 @@ class RegisterGroup:
         return {name: column for each in singles for name, column in each.items()}
 
     def _stepped(self, memory: PastMemory, time: int, left: Array | None, right: Array) -> Array:
-        """Return the truth of the operators at a state, given that of the operands."""
+        """Return the truth of the operators at a state, given the truth of the operands."""
         found = memory.step(time, ALL_ROWS if left is None else _rows(left), _rows(right))
         # The row of a register is a byte, as numpy has them.
         truths = np.frombuffer(found.to_bytes(len(self._registers), 'little'), bool)

@@ -1,4 +1,4 @@
-"""Runs of states from each of which a formula is false."""
+"""Runs of start states: from each of them, a formula is false."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dyknow_reasoning.progression.atoms import Values
 
 @dataclass(eq=False, slots=True)
 class Failure:
-    """Consecutive states from each of which the formula is false.
+    """Consecutive start states: from each of them, the formula is false.
 
     Args:
         run: the states.

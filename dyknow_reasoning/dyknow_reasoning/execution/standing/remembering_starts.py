@@ -28,7 +28,7 @@ from dyknow_reasoning.execution.standing.runs import StateTimes
 class RememberingStarts(OpenStarts):
     """The undecided start states of such an instance; each state needs a step.
 
-    The arguments are those of `OpenStarts`.
+    Arguments as in `OpenStarts`.
     """
 
     def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:

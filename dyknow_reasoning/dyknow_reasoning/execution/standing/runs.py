@@ -48,7 +48,7 @@ def union(some: Sequence[Run], others: Sequence[Run]) -> list[Run]:
 
 
 def union_of(runs: Iterable[Sequence[Run]]) -> list[Run]:
-    """Return the states of all runs, each sequence of which is in order."""
+    """Return the states of all runs; each sequence is in order."""
     return coalesced(merge(*runs))
 
 
@@ -67,7 +67,7 @@ def number_in(runs: Sequence[Run], number: int) -> bool:
 
 
 def difference(runs: Sequence[Run], others: Sequence[Run]) -> list[Run]:
-    """Return the states of the first runs alone; their times are those of the whole runs."""
+    """Return the states of the first runs alone, with the times of the whole runs."""
     found: list[Run] = []
     for run in runs:
         first = run.first

@@ -54,11 +54,11 @@ _ValuesOf: TypeAlias = Callable[[], Values]
 class StandingMonitor:
     """Evaluates a formula from every state on.
 
-    Each verdict, and the state that decides it, is that of an evaluation that begins at this state.
+    Each verdict and its deciding state are as in an evaluation that begins at this state.
 
     Args:
         formula_id: the formula.
-        instances: all of which must hold for the formula to hold.
+        instances: the formula holds if all of them do.
         kinds: of the features of the formula.
         node_limit: the most nodes of what remains of an instance.
     """
@@ -171,7 +171,7 @@ class StandingMonitor:
         return has_changed
 
     def take(self, symbols: tuple[int, ...], now: int, values: _ValuesOf) -> bool:
-        """Progress over a state of which the atoms are known; return as `progress`.
+        """Progress over a state with known atoms; return as `progress`.
 
         Args:
             symbols: the truth of the atoms of each instance, as bits.

@@ -187,7 +187,7 @@ class TabulatedStarts:
         self.is_active = True
 
     def _extend(self, symbols: Sequence[int]) -> bool:
-        """Progress over a state of which some look-ups are new."""
+        """Progress over a state with new look-ups."""
         rows: list[JointRow] = []
         for starts, row, symbol in zip(self._starts, self._rows, symbols, strict=True):
             table = self._tables[starts.template]

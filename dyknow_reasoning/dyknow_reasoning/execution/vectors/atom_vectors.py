@@ -74,7 +74,7 @@ class VectorState(dict[str, Any]):
     _computed: tuple[tuple[Sequence[str], Array], ...] = ()
 
     def add(self, fields: Sequence[str], vector: Array) -> None:
-        """Add fields whose values are those of a vector."""
+        """Add fields with the values of a vector."""
         self._computed += ((fields, vector),)
 
     def __missing__(self, name: str) -> Any:
@@ -148,7 +148,7 @@ class FieldVector:
 
 
 SharedVectors: TypeAlias = WeakValueDictionary[VectorKey, FieldVector]
-"""The vectors in use, each of which is loaded once for all that need it."""
+"""The vectors in use; each is loaded once for all that need it."""
 
 
 class FieldVectors:

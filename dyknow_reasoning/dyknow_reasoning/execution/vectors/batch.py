@@ -95,7 +95,7 @@ class Batch:
     def step(
         self, symbols: Array, now: int, elapsed: int, *, regular: bool
     ) -> list[InstanceVerdict]:
-        """Progress the instances over a state; the arguments are those of `SingleInstance.step`."""
+        """Progress the instances over a state; arguments as in `SingleInstance.step`."""
         previous = now - elapsed
         vectors = self._vectors_for(previous, regular=regular)
         decided = vectors.step(symbols, now, elapsed)

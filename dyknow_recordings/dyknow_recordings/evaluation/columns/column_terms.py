@@ -106,7 +106,7 @@ class ColumnTerms:
         if sum(each.constraints.max_delay is not None for each in steps) > 1:
             return None
         topic = self._absolute(next(iter(references(term))).name)
-        # Leads are checked when messages arrive, and those of a unit's results once more.
+        # Leads are checked when messages arrive, and for a unit's results once more.
         checked = list(takewhile(lambda each: isinstance(each, SelectionStep), steps))
         leads = [each.constraints.max_lead for each in steps]
         given = [each for each in leads if each is not None]
@@ -146,7 +146,7 @@ class ColumnTerms:
 
 
 def _checked(limits: StreamConstraints) -> StreamConstraints:
-    """Return those of some constraints that a `TopicStream` checks."""
+    """Return the constraints that a `TopicStream` checks."""
     return StreamConstraints(
         max_delay=limits.max_delay,
         max_lead=limits.max_lead,

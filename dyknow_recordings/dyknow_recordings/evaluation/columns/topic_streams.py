@@ -1,6 +1,6 @@
 """Streams that are made of one topic: selections, with conditions and constraints, and functions.
 
-Their samples are those of a dataflow in which nothing is dropped, late or out of order.
+They have the samples of a dataflow in which nothing is dropped, late or out of order.
 """
 
 from __future__ import annotations
@@ -224,7 +224,7 @@ def _keeps(
     Args:
         limits: the constraints.
         times: the valid times of the samples.
-        log_times: those of the samples.
+        log_times: of the samples.
         history: all messages of the topic.
         end: the log time up to which all messages are known.
         delay: after which the next sample is missing; None if only another message shows that.

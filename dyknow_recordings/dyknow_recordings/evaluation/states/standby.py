@@ -1,6 +1,6 @@
 """The standby of a group: states of other sources, which can replace those in use.
 
-The rules are those of the coordinator (`Standby`) and of the reasoning engine (`StandbyStates`).
+Rules as in the coordinator (`Standby`) and the reasoning engine (`StandbyStates`).
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ class Bag(RecordingReader):
         types: where the definitions are that the bag lacks.
 
     Raises:
-        RecordingError: for a bag that is missing (NOT_FOUND), or of which nothing can be read.
+        RecordingError: for a bag that is missing (NOT_FOUND) or entirely unreadable.
     """
 
     def __init__(self, path: Path, types: MessageTypes = NO_TYPES) -> None:

@@ -64,7 +64,7 @@ def _lose_files(
     errors: Sequence[RecordingError],
     faults: FaultCounter,
 ) -> None:
-    """Note that some files cannot be read: their messages are between those of their neighbours."""
+    """Note that some files cannot be read: their messages are between their neighbours'."""
     lost = [number for number, file in enumerate(files) if file is None]
     for number, error in zip(lost, errors, strict=True):
         is_there = paths[number].exists()

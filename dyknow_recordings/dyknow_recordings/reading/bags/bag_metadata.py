@@ -68,7 +68,7 @@ def distro_beside(path: Path) -> str:
 
 def _information(folder: Path) -> Any:
     text = (folder / METADATA).read_text(encoding='utf-8')
-    # The safe loaders are those of PyYAML; that in C takes a tenth of the time.
+    # The safe loaders of PyYAML; the one in C takes a tenth of the time.
     return yaml.load(text, _LOADER)['rosbag2_bagfile_information']  # noqa: S506
 
 

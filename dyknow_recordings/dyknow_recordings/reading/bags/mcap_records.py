@@ -120,7 +120,7 @@ def chunk_times(data: MessageBuffer, begin: int) -> tuple[int, int]:
 def has_sent_times(content: ChunkContent) -> bool:
     """Return True if messages have times of sending that differ from their log times.
 
-    Not every recorder knows them. Under simulated time, they are those of another clock.
+    Not every recorder knows them. Under simulated time, they are of another clock.
     """
     delays = set()
     for position in message_positions(content)[0]:
@@ -198,7 +198,7 @@ def read_string(record: bytes, position: int) -> tuple[str, int]:
 
 
 def read_strings(record: bytes, position: int) -> dict[str, str]:
-    """Return texts by their names; the errors are those of `read_string`."""
+    """Return texts by their names; errors as in `read_string`."""
     (size,) = U32.unpack_from(record, position)
     position, end = position + U32.size, position + U32.size + size
     texts: dict[str, str] = {}

@@ -28,7 +28,7 @@ def merged(
     Args:
         sources: the blocks of each file, in the order of their first times.
         place: the recording, in the faults.
-        topics: those of the channels, by their numbers.
+        topics: of the channels, by their numbers.
         faults: where faults are counted.
     """
     upcoming = [(block[0], number, block[1]) for number, block in _firsts(sources)]

@@ -98,7 +98,7 @@ class SqliteFile:
     def blocks(
         self, wanted: Collection[StoredChannel], numbers: Mapping[StoredChannel, int]
     ) -> Iterator[StoredBlock]:
-        """Yield the messages of some channels; the arguments are those of `StorageFile`."""
+        """Yield the messages of some channels; arguments as in `StorageFile`."""
         ids = {
             key: numbers[channel] for key, channel in self._channels.items() if channel in wanted
         }

@@ -65,7 +65,7 @@ class StorageFile(Protocol):
 
         Args:
             wanted: the channels.
-            numbers: the number of each channel among those of the bag.
+            numbers: each channel's number in the bag.
         """
 
     def close(self) -> None:

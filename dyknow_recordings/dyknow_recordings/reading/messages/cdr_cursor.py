@@ -184,7 +184,7 @@ class CdrCursor:
             self.intact &= end <= self._sizes
 
     def _checked(self, start: Offset, size: Offset) -> NDArray[np.int64]:
-        """Return positions in the buffer; those of messages that are too short are 0."""
+        """Return positions in the buffer; 0 for messages that are too short."""
         self._check(start + size)
         positions = self._origins + start
         return positions if self.intact.all() else np.where(self.intact, positions, 0)

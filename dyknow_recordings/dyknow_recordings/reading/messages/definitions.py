@@ -37,7 +37,7 @@ class TypeDefinition:
     Args:
         name: such as `nav_msgs/msg/Odometry`.
         encoding: of the definition: `ros2msg`, `ros2idl`, or empty if there is none. The text of a
-            service event is that of the service, with any encoding.
+            service event is the service's, with any encoding.
         text: the definition of the type and of those within it; empty if there is none.
     """
 

@@ -150,7 +150,7 @@ def _files(folder: Path) -> Mapping[str, Path]:
         kind = path.parent.name if path.parent.name in {'msg', 'srv'} else ''
         package = path.parent.parent.name if kind else path.parent.name
         name = f'{package}/{kind or path.suffix[1:].replace("idl", "msg")}/{path.stem}'
-        # The texts of messages are what those of IDL are made from.
+        # Texts in IDL are made from the texts of messages.
         if found.setdefault(name, path).suffix == '.idl':
             found[name] = path
     return found

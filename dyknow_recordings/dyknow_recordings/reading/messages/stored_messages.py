@@ -25,7 +25,7 @@ class StoredMessages:
     Args:
         data: the buffer: a file that is mapped into memory, or a part of it without compression.
         times: the log times in nanoseconds.
-        channels: the number of the channel of each message among those of the bag.
+        channels: the number in the bag of each message's channel.
         starts: the positions of the messages in the buffer.
         sizes: their numbers of bytes.
         sent: the times at which they were sent in nanoseconds; the log times if these are unknown.

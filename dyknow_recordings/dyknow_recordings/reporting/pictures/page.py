@@ -25,7 +25,7 @@ from dyknow_recordings.reporting.pictures.timeline import (
 )
 
 _FIRST_DATE: Final = 1_000_000_000 * NANOSECONDS['s']
-"""Times before are those of a simulation that starts at zero, no dates."""
+"""Earlier times come from a simulation that starts at zero; they are no dates."""
 
 _END: Final = 0.95
 """The place on the line from which on there is room to the left only."""

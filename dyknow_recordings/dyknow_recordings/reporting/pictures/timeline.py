@@ -151,7 +151,7 @@ def pending_windows(episode: Episode, now: int) -> list[Span]:
 
 
 def _intervals(formula: Formula | Term) -> Iterator[tuple[int, int]]:
-    """Yield the intervals that count from the last state, those of the outermost operators."""
+    """Yield the intervals of the outermost operators, which count from the last state."""
     if isinstance(formula, Always | Eventually | Until):
         if formula.interval.end is not None:
             yield formula.interval.start, formula.interval.end

@@ -28,7 +28,7 @@ _NUMPY: Final = {'byte': 'uint8', 'bool': 'bool'}
 
 @lru_cache(maxsize=1)
 def message_types() -> Typestore:
-    """Return the types of ROS 2 Jazzy and those of DyKnow.
+    """Return the types of ROS 2 Jazzy and DyKnow.
 
     Raises:
         RecordingError: if the definitions of DyKnow's messages are not installed.

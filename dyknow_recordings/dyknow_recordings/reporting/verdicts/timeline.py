@@ -28,9 +28,9 @@ class StatusChange:
 
 
 class LogTimes:
-    """Places valid times on the time axis of a recording, that of its log times.
+    """Places valid times on the time axis of a recording: its log times.
 
-    They are the same, unless stamps are of another clock, such as that of a simulation: then the
+    They are the same, unless stamps are of another clock, such as a simulation's: then the
     first state is placed at the start.
 
     Args:

@@ -240,7 +240,7 @@ def _markers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterat
         time = each.log_time
         if time >= due:
             due = time + period
-            # The time of the latest state is that of the marker: there is no silence to show.
+            # The marker has the time of the latest state: there is no silence to show.
             shown = [replace(status, latest_valid_time=time) for status in statuses.at(time)]
             markers = formula_markers(shown, positions, DEFAULT_AXES, time)
             yield time, MARKERS, markers_message(time, frame, markers, max(LIFETIME_NS, 2 * period))

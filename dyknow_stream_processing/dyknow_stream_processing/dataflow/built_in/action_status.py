@@ -1,4 +1,4 @@
-"""The status of an action: that of its latest goal."""
+"""The status of the latest goal of an action."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Engines:
     """The stream processing engines that a manager uses.
 
     A node is an engine if its status says so. Its services do not tell: discovery delivers them one
-    after the other, and a stream manager offers those of an engine, too.
+    after the other, and a stream manager offers an engine's services, too.
 
     Args:
         namespaces: of the engines.

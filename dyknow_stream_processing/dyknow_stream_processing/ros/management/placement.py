@@ -262,7 +262,7 @@ class Placement:
             if known.waits:
                 self._registry.adopt(found)
                 self._unwanted.discard(key)
-            # A copy on another topic may be that of another manager.
+            # A copy on another topic may belong to another manager.
             elif known.engine != engine and (is_unwanted or known.topic == found.topic):
                 self._node.get_logger().info(f"{engine} makes a copy of '{found.name}', destroyed")
                 await self._try_destroy_on(*key)

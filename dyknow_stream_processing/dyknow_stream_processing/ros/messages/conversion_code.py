@@ -236,7 +236,7 @@ def _read(class_: Any, paths: Iterable[str]) -> list[str]:
 
 
 def _is_direct(path: str) -> bool:
-    """Return True for a path of which each step is a member or an index."""
+    """Return True for a path whose steps are members and indices."""
     field = parse_field(path)
     return isinstance(field, MessagePath) and not any(
         isinstance(step.selector, ElementKey) for step in field.steps

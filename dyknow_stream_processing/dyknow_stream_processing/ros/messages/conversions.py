@@ -1,6 +1,6 @@
 """Functions that convert messages to the fields of samples and back, compiled at run time.
 
-Their code is that of `conversion_text`.
+Their code comes from `conversion_text`.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ def scalar_fields(class_: Any, prefix: str = '') -> dict[str, ValueType]:
 
 
 def fields_to_read(class_: Any, fields: Collection[str]) -> list[str]:
-    """Return those of some fields that a message type has, sorted.
+    """Return the fields, of some, that a message type has, sorted.
 
     `ALL` among them stands for all but the elements of arrays.
     """

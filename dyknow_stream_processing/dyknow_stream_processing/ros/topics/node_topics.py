@@ -77,7 +77,7 @@ class NodeTopics:
 
     @property
     def is_time_simulated(self) -> bool:
-        """True if the time of the node is that of the topic /clock."""
+        """True if the node takes its time from the topic /clock."""
         return is_time_simulated(self._node)
 
     @classmethod
@@ -100,7 +100,7 @@ class NodeTopics:
             topic: its name, relative to the node.
             listener: receives the type before the first message.
             quality_of_service: by default it is matched to the publishers.
-            message_type: a message class; by default that of the publishers.
+            message_type: a message class; by default, the publishers'.
 
         Returns:
             A function that removes the listener.
@@ -133,7 +133,7 @@ class NodeTopics:
             self._timer = None
 
     def process(self, message: ReceivedMessage, now: int) -> None:
-        """Process a message, after those of all topics that were received before it."""
+        """Process a message, after all messages of all topics that were received before it."""
         late = max(now - message.receipt_time, time.monotonic_ns() - self._last_activity)
         if late > LATE_NS or self._taken or is_pause_recent():
             self._taken.append(message)

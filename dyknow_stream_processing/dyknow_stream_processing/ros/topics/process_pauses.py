@@ -131,7 +131,7 @@ def time_of_receipt(received: int, sent: int) -> int:
     """Return when a message would have been received if this process had not paused.
 
     This is the time at which it was sent, but not before the begin of the pause: the clock of the
-    sender may differ from that of this computer.
+    sender may differ from this computer's.
 
     Args:
         received: the time at which the middleware has received it by the system clock, nanoseconds.

@@ -160,7 +160,7 @@ class TopicNames:
         self._nearest: dict[str, tuple[str, ...]] = {}
 
     def nearest(self, topic: str) -> tuple[str, ...]:
-        """Return the published topics whose names are similar to that of a topic, at most two."""
+        """Return at most two published topics with names similar to a topic's."""
         self._update()
         if topic not in self._nearest and len(self._nearest) < _MAX_COMPARED:
             near = nearest_topics(topic, self._names)
@@ -206,7 +206,7 @@ def source_type(
 def type_of_class(node: Node, class_: Any, valid_time: str | None, publishers: int) -> SourceType:
     """Return the type of a topic whose messages are of a class."""
     is_stamped = valid_time_reader(class_, valid_time) is not None
-    # Times of sending are those of the clocks of computers.
+    # Times of sending are by the clocks of computers.
     is_simulated = is_time_simulated(node)
     return SourceType(
         # An engine publishes a merge as its samples come: its watermarks count, not its stamps.

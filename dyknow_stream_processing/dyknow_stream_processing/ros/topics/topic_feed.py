@@ -48,10 +48,10 @@ class TopicsOfNode(Protocol):
 
     @property
     def is_time_simulated(self) -> bool:
-        """True if the time of the node is that of the topic /clock."""
+        """True if the node takes its time from the topic /clock."""
 
     def process(self, message: ReceivedMessage, now: int) -> None:
-        """Process a message, after those of all topics that were received before it."""
+        """Process a message, after all messages of all topics that were received before it."""
 
 
 class ReceivedMessage(NamedTuple):
@@ -96,7 +96,7 @@ class TopicFeed:
 
     @property
     def is_stream(self) -> bool:
-        """True if the messages are samples, of which an engine may send the watermarks."""
+        """True if the messages are samples, for which an engine may send watermarks."""
         return self.relay is not None
 
     @property

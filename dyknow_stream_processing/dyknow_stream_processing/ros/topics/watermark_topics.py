@@ -70,7 +70,7 @@ class VouchedTopic(Protocol):
 
     @property
     def is_stream(self) -> bool:
-        """True if the messages are samples, of which an engine may send the watermarks."""
+        """True if the messages are samples, for which an engine may send watermarks."""
 
     def vouch(self, watermark: Any, now: int) -> None:
         """Process a `StreamWatermark` at a time, nanoseconds."""
