@@ -1,4 +1,4 @@
-"""What all tests share.
+"""Settings that all tests share.
 
 The packages are imported before pytest meets the folders of the same names that hold them.
 """

@@ -22,7 +22,7 @@ TRANSPORT_NS = 100 * MS
 """The time that a message may take from its publisher to the engine."""
 
 TOLERANCE_NS = 300 * MS
-"""How much earlier or later a formula may begin where true times decide: two and a half periods."""
+"""Tolerance of the begin of a formula where true times decide: two and a half periods."""
 
 
 MISSED = 'max_gap is'

@@ -44,7 +44,7 @@ DWELL_NS = (300 * MS, 1500 * MS)
 
 @dataclass(frozen=True)
 class Episode:
-    """What a robot does in an episode; times in nanoseconds.
+    """The course of a robot in an episode; times in nanoseconds.
 
     Args:
         offset: of its clock, which gives the stamps; positive if it is ahead.

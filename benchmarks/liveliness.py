@@ -1,4 +1,4 @@
-"""How soon dead nodes are noticed, how many healthy ones look dead, and the cost of heartbeats.
+"""Time to notice dead nodes, healthy nodes that look dead, and the cost of heartbeats.
 
 python benchmarks/liveliness.py [--json] [--quick] [--only deaths|load|idle]
 """

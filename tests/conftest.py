@@ -232,7 +232,7 @@ def batteries(system: System) -> Batteries:
 
 @pytest.fixture(scope='module')
 def evaluations(system: System) -> Iterator[Evaluations]:
-    """What the coordinator tells of all evaluations."""
+    """The coordinator's reports on all evaluations."""
     with closing(Evaluations(system)) as heard:
         yield heard
 

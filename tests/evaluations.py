@@ -24,11 +24,11 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 COORDINATOR = 'stream_reasoning_coordinator'
 
 BATTERY_TIMING = 'max_delay = 1 s, sample_period = 200 ms, sample_period_deviation = 50 ms'
-"""What the streams of the fleet promise of its batteries."""
+"""The constraints on the fleet's batteries."""
 
 
 class Evaluations:
-    """What a system's coordinator tells of its evaluations, and what is left behind them."""
+    """The reports of a system's coordinator on its evaluations, and their remains."""
 
     def __init__(self, system: System) -> None:
         self._system = system
@@ -58,7 +58,7 @@ class Evaluations:
         return [each for (ended, _), each in self._ended.items() if ended == name]
 
     def told(self) -> str:
-        """What was told last, and how those before have ended, for people."""
+        """Return the last report, and the ends of earlier evaluations, for people."""
         return '\n'.join(map(_summary, [*self._ended.values(), *self.running])) or 'nothing'
 
     def wait_for(self, count: int) -> list[Any]:

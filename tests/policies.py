@@ -14,7 +14,7 @@ ACTION_SERVICES = ('cancel_goal', 'get_result', 'send_goal')
 ACTION_TOPICS = ('feedback', 'status')
 
 OF_ACTIONS = {'execute': ('reply', 'publish'), 'call': ('request', 'subscribe')}
-"""What an action's server and client do with its services, and with its topics."""
+"""The uses of an action's services and topics by its server and its client."""
 
 
 @dataclass(frozen=True, order=True)
@@ -26,13 +26,13 @@ class Use:
     name: str
 
     def permits(self, use: Use) -> bool:
-        """Whether a rule permits a use, as DDS matches names: `*` stands for any text."""
+        """True if a rule permits a use; `*` stands for any text, as in DDS."""
         same = (self.enclave, self.permission) == (use.enclave, use.permission)
         return same and fnmatchcase(use.name, self.name)
 
 
 def rules(policy: str) -> set[Use]:
-    """What a policy permits."""
+    """The permissions of a policy."""
     return {
         rule
         for enclave in ET.fromstring(policy).iter('enclave')  # noqa: S314 - our own file

@@ -23,7 +23,7 @@ from dyknow_configuration import PACKAGES
 from system import LIMIT, Client, private_environment
 
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""What was published before one came is heard too."""
+"""Late subscribers receive the last message, too."""
 
 SERVICES = {
     'stream_processing_engine': {'StreamCreateFromSpec', 'StreamDestroy', 'ListStreams'},

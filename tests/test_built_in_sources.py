@@ -64,7 +64,7 @@ def received(nodes: StreamNodes, name: str) -> list[dict[str, str]]:
 
 
 def message(nodes: StreamNodes, name: str) -> str:
-    """What the manager says about a stream."""
+    """Return the manager's report about a stream."""
     return next((each.message for each in nodes.report.streams if each.name == name), '')
 
 

@@ -72,7 +72,7 @@ def test_texts_are_read_alike(name: str, tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def outcome(parse: Callable[[str], object], text: str) -> str:
-    """What a text means, or the message that refuses it."""
+    """The syntax tree of a text, or the message that refuses it."""
     try:
         # A parser may keep what it has read by the text.
         return repr(getattr(parse, '__wrapped__', parse)(text))

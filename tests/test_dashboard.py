@@ -23,7 +23,7 @@ from system import LIMIT, System, private_environment
 POWER = 'forall u in UAV: always (Power[u] < 150)'
 
 DISCONNECTED = 'WebSocket connection to'
-"""What Chromium logs while the server is away."""
+"""Log lines of Chromium while the server is away."""
 
 
 @pytest.fixture(scope='module')

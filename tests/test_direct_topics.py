@@ -30,7 +30,7 @@ SENDER, RECEIVER = 'sender', 'receiver'
 
 
 class Received:
-    """What a direct subscription has received."""
+    """The messages that a direct subscription has received."""
 
     def __init__(
         self,

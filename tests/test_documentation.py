@@ -314,7 +314,7 @@ def _constant(name: str, source: str) -> str:
 
 
 def printed(verb: str) -> str:
-    """What the page on configuration shows for a verb, after the command line."""
+    """Return the output that the page on configuration shows for a verb."""
     text = (ROOT / CONFIGURATION).read_text(encoding='utf-8')
     (found,) = re.findall(rf'^\$ dyknow {verb} .*\n((?:.*\n)*?)```$', text, re.MULTILINE)
     return str(found)

@@ -72,7 +72,7 @@ def test_a_line_for_each_evaluation(reporter: Reporter) -> None:
 
 
 def test_a_report_that_was_latched_some_time_ago_is_not_shown(reporter: Reporter) -> None:
-    """What has ended is reported to those who look on; the last change may be minutes old."""
+    """Observers receive ended evaluations, although the last change may be minutes old."""
     before = reporter.statuses
     ended = replace(before[0], phase=EvaluationPhase.ENDED, verdict=Verdict.TRUE)
     reporter.tell(ended)

@@ -1,4 +1,4 @@
-"""What somebody who looks on hears of evaluations: a plain node that subscribes."""
+"""Reports of evaluations as an observer receives them: a plain node that subscribes."""
 
 from __future__ import annotations
 

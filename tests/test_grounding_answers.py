@@ -1,4 +1,4 @@
-"""What a caller hears of how the symbols of a formula found their streams, and of its times."""
+"""The groundings and times in the answer to a caller."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures('calm')
 
 @pytest.fixture(scope='module')
 def positions(system: System) -> Iterator[dict[str, tuple[float, float]]]:
-    """Where the vehicles are, published 20 times a second."""
+    """The positions of the vehicles, published 20 times a second."""
     where = {'uav1': (0.0, 0.0), 'uav2': (30.0, 40.0)}
     node = system.client.node
     period = 50 * MILLISECOND
@@ -83,7 +83,7 @@ def test_the_bare_name_of_a_stream(system: System, batteries: Batteries, groundi
 
 
 def test_a_stream_that_was_just_made(system: System, spares: Spares) -> None:
-    """Who has been told that a stream is made can use it in a formula."""
+    """A stream can be used in a formula as soon as its creation is answered."""
     for number in range(4):
         spares.make(f'volts_{number}', 'select voltage as volts from "/uav1/battery"')
         grounding = (AUTO, SYNTACTIC)[number % 2]
@@ -190,7 +190,7 @@ def test_nothing_is_decided_after_the_end(system: System, batteries: Batteries) 
 
 
 def test_the_delay_of_a_caller_is_kept(system: System, batteries: Batteries) -> None:
-    """Where the caller allows less than the stream does, the stream breaks it."""
+    """A caller's stricter constraint is broken by the stream."""
     constraints = StreamConstraints(max_delay=[nanoseconds_to_duration(MILLISECOND)])
     monitored = Monitored(
         system.client, 'always "/uav1/battery".voltage > 9', constraints=constraints

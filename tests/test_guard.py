@@ -17,7 +17,7 @@ from guards import GuardedBase, guarded_base, is_zero
 from system import Batteries, System
 
 TIMEOUT_S = 0.6
-"""That of the guards: states come each 0.2 s, on a busy computer."""
+"""The timeout of the guards: states come each 0.2 s, on a busy computer."""
 
 IMMEDIATE_S = 0.1
 ATTEMPTS = 5

@@ -1,4 +1,4 @@
-"""What a guard refuses at its start: the message names the guard, the fault and its mend."""
+"""Faults that a guard refuses at its start, naming the guard, the fault and its mend."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def test_a_node_that_evaluates_stops(
 def test_all_nodes_that_only_ground_stop(
     system: System, batteries: Batteries, evaluations: Evaluations
 ) -> None:
-    """What is grounded goes on, and who asks meanwhile has an answer."""
+    """Grounded formulas go on, and requests are answered meanwhile."""
     others = (
         'stream_manager',
         'ontology_manager',
@@ -196,7 +196,7 @@ def surge_for_half_a_second(system: System, batteries: Batteries) -> None:
 
 
 def assert_nothing_is_known(system: System, evaluations: Evaluations, future: Any) -> None:
-    """Whether there was a surge."""
+    """True if there was a surge."""
     system.client.spin_until(future.done, 'the answer')
     status = future.result().exit_status
     assert status.code == ExitStatus.CONSTRAINT_VIOLATION, evaluations.told()

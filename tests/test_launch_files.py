@@ -37,7 +37,7 @@ service = LaunchService(argv=given)
 service.include_launch_description(LaunchDescription([included]))
 sys.exit(service.run())
 """
-"""What `ros2 launch` does."""
+"""The work of `ros2 launch`."""
 
 
 def line(*arguments: str, name: str = 'dyknow') -> list[str]:

@@ -63,7 +63,7 @@ class Asker:
         )
 
     def outcome(self, monitor: Any) -> PlanOutcome:
-        """How a plan ended; then nothing is left running."""
+        """Return the outcome of a plan; then nothing is left running."""
         self.system.client.spin_until(monitor.outcome.done, 'the end of the plan')
         self.system.wait_for_streams()
         return monitor.outcome.result()  # type: ignore[no-any-return]

@@ -46,7 +46,7 @@ def remote(client: Client) -> RemoteNode:
 
 
 def noting(remote: RemoteNode) -> list[str]:
-    """What happens to a node."""
+    """Return a list that notes the events of a node."""
     events: list[str] = []
     remote.on_found.append(lambda: events.append('found'))
     remote.on_lost.append(lambda: events.append('lost'))

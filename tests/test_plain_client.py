@@ -48,7 +48,7 @@ LIMIT = 40.0
 
 
 class Plain:
-    """What anybody would write who has the messages and a name for each node."""
+    """A client with nothing but the messages and the names of the nodes."""
 
     def __init__(self, domain: int) -> None:
         self.context = Context()

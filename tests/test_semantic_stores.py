@@ -1,4 +1,4 @@
-"""What the nodes of meaning have answered with success outlives their sudden death."""
+"""Changes that the semantic nodes have confirmed survive their sudden death."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def annotations(nodes: Nodes) -> list[str]:
 def written_until_killed(
     nodes: Nodes, node: str, requests: list[tuple[Any, dict[str, str]]], answers: int
 ) -> list[int]:
-    """Which of the requests, sent all at once, a node has answered before it was killed.
+    """The requests, sent all at once, that a node has answered before it was killed.
 
     Args:
         nodes: the nodes.

@@ -1,4 +1,4 @@
-"""What every node owes: the documented services, a status, a clean end, clear complaints."""
+"""Duties of every node: the documented services, a status, a clean end, clear errors."""
 
 from __future__ import annotations
 

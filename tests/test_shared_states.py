@@ -56,7 +56,7 @@ def test_twenty_formulas_over_the_same_streams(
 def test_a_formula_begins_with_its_own_first_state(
     system: System, batteries: Batteries, evaluations: Evaluations
 ) -> None:
-    """What was before a formula came does not count for it."""
+    """States from before a formula's request do not count for it."""
     batteries.power['uav1'] = 240.0
     former = system.ask('eventually Power[uav1] < 150', timeout=30.0)
     (before,) = evaluations.wait_for_state()

@@ -58,7 +58,7 @@ def test_a_pause_of_the_coordinator_is_no_silence(
     spares: Spares,
     composition: bool,  # noqa: FBT001 - a fixture
 ) -> None:
-    """What the stream manager reported before the pause is older than `silence_limit`."""
+    """The stream manager's report from before the pause is older than `silence_limit`."""
     spares.make('regular', 'select voltage from "/uav1/battery" with sample_period = 200 ms')
     future = system.ask('always[0 s, 8 s] regular.voltage > 9', timeout=60.0)
     evaluations.wait_for_state()

@@ -1,4 +1,4 @@
-"""What the terminal shows of the logs of nodes."""
+"""Log lines of nodes on the terminal."""
 
 import tempfile
 from contextlib import suppress

@@ -170,7 +170,7 @@ formulas:
 
 
 def test_an_open_text_ends_the_statements() -> None:
-    """What follows a quotation mark without its partner is one statement."""
+    """The text after an unclosed quotation mark is one statement."""
     text = 'stream a contains = x; stream "b; c; d;'
     found = list(syntax_findings(parse_annotations, text, FilePlace('f', text, TextPosition(1, 1))))
     assert [each.place.position for each in found] == [TextPosition(1, 19), TextPosition(1, 31)]

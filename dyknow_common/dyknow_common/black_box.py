@@ -1,4 +1,4 @@
-"""What is recorded around the moment when a formula fails."""
+"""The recording around the moment when a formula fails."""
 
 from __future__ import annotations
 

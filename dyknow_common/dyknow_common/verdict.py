@@ -18,7 +18,7 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """How far a formula is from the change of its verdict (its robustness).
+    """Distance of a formula from the change of its verdict (its robustness).
 
     Above zero the formula is true, below zero false. The bounds are equal once no further state
     changes them. `str` is for people: `2.5 W (Power[uav1] > 150)`, `at most 3 m (...)`.

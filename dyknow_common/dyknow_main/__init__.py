@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 INTERRUPTED = 130
-"""The exit code of a command that the user has interrupted, as shells have it."""
+"""The exit code of an interrupted command, as in shells."""
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """The signals that stop a node."""

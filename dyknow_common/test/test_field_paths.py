@@ -1,4 +1,4 @@
-"""How paths are found among fields that are listed by array."""
+"""Lookup of paths among fields that are listed by array."""
 
 from __future__ import annotations
 

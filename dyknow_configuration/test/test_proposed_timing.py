@@ -42,7 +42,7 @@ def times(
 
 
 def violations(observed: TopicTimes, constraints: StreamConstraints) -> list[Violation]:
-    """What the dataflow reports of a topic with these constraints until the end."""
+    """Return the dataflow's reports of a topic with these constraints until the end."""
     found: list[Violation] = []
     flow = Dataflow(
         {}, lambda _: SourceType(None, not observed.is_stamped, has_ordered_stamps=True)

@@ -1,4 +1,4 @@
-"""How evaluations look on a terminal."""
+"""Evaluations on a terminal."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""What sources are made from, and whether it is there."""
+"""The streams that sources are made from, and their availability."""
 
 from dataclasses import replace
 

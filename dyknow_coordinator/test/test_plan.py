@@ -26,7 +26,7 @@ from dyknow_coordinator.plans.plan import Step, withdrawal
 ACTIONS = ('take_off', 'fly_to', 'land')
 ORDERS = ([], [Event.STARTED], [Event.STARTED, Event.SUCCEEDED], [Event.STARTED, Event.FAILED],
           [Event.FAILED])  # fmt: skip
-"""What may be reported of one action, in this order."""
+"""The possible reports on one action, in this order."""
 
 EACH = tuple(PlanFormula(holds.name, 'true', holds) for holds in Holds)
 PLAN = Plan(

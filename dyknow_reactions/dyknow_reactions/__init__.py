@@ -1,1 +1,1 @@
-"""What follows from verdicts: black boxes, triggers and guards."""
+"""Reactions to verdicts: black boxes, triggers and guards."""

@@ -1,4 +1,4 @@
-"""Which failures open a box, how long it is open, and which are refused."""
+"""Failures that open a box or are refused, and the time that it is open."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ class GroupResults:
         self.ends: dict[int, str] = {}
         """The residual texts of formulas that have a result."""
         self.histories: Histories | None = None
-        """What past operators look back to, which formulas with a result no longer do."""
+        """The states that past operators look back to; formulas with a result need none."""
         self._formulas = formulas
         self._counts = counts
         self._margins = margins

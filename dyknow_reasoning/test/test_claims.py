@@ -153,7 +153,7 @@ class Judge:
         }[found['how']]
 
     def claimed(self, right: Formula, left: Formula, i: int) -> list[tuple[Formula, int]]:
-        """What must hold where, if `left since right` is to hold through state i."""
+        """The truth of both sides that makes `left since right` hold through state i."""
         return [(right, i), *((left, k) for k in range(i + 1, len(self.states) - 1))]
 
     def check_fact(self, sentence: str) -> None:

@@ -29,7 +29,7 @@ EXAMPLES = random_cases(130)
 
 
 def verdicts(formula: Formula, trace: Trace) -> list[bool | None]:
-    """What progression knows after each state."""
+    """The knowledge of progression after each state."""
     group = FormulaGroup()
     group.add_formula('it', str(formula))
     group.begin({})

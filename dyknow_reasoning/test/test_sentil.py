@@ -59,7 +59,7 @@ def bounds(interval: Interval) -> str:
 
 
 def bounded(formula: Any) -> bool:
-    """Whether all windows have an end: a recording says nothing about the others."""
+    """True if all windows have an end: a recording says nothing about the others."""
     if not hasattr(formula, '__dataclass_fields__'):
         return not isinstance(formula, Interval)
     if isinstance(formula, Interval):
@@ -72,7 +72,7 @@ def bounded(formula: Any) -> bool:
 
 
 def ours(formula: Formula) -> Formula:
-    """What SENTIL means, whose left side of until has to hold at the present state too."""
+    """SENTIL's reading: the left side of until must also hold at the present state."""
     match formula:
         case Truth() | Feature():
             return formula

@@ -1,4 +1,4 @@
-"""What is decided without a state, and what thresholds on one term know of each other."""
+"""Formulas decided without a state, and thresholds on one term."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a check writes: JSON lines that their schema describes, and reports of JUnit."""
+"""Outputs of a check: JSON lines that their schema describes, and reports of JUnit."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def test_faults_of_a_log(path: Path) -> None:
 def test_no_verdict_depends_on_lost_messages(
     path: Path, change: str, reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What was certain before stays, unless it is unknown what is lost."""
+    """Earlier verdicts stay, unless it is unknown which messages are lost."""
     content = log(range(20))
     later = b''.join(data(0, START_US + n * PERIOD_US, n) for n in range(30, 40))
     lost = record('O', struct.pack('<H', 10 * PERIOD_US // 1000))

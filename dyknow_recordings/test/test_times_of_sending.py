@@ -25,7 +25,7 @@ def written(folder: Path, *records: bytes) -> Path:
 
 
 SENT_AND_LOGGED = [(0, 0, 80), (1, 0, 8), (1, 50, 58), (1, 100, 108), (1, 150, 158)]
-"""Whether a message is of /y, and when it was sent and recorded, in milliseconds."""
+"""A message: True if of /y, when it was sent and recorded, in milliseconds."""
 
 
 def sent_mcap(folder: Path, shift: int) -> Path:

@@ -28,7 +28,7 @@ _MENDS: Final = {
     'SQLITE_PERM': 'let this user read and write it',
     'SQLITE_READONLY': 'let this user write it and its folder',
 }
-"""What to do, by the name of an error of SQLite, or by its beginning."""
+"""The mend, by the name of an error of SQLite, or by its beginning."""
 
 
 @contextmanager

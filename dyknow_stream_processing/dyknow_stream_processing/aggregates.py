@@ -77,7 +77,7 @@ def aggregate(field: ComputedField, kind: ValueType | None) -> Callable[[Any], V
 
 
 def plain(value: Any) -> Any:
-    """Return a value of a message as samples have it; a byte is an int."""
+    """Convert a value of a message to a value of a sample; a byte is an int."""
     if isinstance(value, bytes):
         return value[0]
     return value.item() if isinstance(value, np.generic) else value

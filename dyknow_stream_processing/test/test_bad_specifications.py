@@ -1,4 +1,4 @@
-"""What is said of specifications that make no sense, as golden files."""
+"""Errors of specifications that make no sense, as golden files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the stream manager knows of streams and engines."""
+"""The stream manager's registry of streams and engines."""
 
 import pytest
 

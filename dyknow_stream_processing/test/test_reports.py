@@ -1,4 +1,4 @@
-"""What is broken before samples come to a dataflow."""
+"""Violations found before samples come to a dataflow."""
 
 from __future__ import annotations
 

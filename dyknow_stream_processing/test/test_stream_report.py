@@ -1,4 +1,4 @@
-"""How the flow of a stream is measured."""
+"""Measurement of the flow of a stream."""
 
 from hypothesis import given
 from hypothesis import strategies as st

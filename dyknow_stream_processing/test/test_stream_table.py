@@ -1,4 +1,4 @@
-"""How streams look on a terminal."""
+"""Streams on a terminal."""
 
 import io
 from dataclasses import replace

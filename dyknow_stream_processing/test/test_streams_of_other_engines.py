@@ -46,7 +46,7 @@ Tick = tuple[int, tuple[object, ...]]
 
 @dataclass
 class Message:
-    """What the first engine has sent: a sample, or its watermark alone."""
+    """A message of the first engine: a sample, or a watermark alone."""
 
     due: int
     number: int

@@ -1,4 +1,4 @@
-"""What sync does when it would have to keep, or to make, more than there is room and time for."""
+"""Behaviour of sync at the limits of its memory and time."""
 
 from __future__ import annotations
 

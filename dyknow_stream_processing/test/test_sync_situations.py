@@ -1,4 +1,4 @@
-"""What sync does when inputs are late, stop, never start, or come at different rates."""
+"""Behaviour of sync when inputs are late, stop, never start, or come at different rates."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class NaiveInput:
             self.seen.append((valid_time, number))
 
     def delivered(self, now: int) -> list[tuple[int, int]]:
-        """What has come, in order; with a max_delay, what has waited for it."""
+        """The samples received, in order; with a max_delay, those that have waited for it."""
         held = self.max_delay or 0
         if self.receipt_time:
             held = 0

@@ -74,7 +74,7 @@ class FormulaRun:
 
 
 class FormulaBehaviour:
-    """What behaviours over formulas share: a client from `setup` to `shutdown`."""
+    """Base of behaviours over formulas: a client from `setup` to `shutdown`."""
 
     client = None
 

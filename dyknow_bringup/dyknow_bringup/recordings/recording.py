@@ -43,7 +43,7 @@ OFFERED: Final = Qos(
     liveliness_lease_duration=_UNLIMITED,
     avoid_ros_namespace_conventions=False,
 )
-"""What the publishers of a recording offer."""
+"""The quality of service of a recording's publishers."""
 
 
 def record(

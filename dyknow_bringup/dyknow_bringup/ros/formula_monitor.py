@@ -84,7 +84,7 @@ class FormulaMonitor(DyKnowNode):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the log has warned of at the start."""
+        """The warnings in the log at the start."""
         return self._triggers.warnings
 
     @property

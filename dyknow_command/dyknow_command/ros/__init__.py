@@ -1,1 +1,1 @@
-"""What extends the commands of ROS 2."""
+"""Extensions of the commands of ROS 2."""

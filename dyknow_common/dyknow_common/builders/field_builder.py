@@ -88,7 +88,7 @@ def field_name(token: Token) -> str:
 
 
 def field_text(language: Language, name: str) -> str:
-    """Return the name of a field as texts of a language have it."""
+    """Return the name of a field in texts of a language."""
     field = parse_field(name)
     if str(field) != name:
         return quoted(name)

@@ -83,7 +83,7 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event, nodes: _No
 
 
 class _SignalEvent(ctypes.Structure):
-    """What happens when a timer of POSIX expires: `struct sigevent`."""
+    """The event of an expired POSIX timer: `struct sigevent`."""
 
     _fields_ = (
         ('value', ctypes.c_void_p),

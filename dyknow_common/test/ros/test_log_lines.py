@@ -1,4 +1,4 @@
-"""What nodes log, and how often."""
+"""The log lines of nodes, and their rate."""
 
 import pytest
 

@@ -70,7 +70,7 @@ class FeatureDraft:
 
 @dataclass(frozen=True, slots=True)
 class RobotDraft:
-    """What is proposed for observed topics.
+    """Proposals for observed topics.
 
     Args:
         objects: of each sort.

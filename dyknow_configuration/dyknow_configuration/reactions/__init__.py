@@ -1,1 +1,1 @@
-"""What follows from verdicts, as a robot.yaml describes it."""
+"""Reactions to verdicts in a robot.yaml."""

@@ -121,7 +121,7 @@ def _trigger(value: YamlValue, name: str = '') -> Trigger:
 
 
 class _Content:
-    """What an action sends, with the places of its values."""
+    """The message of an action, with the places of its values."""
 
     def __init__(self, value: YamlValue) -> None:
         self.content: Any = {}

@@ -1,4 +1,4 @@
-"""What the ontology declares for features: their units, and the sorts of their arguments."""
+"""Properties that the ontology declares for features: units, and sorts of arguments."""
 
 from __future__ import annotations
 

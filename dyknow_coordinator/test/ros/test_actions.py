@@ -1,4 +1,4 @@
-"""What the action servers of the coordinator keep."""
+"""Goals that the coordinator's action servers keep."""
 
 from __future__ import annotations
 

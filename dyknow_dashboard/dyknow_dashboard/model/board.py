@@ -31,7 +31,7 @@ MAX_DRAWN: Final = 40
 
 @dataclass(slots=True)
 class _Shown:
-    """What a page has of an opened formula."""
+    """The state of an opened formula on a page."""
 
     version: int = -1
     shape: tuple[Any, ...] | None = None
@@ -41,7 +41,7 @@ class _Shown:
 
 @dataclass(slots=True)
 class PageState:
-    """What a page has: the versions of the tables, and how far its drawings are.
+    """The state of a page: the versions of the tables, and the progress of its drawings.
 
     Args:
         interest: what it shows.

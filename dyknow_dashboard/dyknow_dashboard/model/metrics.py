@@ -1,4 +1,4 @@
-"""What the page shows, as metrics of Prometheus.
+"""The content of the page, as metrics of Prometheus.
 
 Gauges are of the latest reports. Counters count since a node was started, so they fall where one is
 started again, as Prometheus expects.

@@ -50,7 +50,7 @@ NODE_STATUS: Final = 'node_status'
 
 
 class GuardReports:
-    """What a guard reports of its gate.
+    """A guard's report on its gate.
 
     Args:
         adapter: of the node that watches.

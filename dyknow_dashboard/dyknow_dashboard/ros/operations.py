@@ -1,4 +1,4 @@
-"""What operators ask for on the page: formulas, their end, black boxes."""
+"""Requests of operators on the page: formulas, their end, black boxes."""
 
 from __future__ import annotations
 

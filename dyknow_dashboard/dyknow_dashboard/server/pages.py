@@ -63,7 +63,7 @@ class OpenPages:
 
     @property
     def states(self) -> list[PageState]:
-        """What each page has and shows."""
+        """The state and view of each page."""
         return [each.page for each in self.sockets]
 
     @property

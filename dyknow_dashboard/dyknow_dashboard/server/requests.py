@@ -52,7 +52,7 @@ class SystemOperator(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ServedSystem:
-    """What requests are about.
+    """The subjects of requests.
 
     Args:
         board: the state of the system.

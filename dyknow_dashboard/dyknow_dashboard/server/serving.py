@@ -55,7 +55,7 @@ _FILES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class ServerOptions:
-    """Where and how the page is served.
+    """The address and options of the server.
 
     Args:
         host: the address or name to listen on.

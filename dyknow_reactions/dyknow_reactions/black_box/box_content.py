@@ -1,4 +1,4 @@
-"""What a black box knows beside its messages: the formula, and what its states are made of."""
+"""The metadata of a black box: the formula, and the sources of its states."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RecordedStateNumber(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class StateOrigin:
-    """What the states of a formula are made of.
+    """The sources of a formula's states.
 
     Args:
         states: the specification of its state stream.
@@ -194,7 +194,7 @@ def _horizon(part: Any) -> int:
 
 @dataclass(slots=True)
 class FormulaOrigin:
-    """What is known of the states of a formula while it is watched.
+    """The knowledge about the states of a watched formula.
 
     Args:
         status: the latest one with a state, or the first.

@@ -7,10 +7,10 @@ from typing import Final
 from dyknow_common import NANOSECONDS, SECOND_NS
 
 TOLERANCE_NS: Final = 100 * NANOSECONDS['ms']
-"""How far the system clock may be corrected between two looks."""
+"""The largest correction of the system clock between two looks."""
 
 STEP_NS: Final = SECOND_NS
-"""How far simulated time may advance between two looks: a simulation may be fast."""
+"""The largest advance of simulated time between two looks: a simulation may be fast."""
 
 
 class ClockJumps:

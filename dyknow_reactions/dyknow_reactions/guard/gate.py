@@ -30,7 +30,7 @@ from dyknow_common import format_duration, round_duration
 
 
 class GateState(IntEnum):
-    """Whether messages pass; numbers as in dyknow_interfaces/msg/GuardStatus."""
+    """The state of a gate; numbers as in dyknow_interfaces/msg/GuardStatus."""
 
     OPEN = 0
     CLOSED = 1
@@ -39,7 +39,7 @@ class GateState(IntEnum):
 
 @dataclass(slots=True)
 class _Known:
-    """What is known of a formula or a node.
+    """The last sign of a formula or a node.
 
     Args:
         time: at which the latest state was valid, or of the latest sign of life; None if there is

@@ -37,7 +37,7 @@ LOG_LENGTH: Final = 20
 
 
 class TriggerState(IntEnum):
-    """How a use of a trigger went; numbers as in DiagnosticStatus."""
+    """The outcome of a use of a trigger; numbers as in DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -79,7 +79,7 @@ class TriggerUse:
 
     @property
     def target(self) -> tuple[str, TriggerKind, str]:
-        """What runs in the order of its events: the formula with the target of the trigger."""
+        """The key of runs that keep their order: the formula and the trigger's target."""
         kind = self.trigger.kind
         # A goal that is sent late must not survive the cancellation that follows it.
         kind = TriggerKind.SEND_GOAL if kind is TriggerKind.CANCEL_GOAL else kind

@@ -119,7 +119,7 @@ class Exists(_Quantifier):
 
 
 class CountBound(StrEnum):
-    """How a count is compared with a number."""
+    """The comparison of a count with a number."""
 
     AT_LEAST = 'at least'
     AT_MOST = 'at most'

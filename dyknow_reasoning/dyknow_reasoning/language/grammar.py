@@ -45,7 +45,7 @@ _CORRECTIONS: Final = {
     '=<': '<=',
     '<>': '!=',
 }
-"""What other languages write, and mistakes; the closest of these words is proposed for others."""
+"""Words of other languages, and mistakes; the closest of these words is proposed for others."""
 
 _ADVICE: Final = {
     r'\b(?i:if|when|whenever|then|else)\b(?:\s*\([^()]*)?': "write 'p -> q' for 'if p then q'",
@@ -58,7 +58,7 @@ _ADVICE: Final = {
     r'\[\s*\]': "did you mean 'always' instead of '[]'?",
     r'[{}]': 'use round brackets',
 }
-"""What to write instead of mistakes that are more than a word."""
+"""Corrections of mistakes that are more than a word."""
 
 LANGUAGE: Final = Language(
     'formula',

@@ -32,7 +32,7 @@ from dyknow_reasoning.progression.nodes import (
 from dyknow_reasoning.progression.progression import Progression
 
 _Entries = tuple[tuple[Bound | None, Node], ...]
-"""What remains of an operand, and the state since when; None if its window has no end."""
+"""The rest of an operand, and the state since when; None if its window has no end."""
 
 
 class RememberingProgression(Progression):

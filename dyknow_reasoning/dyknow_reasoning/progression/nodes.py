@@ -116,7 +116,7 @@ class PreviousState(_NodeBase):
 PastNode: TypeAlias = PastWindow | PreviousState
 
 Memory: TypeAlias = tuple[PastNode, tuple[tuple[Bound | None, 'Node'], ...]]
-"""What remains of the operand of a past operator since each of some earlier states."""
+"""The rest of a past operator's operand since each of some earlier states."""
 
 
 @dataclass(eq=False, slots=True)

@@ -1,4 +1,4 @@
-"""What each operator of the past remembers, over operands that each state decides.
+"""The memory of each past operator, over operands that each state decides.
 
 A memory takes the truth of the operands at each state, and returns that of the operator. `once`
 and `historically` are written with `since`: `once F` is `true since F`, and `historically F` is

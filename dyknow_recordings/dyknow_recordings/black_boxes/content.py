@@ -57,7 +57,7 @@ _METADATA: Final = 'metadata.yaml'
 
 @dataclass(frozen=True, slots=True)
 class BlackBoxContent:
-    """What a black box knows beside its messages.
+    """The metadata of a black box.
 
     Args:
         name: of the formula, for people.
@@ -113,7 +113,7 @@ class BlackBoxContent:
 
     @property
     def files(self) -> MonitoringFiles:
-        """What the check of the bag needs beside the formula.
+        """The inputs of a check of the bag beside the formula.
 
         Raises:
             DyKnowError: if the constraints are no constraints.

@@ -1,4 +1,4 @@
-"""What the messages of a recorded topic hold."""
+"""Contents of the messages of a recorded topic."""
 
 from __future__ import annotations
 

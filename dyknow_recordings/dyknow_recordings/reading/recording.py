@@ -251,7 +251,7 @@ class RecordingReader(ABC):
     @property
     @abstractmethod
     def contents(self) -> Mapping[str, TopicContent]:
-        """What the messages of each topic hold, by its name; sorted by name."""
+        """The contents of the messages of each topic, sorted by its name."""
 
     @property
     def start_time(self) -> int:

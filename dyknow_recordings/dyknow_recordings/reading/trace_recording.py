@@ -61,7 +61,7 @@ class TraceRecording(RecordingReader):
 
     @property
     def contents(self) -> Mapping[str, TopicContent]:
-        """What the rows hold."""
+        """The contents of the rows."""
         content = TopicContent(TRACE_TYPE, self._fields, has_stamp=True, count=self._count)
         return {TRACE_TOPIC: content}
 

@@ -90,7 +90,7 @@ class UlogRecording(RecordingReader):
 
     @property
     def contents(self) -> Mapping[str, TopicContent]:
-        """What the messages of each topic hold; all are valid at the time of logging."""
+        """The contents of the messages of each topic; all are valid at the time of logging."""
         return {
             name: TopicContent(
                 topic.message_type, topic.fields, has_stamp=False, count=len(topic.times)

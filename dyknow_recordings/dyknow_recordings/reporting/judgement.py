@@ -10,7 +10,7 @@ from dyknow_recordings.evaluation.results import FormulaReport, Outcome, Recordi
 
 
 class Judgement(StrEnum):
-    """Which formulas pass that are undecided at the end.
+    """Decides which formulas pass that are undecided at the end.
 
     AUTO: invariants that were not broken pass, obligations that were not met fail.
     """

@@ -1,4 +1,4 @@
-"""What the ontology manager does in worker processes: reading documents, answering queries."""
+"""Work of the ontology manager in worker processes: reading documents, answering queries."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _WAITING: Final = 16
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What requests may cost, and reach; each is a parameter of the node."""
+    """Limits of the cost and reach of requests; each is a parameter of the node."""
 
     access: Access
     load_limit_s: float

@@ -28,7 +28,7 @@ _START_LIMIT_S: Final = 60.0
 
 
 class CallOutcome(StrEnum):
-    """How the call of a function has ended; the value of each comes with it."""
+    """The outcome of a function call, which comes with a value."""
 
     RESULT = 'result'
     ERROR = 'error'

@@ -39,7 +39,7 @@ class SelectOperator(Operator):
         self._rejected: tuple[str, Value] | None = None
         """The latest value for which a sample was not selected, and its field."""
         self._absent = ''
-        """Which element the latest message without one lacks."""
+        """The element that the latest incomplete message lacks."""
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int

@@ -27,7 +27,7 @@ REPORT_PERIOD_NS: Final = SECOND_NS
 
 
 class SenderClock:
-    """What the messages of one topic take at least.
+    """The least time that the messages of one topic take.
 
     Attributes:
         transport: the least time from sending to receipt in the window before and in this one, in

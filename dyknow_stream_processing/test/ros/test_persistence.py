@@ -1,4 +1,4 @@
-"""What a stream manager keeps over its restart."""
+"""The memory of a stream manager over its restart."""
 
 import os
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the states of the watched formulas are made of, found while they are evaluated."""
+"""Sources of the states of watched formulas, found while they are evaluated."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dyknow_reactions.black_box.box_content import (
 from dyknow_reactions.black_box.failures import FormulaKey
 
 SEARCH_ATTEMPTS: Final = 3
-"""How often the objects of a formula's sorts and its streams are looked for."""
+"""The number of attempts to find the objects and streams of a formula."""
 
 RETRY_DELAY_S: Final = 1.0
 

@@ -55,7 +55,7 @@ class StateReceiver(Protocol):
 
 
 class StateServices(NamedTuple):
-    """What all formulas of a guard use.
+    """Parts that all formulas of a guard share.
 
     Args:
         node: the guard.

@@ -31,7 +31,7 @@ GiveUp = Callable[[], str]
 
 
 class TriggerAction(Protocol):
-    """What a trigger does."""
+    """The action of a trigger."""
 
     def begin(self, report: TriggerReport, end: End) -> GiveUp:
         """Begin an attempt, without waiting for it.

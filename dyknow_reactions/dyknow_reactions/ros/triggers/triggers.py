@@ -108,7 +108,7 @@ class Triggers:
 
     @property
     def uses(self) -> tuple[TriggerUse, ...]:
-        """How each use of a trigger went."""
+        """The outcome of each use of a trigger."""
         return self._runs.uses
 
     @property

@@ -1,4 +1,4 @@
-"""What formulas that begin later look back to, where that is not decided when a state is seen.
+"""The history of formulas that begin later, where a state does not decide it at once.
 
 An operator of the past over one of the future remembers what remains of its operand since earlier
 states (see `progression.memories`). A history progresses these from its first state on. A formula
@@ -27,7 +27,7 @@ from dyknow_reasoning.progression.past_operators import interval_of
 
 
 class OperandHistory:
-    """What the past operators of an instance remember.
+    """The memory of an instance's past operators.
 
     Args:
         instance: the instance; its operators of the past over the past alone have fields.

@@ -172,7 +172,7 @@ class Register:
 
     @cached_property
     def form(self) -> Any:
-        """What is equal for registers that differ only in their fields; None if it stays single."""
+        """The key shared by registers that differ only in their fields; None if it stays single."""
         operands = self.operands
         forms = tuple(atom_form(operands.atoms[slot], self.kinds) for slot in slots(self.mask))
         if None in forms or not 0 < self.mask.bit_length() <= MAX_BATCH_SLOTS:

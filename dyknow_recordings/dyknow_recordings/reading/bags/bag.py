@@ -111,7 +111,7 @@ class Bag(RecordingReader):
 
     @cached_property
     def contents(self) -> Mapping[str, TopicContent]:
-        """What the messages of each topic hold, by its name; sorted by name."""
+        """The contents of the messages of each topic, sorted by its name."""
         return {
             topic: self._content(channels) for topic, channels in sorted(self._by_topic().items())
         }

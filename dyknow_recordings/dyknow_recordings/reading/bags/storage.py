@@ -1,4 +1,4 @@
-"""What the formats of rosbag2 have in common: channels with serialised messages in blocks."""
+"""Common parts of the formats of rosbag2: channels with serialised messages in blocks."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class StorageFile(Protocol):
     """The number of messages of each channel; faults may leave out some."""
 
     faults: FaultCounter
-    """Where faults are counted."""
+    """The counter of faults."""
 
     default_distro: str
     """The distribution of ROS 2 that it is taken to be from if nothing names one."""

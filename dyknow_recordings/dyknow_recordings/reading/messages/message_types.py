@@ -43,7 +43,7 @@ _ENCODINGS: Final = {'.msg': 'ros2msg', '.srv': 'ros2msg', '.idl': 'ros2idl'}
 
 @dataclass(frozen=True, slots=True)
 class MessageTypes:
-    """Where the definitions are that a recording lacks. It can be pickled.
+    """Sources of message definitions that a recording lacks. It can be pickled.
 
     Args:
         distro: of ROS 2, such as `humble`; empty: the one that the recording names.

@@ -79,7 +79,7 @@ class DecidingState:
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """What is marked in all panels of a formula.
+    """Marks in all panels of a formula.
 
     Args:
         deciding: the states that decided the first episode of each run with the worst outcome.

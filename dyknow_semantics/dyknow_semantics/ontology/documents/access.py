@@ -16,7 +16,7 @@ MAX_STATEMENTS: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """What may be read for one request.
+    """The documents that one request may read.
 
     Args:
         folders: only files below these are read; `None` stands for all files.

@@ -48,7 +48,7 @@ _STATIC_PORT: Final = 1
 
 @dataclass(slots=True)
 class Changes:
-    """What a message has changed, by child frame.
+    """Changes by a message, by child frame.
 
     Args:
         added: the valid times of its transforms.
