@@ -1,4 +1,4 @@
-"""Limits of the texts of all languages, and of what is kept of them."""
+"""Size limits for source texts and for their caches."""
 
 from __future__ import annotations
 

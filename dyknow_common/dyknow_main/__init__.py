@@ -86,9 +86,9 @@ def ignore(numbers: Iterable[int]) -> None:
     """Ignore signals."""
     libc = ctypes.CDLL(None) if os.name == 'posix' else None
     for number in numbers:
-        # Python prints an error for a signal that is ignored and that it has received before, as
-        # another thread may have without having told it yet. Python is told at its end alone, when
-        # it would else set the default action.
+        # Python prints an error for an ignored signal that it has received already, perhaps in
+        # another thread. So it keeps a handler that does nothing, and the C library ignores it.
+        # At its end, Python would set the default action, so it ignores the signal from then on.
         signal.signal(number, lambda *_: None)
         if libc is not None:
             libc.signal(number, ctypes.c_void_p(signal.SIG_IGN))

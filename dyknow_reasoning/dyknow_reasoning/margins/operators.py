@@ -166,8 +166,8 @@ class MarginOperator(Copyable, ABC):
     def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
         """Return the margins that were not returned by `step` yet, if the future is unknown.
 
-        They may end before all others that reach the limit. Each that reaches the limit may be
-        another that does, too: whoever calls this only needs those that do not.
+        They may end before all others that reach the limit. Margins at or beyond the limit may be
+        inexact; callers use only those short of it.
 
         Args:
             limit: a margin; `unknown` to get all that differ from it.

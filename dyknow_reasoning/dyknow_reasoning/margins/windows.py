@@ -66,7 +66,7 @@ class MarginWindow(Copyable, ABC):
     ) -> float | None:
         """Return the time of a margin that reaches a limit, the latest one if it is before `since`.
 
-        Of pairs, it is the right margin.
+        For pairs, the right-hand margin.
         """
         *found_for, time = self._found
         if time >= since and found_for == [limit, unknown]:

@@ -309,7 +309,7 @@ class StreamProcessingEngine(DyKnowNode):
     def _publish_violation(self, name: str, violation: Violation) -> None:
         topics = map(self.resolve_topic_name, self._dataflow.topics(name))
         if violation.constraint == ViolationKind.SOURCE and violation.stream_name in topics:
-            # Made from another stream, it is another stream: who has chosen it must be told.
+            # Made from another stream, it gets a new id, which its users must receive.
             self._outputs[name].writer.renew()
             self._report_publisher.publish_soon()
         # The node may be later than the receipt of the sample. Subscribers ignore violations from

@@ -160,8 +160,8 @@ class DirectSubscription:
         self._received = self._delivered = self._dropped = self._reported = 0
         self._direct_senders: set[str] = set()
         self._is_destroyed = False
-        # The latest ones of a latched topic, whose copies may come when the publisher has ended and
-        # nobody knows any more whose they are.
+        # The latest messages of a latched topic: their copies may come after the publisher has
+        # ended, when their sender is unknown.
         is_latched = qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
         self._latest: deque[Any] = deque(maxlen=_MAX_COMPARED if is_latched else 0)
         self._guard = MessageGuard(node, name, self._pass_on, refusal, self._is_copy)

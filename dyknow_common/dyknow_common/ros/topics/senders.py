@@ -103,7 +103,7 @@ class _Taker:
 
 
 class _Takers(local):
-    """The taker of each thread, as a taker has one memory."""
+    """One taker per thread: a taker owns a single buffer."""
 
     def __init__(self) -> None:
         self.taker: _Taker | None = None

@@ -1,4 +1,4 @@
-"""Steps of all open starts of an instance as look-ups, while states come at a fixed period.
+"""Table-driven stepping of an instance's open starts, for periodic states.
 
 A *joint position* is what `OpenStarts` holds, relative to the latest state: for each group its
 location, the ages of its clocks, and its runs, by how many states ago they begin and end. At a

@@ -88,7 +88,7 @@ def count_outside(runs: Sequence[Run], others: Sequence[Run]) -> int:
 
 
 def coalesced(runs: Iterable[Run]) -> list[Run]:
-    """Return runs, which may overlap, as few disjoint ones; they are in order of their first."""
+    """Merge runs, sorted by first state, into the fewest disjoint runs."""
     found: list[Run] = []
     for run in runs:
         if found and run.first <= found[-1].last + 1:

@@ -49,7 +49,7 @@ RETRY_PERIOD_S: Final = 1.0
 """Time between two attempts to make the streams that wait."""
 
 _ANY: Final[Mapping[str, int]] = {}
-"""The choice of who reads whatever streams the topics have."""
+"""The ids of a reader that accepts any stream on its topics."""
 
 _NO_RESPONSE: Final = (ExitCode.UNAVAILABLE, ExitCode.TIMEOUT)
 """Errors worth retrying, after which an engine may still do what was requested."""

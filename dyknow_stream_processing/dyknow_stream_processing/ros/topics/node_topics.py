@@ -200,7 +200,7 @@ class NodeTopics:
         stream has replaced this one.
         """
         feeds = [each for each in self._feeds.values() if each.topic == topic]
-        # Each is told, also those after one that knows better.
+        # Every feed must receive the id, so no short cut.
         return False not in [each.expect(stream_id) for each in feeds]
 
     def fault(self, topic: str) -> str:

@@ -47,8 +47,8 @@ class Publication:
     Args:
         type_name: the message type, such as `nav_msgs/msg/Odometry`.
         publishers: identifiers of the publishers.
-        reliable: True if each publisher sends lost messages again.
-        latched: True if each publisher keeps messages for later subscriptions.
+        reliable: True if every publisher is reliable.
+        latched: True if every publisher keeps messages for later subscriptions.
     """
 
     type_name: str

@@ -55,7 +55,7 @@ class SequenceGaps:
         del expected[: max(len(expected) - publishers, 0)]
         before = max((each for each in expected if each < number), default=None)
         if len(expected) < publishers:
-            # A publisher that was silent so far, unless one that has published lost some.
+            # Either a new publisher's first message, or a loss by a known one.
             if before is not None or not self._known <= known:
                 self._on_gap(0)
         elif before is None:

@@ -37,7 +37,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 
 class TopicsOfNode(Protocol):
-    """The topics of a node, as one of them sees them."""
+    """The interface of a node's topics that a TopicFeed needs."""
 
     heartbeats: Heartbeats
     watermarks: WatermarkSubscriptions
