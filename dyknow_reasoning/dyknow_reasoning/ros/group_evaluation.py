@@ -83,8 +83,11 @@ class GroupEvaluation:
     """One formula group and the state stream that it is progressed over.
 
     To change to another stream without a gap, the states of the new stream are queued until the
-    old stream has delivered a state as late as the first of them. A stream on standby replaces the
-    old one at once, also after a violation, with the states that were kept of it.
+    old stream has delivered a state as late as the first of them. If too many wait, or the old
+    stream does not get there in time, or a violation concerns its progressed states, there is a
+    gap. A stream on standby replaces the old one at once, also after a violation, with the states
+    that were kept of it. A violation pauses the group until then: a verdict over states that broke
+    a constraint would be unsound.
 
     Work that takes long, of requests, states and reports, happens in the background.
     """
