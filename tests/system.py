@@ -174,6 +174,8 @@ class Client:
 SOON_NOTICED: Mapping[str, Mapping[str, ParameterValue]] = {
     'stream_reasoning_coordinator': {'silence_limit': 2.5},
     'stream_reasoning_engine': {'progress_period': 0.2},
+    # On a busy computer, messages without stamps take longer than the default.
+    'stream_processing_engine': {'default_transport_delay': 2.0},
 }
 """Parameters with which silence and progress are reported sooner than by default."""
 

@@ -93,6 +93,29 @@ def test_the_clock_of_a_running_node_stays(nodes: Nodes, node: str) -> None:
     assert set_to(False).successful
 
 
+def test_limits_change_while_a_node_runs_and_periods_do_not(nodes: Nodes) -> None:
+    def set_to(node: str, name: str, **value: Any) -> Any:
+        wanted = Parameter(name=name, value=ParameterValue(**value))
+        service = f'/{node}/set_parameters'
+        return nodes.client.call(SetParameters, service, parameters=[wanted]).results[0]
+
+    def characters(number: int) -> Any:
+        kind = ParameterType.PARAMETER_INTEGER
+        return set_to('stream_manager', 'max_specification', type=kind, integer_value=number)
+
+    spec = StreamSpec(name='long', specification=f'select a as {"a" * 100} from nowhere')
+    assert characters(100).successful
+    refused = nodes.call('stream_manager', srv.StreamCreateFromSpec, spec=spec)
+    assert_refused(refused.exit_status, INVALID, 'max_specification', 'allows 100')
+    assert not characters(99).successful
+    assert characters(1000).successful
+    refused = nodes.call('stream_manager', srv.StreamCreateFromSpec, spec=spec)
+    assert_refused(refused.exit_status, ExitStatus.NOT_FOUND, 'nowhere')
+    kind = ParameterType.PARAMETER_DOUBLE
+    fixed = set_to('stream_reasoning_engine', 'progress_period', type=kind, double_value=2.0)
+    assert (fixed.successful, 'read-only' in fixed.reason) == (False, True)
+
+
 @pytest.mark.parametrize('node', NODES)
 def test_a_parameter_of_an_unknown_type_ends_no_node(nodes: Nodes, node: str) -> None:
     wrong = Parameter(name='use_sim_time', value=ParameterValue(type=200))

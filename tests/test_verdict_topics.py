@@ -187,7 +187,7 @@ def test_topics_are_limited_and_removed(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(node.get_logger(), 'warning', warnings.append)
     running = EvaluationStatus('power', POWER, EvaluationPhase.RUNNING, started=1)
     statuses |= {'1': running, '2': replace(running, name='speed')}
-    VerdictPublishers(node, lambda: statuses, 1)
+    VerdictPublishers(node, lambda: statuses, lambda: 1)
     reporter.until(lambda: topics(reporter.client) == {'power'}, 'one topic')
     assert warnings
     assert 'the verdicts of speed' in warnings[0]

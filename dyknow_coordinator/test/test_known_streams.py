@@ -79,6 +79,19 @@ def test_a_source_is_there_if_all_that_it_names_is(
     assert known.is_available(source(text)) is there
 
 
+def test_a_stream_whose_topics_nobody_publishes_is_not_there() -> None:
+    """Its engine publishes it, without samples: a source that has failed is better."""
+    known = KnownStreams(STREAMS, {'/dyknow/streams/altitude', '/x/climb'}.__contains__)
+    for text in ('altitude', 'select v from climb', 'select altitude from "/x/climb"'):
+        assert not known.is_available(source(text)), text
+
+
+def test_one_topic_of_transforms_is_enough() -> None:
+    for published, there in (({'/tf'}, True), ({'/tf_static'}, True), (set(), False)):
+        known = KnownStreams((), published.__contains__)
+        assert known.is_available(source('tf("map", "base")')) is there
+
+
 @pytest.mark.parametrize(
     ('origin', 'names'),
     [

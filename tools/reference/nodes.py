@@ -44,10 +44,10 @@ SAMPLE, VIOLATION = 'dyknow_interfaces/msg/Sample', 'dyknow_interfaces/msg/Const
 INTRODUCTION = """\
 The seven nodes of DyKnow, `formula_markers` and `black_box_recorder`. Names that begin with `~/`
 are within the name of the node: `~/evaluate_formula` of the coordinator is
-`/stream_reasoning_coordinator/evaluate_formula`. In names, `*` stands for any text. Parameters
-are read at the start, from a params file, the `nodes` of a [robot.yaml](../configuration.md), or
-`--ros-args -p NAME:=VALUE`. [Limits](../limits.md) explains those that bound what a request may
-cost."""
+`/stream_reasoning_coordinator/evaluate_formula`. In names, `*` stands for any text. Parameters come
+from a params file, the `nodes` of a [robot.yaml](../configuration.md), or `--ros-args -p
+NAME:=VALUE`; those that can change are also set by `ros2 param set`. [Limits](../limits.md)
+explains those that bound what a request may cost."""
 
 EVERY_NODE = """\
 Every node publishes `~/heartbeat` ([`Heartbeat`](interfaces.md#heartbeat)), by which others know
@@ -112,7 +112,7 @@ def _parameter(node, name):
         for each in (*descriptor.integer_range, *descriptor.floating_point_range)
     ]
     text = ' '.join(filter(None, (descriptor.description, *bounds)))
-    return _default(value), text
+    return _default(value), 'no' if descriptor.read_only else 'yes', text
 
 
 def _default(parameter):
@@ -130,7 +130,7 @@ def _common(common, plain):
         (
             '## Every node',
             EVERY_NODE,
-            table(('parameter', 'default', ''), rows),
+            table(('parameter', 'default', 'can change', ''), rows),
         )
     )
 
@@ -151,7 +151,7 @@ def _section(node, common, used):
         parts.append(f'It subscribes to {listed(subscribed)}.' if subscribed else '')
     own = described['parameters'].keys() - common['parameters'].keys()
     rows = [(code(each), *described['parameters'][each]) for each in sorted(own)]
-    parts.append(table(('parameter', 'default', ''), rows))
+    parts.append(table(('parameter', 'default', 'can change', ''), rows))
     return '\n\n'.join(filter(None, parts))
 
 

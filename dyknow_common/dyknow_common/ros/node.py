@@ -69,7 +69,7 @@ class DyKnowNode(Node):
         self.started_at = int(Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds)
         """The time of start by the system clock, in nanoseconds; unique among nodes of one name."""
         self.heartbeat = NodeHeartbeat(self, self.started_at, self._publish_status)
-        self.hang_limit_s = self.parameter(
+        self.hang_limit_s = self.changing_parameter(
             'hang_limit',
             HANG_LIMIT_S,
             'Seconds without progress after which the process of the node ends; 0: never.',
@@ -252,7 +252,33 @@ class DyKnowNode(Node):
         bounds: tuple[float, float] | None = None,
     ) -> Any:
         """Declare a parameter that is read at the start, and return its value."""
-        descriptor = ParameterDescriptor(description=description, read_only=True)
+        return self._declare(name, default, description, bounds, is_fixed=True)
+
+    def changing_parameter(
+        self,
+        name: str,
+        default: Any,
+        description: str,
+        bounds: tuple[float, float] | None = None,
+    ) -> Callable[[], Any]:
+        """Declare a parameter that may change at any time; return what reads its present value."""
+        self._declare(name, default, description, bounds, is_fixed=False)
+        return lambda: self.get_parameter(name).value
+
+    def _declare(
+        self,
+        name: str,
+        default: Any,
+        description: str,
+        bounds: tuple[float, float] | None,
+        *,
+        is_fixed: bool,
+    ) -> Any:
+        descriptor = ParameterDescriptor(
+            description=description,
+            read_only=is_fixed,
+            additional_constraints='It is read when the node starts.' if is_fixed else '',
+        )
         if bounds is not None and isinstance(default, float):
             low, high = bounds
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]

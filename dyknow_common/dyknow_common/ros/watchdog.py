@@ -59,7 +59,7 @@ class Watchdog:
         """Publish the heartbeats of nodes whose executors are about to run."""
         self._nodes = tuple(nodes)
         # If no thread can run, it is unknown which node hangs. A limit of 0 is none.
-        limits = [each.hang_limit_s for each in self._nodes]
+        limits = [each.hang_limit_s() for each in self._nodes]
         self._limit_s = min(filter(None, limits), default=0.0)
 
     def stop(self) -> None:
@@ -99,7 +99,7 @@ class Watchdog:
             if node.context.ok():
                 raise
             return False
-        if node.context.ok() and 0.0 < node.hang_limit_s < hung_s:
+        if node.context.ok() and 0.0 < node.hang_limit_s() < hung_s:
             _end_hung(node.get_name(), hung_s)
         return True
 

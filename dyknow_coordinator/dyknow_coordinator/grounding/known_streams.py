@@ -159,11 +159,16 @@ class KnownStreams:
         return frozenset(found - {''})
 
     def is_available(self, source: FeatureSource) -> bool:
-        """Return True if all streams and topics that a source names are published."""
-        names = _source_names(source)
-        return all(map(self._is_stream_published, names.streams)) and all(
-            map(self._is_published, names.topics)
-        )
+        """Return True if all streams that a source names, and its topics, are published.
+
+        A stream whose topics nobody publishes may be published all the same, without samples.
+        """
+        if not all(map(self._is_stream_published, _source_names(source).streams)):
+            return False
+        topics = {*self.topics([source])}
+        transforms = topics & {'/tf', TF_STATIC}
+        are_published = all(map(self._is_published, topics - transforms))
+        return are_published and (not transforms or any(map(self._is_published, transforms)))
 
     def is_flowing(self, source: FeatureSource) -> bool:
         """Return True unless a stream that a source is made from is known to have no samples."""

@@ -79,7 +79,7 @@ class VerdictTopicNames:
     """Assigns topics to evaluations.
 
     Args:
-        limit: the number of topics.
+        limit: the number of topics; it may change.
 
     Attributes:
         without: the names of the evaluations that have no topic because of the limit.
@@ -87,7 +87,7 @@ class VerdictTopicNames:
 
     def __init__(self, limit: int) -> None:
         self.without: tuple[str, ...] = ()
-        self._limit = limit
+        self.limit = limit
         self._tokens: dict[str, str] = {}
         """The tokens of all evaluations by their keys; empty if another one has taken it over."""
         self._owners: dict[str, str] = {}
@@ -124,7 +124,7 @@ class VerdictTopicNames:
 
     def _make_room(self, evaluations: Mapping[str, EvaluationStatus]) -> bool:
         """Return True if there may be one more topic; one of an ended evaluation makes room."""
-        if len(self._owners) < self._limit:
+        if len(self._owners) < self.limit:
             return True
         for token, key in self._owners.items():
             if evaluations[key].phase is EvaluationPhase.ENDED:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import prod
-from typing import Final, Self
+from typing import Final
 
 from dyknow_common import ExitCode, Symbol
 from dyknow_common.ros import DyKnowNode
@@ -26,25 +25,18 @@ _PARAMETERS: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
 class CoordinatorLimits:
-    """Limits; each error names the field, which is a parameter."""
+    """The parameters of a node that limit requests, which may change; each error names one."""
 
-    evaluation_limit: int
-    plan_limit: int
-    plan_part_limit: int
-    object_limit: int
-    feature_limit: int
-    ended_limit: int
-    verdict_topic_limit: int
-
-    @classmethod
-    def declare(cls, node: DyKnowNode) -> Self:
-        """Declare the parameters of a node, and return their values."""
-        found = {
-            name: node.parameter(name, *rest, (1, 10_000_000)) for name, rest in _PARAMETERS.items()
+    def __init__(self, node: DyKnowNode) -> None:
+        self._values = {
+            name: node.changing_parameter(name, *rest, (1, 10_000_000))
+            for name, rest in _PARAMETERS.items()
         }
-        return cls(**found)
+
+    def __getitem__(self, parameter: str) -> int:
+        """Return the present value of a parameter."""
+        return int(self._values[parameter]())
 
     def check(
         self, parameter: str, count: int, what: str, code: ExitCode = ExitCode.INVALID_ARGUMENT
@@ -54,7 +46,7 @@ class CoordinatorLimits:
         Raises:
             CoordinationError: if it exceeds the limit.
         """
-        limit = getattr(self, parameter)
+        limit = self[parameter]
         if count > limit:
             remedy = (
                 'try again when others have ended, or raise the parameter'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
@@ -58,36 +59,36 @@ _PROGRESS_FIELDS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class _Settings:
-    """Parameters of the coordinator, in seconds."""
+    """Parameters of the coordinator, which may change, in seconds."""
 
-    default_timeout_s: float
-    max_timeout_s: float
-    keep_ended_s: float
-    silence_limit_s: float
+    default_timeout_s: Callable[[], float]
+    max_timeout_s: Callable[[], float]
+    keep_ended_s: Callable[[], float]
+    silence_limit_s: Callable[[], float]
 
     @classmethod
     def declare(cls, node: DyKnowNode) -> Self:
-        """Declare the parameters of a node, and return their values."""
+        """Declare the parameters of a node, and return what reads them."""
         return cls(
-            default_timeout_s=node.parameter(
+            default_timeout_s=node.changing_parameter(
                 'default_timeout',
                 60.0,
                 'Seconds for which a formula is evaluated if the client gives no timeout.',
                 (0.1, 1e9),
             ),
-            max_timeout_s=node.parameter(
+            max_timeout_s=node.changing_parameter(
                 'timeout_limit',
                 0.0,
                 'Longest timeout in seconds, whatever the client requests; 0: no limit.',
                 (0.0, 1e9),
             ),
-            keep_ended_s=node.parameter(
+            keep_ended_s=node.changing_parameter(
                 'keep_ended',
                 30.0,
                 'Seconds for which a formula is reported to operators after its end.',
                 (0.0, 1e6),
             ),
-            silence_limit_s=node.parameter(
+            silence_limit_s=node.changing_parameter(
                 'silence_limit',
                 SILENCE_LIMIT_NS / SECOND_NS,
                 'Seconds after which a silent stream is replaced, if others match, and operators '
@@ -106,7 +107,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._settings = _Settings.declare(self)
         own = self.get_fully_qualified_name()
         self._prefix = f'{_STATES}_{zlib.crc32(own.encode()):08x}_'
-        limits, background = CoordinatorLimits.declare(self), Background(self)
+        limits, background = CoordinatorLimits(self), Background(self)
         clients = ServiceClients(self, background)
         self._shared = CoordinatorContext(
             node=self,
@@ -128,7 +129,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._report = EvaluationsReport(
             self, self._statuses, self._settings.silence_limit_s, nodes.diagnostics
         )
-        self._verdicts = VerdictPublishers(self, self._named, limits.verdict_topic_limit)
+        self._verdicts = VerdictPublishers(self, self._named, lambda: limits['verdict_topic_limit'])
         ChangeListener(self, clients.version_topics, self._on_semantics_changed)
         SilenceMonitor(self._shared, self._groups, self._settings.silence_limit_s)
         self._follow_nodes(clients)
@@ -174,9 +175,9 @@ class StreamReasoningCoordinator(DyKnowNode):
         await evaluation.run()
         self._log_alarm(evaluation)
         ended = [each for each in self._evaluations if each.has_ended]
-        for oldest in ended[: -self._shared.limits.ended_limit]:
+        for oldest in ended[: -self._shared.limits['ended_limit']]:
             self._forget(oldest)
-        expiry = self.deadlines.after(self._settings.keep_ended_s)
+        expiry = self.deadlines.after(self._settings.keep_ended_s())
         expiry.add_done_callback(lambda _: self._forget(evaluation))
 
     def _log_alarm(self, evaluation: FormulaEvaluation) -> None:
@@ -237,7 +238,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 
     def _read_request(self, message: Any) -> EvaluationRequest:
         return request_from_message(
-            message, self._settings.default_timeout_s, self._settings.max_timeout_s
+            message, self._settings.default_timeout_s(), self._settings.max_timeout_s()
         )
 
     def _statuses(self) -> list[EvaluationStatus]:

@@ -47,7 +47,7 @@ class Bench:
         )
         group = SimpleNamespace(states=states, waits_for='', set_waiting=lambda _: None)
         groups: Any = SimpleNamespace(running=lambda: [group])
-        SilenceMonitor(context, groups, LIMIT)
+        SilenceMonitor(context, groups, lambda: LIMIT)
         self.report(BORN)
 
     def report(self, known_until: int) -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final
 
 from dyknow_common import ExitCode
 from dyknow_common.ros import DyKnowNode
@@ -36,34 +35,22 @@ _OF_ALL: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
 class EngineLimits:
-    """Limits of all groups, and of each one.
+    """The parameters of a node that limit each group, and all groups; they may change."""
 
-    Args:
-        of_group: of each group.
-        group_limit: the number of groups.
-        idle_group_limit: the number of those that nobody evaluates.
-        formula_limit: the number of formulas in all groups.
-        total_part_limit: the parts of the formulas of all groups.
-    """
+    def __init__(self, node: DyKnowNode) -> None:
+        self._values = {
+            name: node.changing_parameter(name, *rest, (1, _MOST))
+            for name, rest in (_OF_GROUP | _OF_ALL).items()
+        }
 
-    of_group: FormulaLimits
-    group_limit: int
-    idle_group_limit: int
-    formula_limit: int
-    total_part_limit: int
+    def __getitem__(self, parameter: str) -> int:
+        """Return the present value of a parameter."""
+        return int(self._values[parameter]())
 
-    @classmethod
-    def declare(cls, node: DyKnowNode) -> Self:
-        """Declare the parameters of a node, and return their values."""
-
-        def value(name: str, default: int, description: str) -> int:
-            return int(node.parameter(name, default, description, (1, _MOST)))
-
-        of_group = {name: value(name, *rest) for name, rest in _OF_GROUP.items()}
-        of_all = {name: value(name, *rest) for name, rest in _OF_ALL.items()}
-        return cls(FormulaLimits(**of_group), **of_all)
+    def of_group(self) -> FormulaLimits:
+        """Return the limits of a new group."""
+        return FormulaLimits(**{name: self[name] for name in _OF_GROUP})
 
     def check(self, parameter: str, count: int, what: str) -> None:
         """Check a number against a limit of all groups.
@@ -71,7 +58,7 @@ class EngineLimits:
         Raises:
             ReasoningError: UNAVAILABLE.
         """
-        limit = getattr(self, parameter)
+        limit = self[parameter]
         if count > limit:
             raise ReasoningError(
                 f"there would be {amount(count)} {what}, more than {limit} (the limit '{parameter}'"

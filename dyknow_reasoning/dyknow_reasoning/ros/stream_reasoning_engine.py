@@ -48,20 +48,20 @@ class StreamReasoningEngine(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('stream_reasoning_engine')
-        self._limits = EngineLimits.declare(self)
+        self._limits = EngineLimits(self)
         period = self.parameter(
             'progress_period',
             1.0,
             'Seconds between two reports on ~/progress, if the topic has subscribers.',
             (0.05, 60.0),
         )
-        self._violation_patience = self.parameter(
+        self._violation_patience = self.changing_parameter(
             'violation_patience',
             5.0,
             'Seconds that a group waits for other states after a constraint violation.',
             (0.0, 3600.0),
         )
-        self._orphan_limit = self.parameter(
+        self._orphan_limit = self.changing_parameter(
             'orphan_limit',
             2 * LONG_TIMEOUT_S,  # A coordinator may wait for another node meanwhile.
             'Seconds without a request and without a subscriber to the results after which a group '
@@ -92,7 +92,7 @@ class StreamReasoningEngine(DyKnowNode):
             self,
             group_id,
             request.formula_group_name,
-            FormulaGroup(self._limits.of_group),
+            FormulaGroup(self._limits.of_group()),
             self._background,
             self._episodes,
         )
@@ -105,7 +105,7 @@ class StreamReasoningEngine(DyKnowNode):
             ReasoningError: if there are too many other groups.
         """
         idle = {number: each for number, each in self._groups.items() if not each.has_begun}
-        if len(idle) >= self._limits.idle_group_limit:
+        if len(idle) >= self._limits['idle_group_limit']:
             oldest = max(idle, key=lambda number: idle[number].idle_s)
             if idle[oldest].idle_s < _IDLE_S:
                 self._limits.check(
@@ -178,15 +178,15 @@ class StreamReasoningEngine(DyKnowNode):
     def _supervise_groups(self) -> None:
         was_delayed = monotonic() - self._supervised_at > _DELAY_S
         self._supervised_at = monotonic()
+        orphan_limit = self._orphan_limit()
         for group_id, evaluation in list(self._groups.items()):
             if was_delayed:
                 evaluation.note_request()
-            evaluation.fail_after_pause(self._violation_patience)
+            evaluation.fail_after_pause(self._violation_patience())
             evaluation.report_episodes()
-            if self._orphan_limit and evaluation.is_orphan(self._orphan_limit):
+            if orphan_limit and evaluation.is_orphan(orphan_limit):
                 reason = (
-                    'it had no request and no subscriber to its results for '
-                    f'{self._orphan_limit:g} s'
+                    f'it had no request and no subscriber to its results for {orphan_limit:g} s'
                 )
                 self._abandon(group_id, reason)
 

@@ -28,7 +28,7 @@ class SemanticMatchingEngine(DyKnowNode):
             )
         self.set_status(RUNNING)
         self._max_characters = max_characters(self)
-        self._max_matches = self.parameter(
+        self._max_matches = self.changing_parameter(
             'max_matches', MAX_MATCHES, 'Streams that match a concept.', (1, 10**7)
         )
         self._ontologies = mirror_ontologies(self)
@@ -43,7 +43,7 @@ class SemanticMatchingEngine(DyKnowNode):
         check_length('concept', request.concept, self._max_characters)
         concept = parse_concept(request.concept)
         await self._update()
-        matches = self._matcher.match(concept, self._max_matches)
+        matches = self._matcher.match(concept, self._max_matches())
         if not matches:
             raise SemanticsError(self._matcher.nearest(concept), ExitCode.NOT_FOUND)
         response.stream_specifications = [found.specification for found in matches]

@@ -52,7 +52,7 @@ class StreamSemanticsManager(DyKnowNode):
             'store', '', 'SQLite file that keeps the annotations over restarts; empty: in memory.'
         )
         self._max_characters = max_characters(self)
-        self._max_annotations = self.parameter(
+        self._max_annotations = self.changing_parameter(
             'max_annotations', 10_000, 'Annotations that clients may add.', (1, 10**7)
         )
         self._ontologies = mirror_ontologies(self)
@@ -85,9 +85,10 @@ class StreamSemanticsManager(DyKnowNode):
     async def _add_specification(self, request: Any, _response: Any) -> None:
         check_length('semantic specification', request.ssl_statement, self._max_characters)
         annotations = parse_annotations(request.ssl_statement)
-        if len(self._store.texts) + len(annotations) > self._max_annotations:
+        most = self._max_annotations()
+        if len(self._store.texts) + len(annotations) > most:
             raise SemanticsError(
-                f'there would be more than {self._max_annotations:,} annotations; remove some, or '
+                f'there would be more than {most:,} annotations; remove some, or '
                 'increase max_annotations'
             )
         knowledge = await self._knowledge()

@@ -29,10 +29,10 @@ class StreamLimits:
 
     def __init__(self, node: DyKnowNode, max_streams: int) -> None:
         self._name = node.get_fully_qualified_name()
-        self._streams = node.parameter(
+        self._streams = node.changing_parameter(
             'max_streams', max_streams, 'Number of streams at once.', (1, 1_000_000)
         )
-        self._characters = node.parameter(
+        self._characters = node.changing_parameter(
             'max_specification',
             100_000,
             'Number of characters of the specification in a request.',
@@ -64,17 +64,19 @@ class StreamLimits:
                 'destroy streams that are not needed, or start another engine',
                 ExitCode.UNAVAILABLE,
             )
-        if len(texts) >= self._streams:
+        most = self._streams()
+        if len(texts) >= most:
             raise StreamError(
                 f'{self._name} has {len(texts)} streams, and its parameter max_streams allows '
-                f'{self._streams}; destroy unused ones first',
+                f'{most}; destroy unused ones first',
                 ExitCode.UNAVAILABLE,
             )
         length = 0 if spec is None else len(spec.specification)
-        if length > self._characters:
+        longest = self._characters()
+        if length > longest:
             raise StreamError(
                 f'the specification has {length} characters, and the parameter max_specification '
-                f'of {self._name} allows {self._characters}; make the stream of several streams'
+                f'of {self._name} allows {longest}; make the stream of several streams'
             )
 
 

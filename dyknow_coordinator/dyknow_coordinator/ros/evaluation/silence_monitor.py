@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from dyknow_common import SECOND_NS, format_duration
@@ -38,16 +38,15 @@ class SilenceMonitor:
         6.5 s  the engine processes the messages, and reports
 
     Args:
-        limit_s: a topic is silent after this time without a message.
+        limit_s: returns the time without a message after which a topic is silent.
     """
 
     def __init__(
-        self, context: CoordinatorContext, groups: EvaluationGroups, limit_s: float
+        self, context: CoordinatorContext, groups: EvaluationGroups, limit_s: Callable[[], float]
     ) -> None:
         self._context = context
         self._groups = groups
         self._limit_s = limit_s
-        self._limit_ns = round(limit_s * SECOND_NS)
         self._first_seen: dict[str, int] = {}
         self._log = LogOnce()
         context.node.create_timer(PERIOD_S, self._check, clock=context.node.wall_clock)
@@ -66,11 +65,12 @@ class SilenceMonitor:
         if stream is None:
             return
         since = self._first_seen[stream.name]
-        oldest = self._context.streams.known_until - self._limit_ns
+        limit_s = self._limit_s()
+        oldest = self._context.streams.known_until - round(limit_s * SECOND_NS)
         for silent in silent_topics(group.states.chosen, known, stream.received, since, oldest):
             group.states.replace_silent(
                 silent.sources,
-                f"topic '{silent.topic}' has been silent for {self._limit_s:g} s",
+                f"topic '{silent.topic}' has been silent for {limit_s:g} s",
                 is_overdue=silent.is_overdue,
             )
 

@@ -29,7 +29,7 @@ class EvaluationsReport:
 
     Args:
         statuses: returns the status of all evaluations, in the order of their requests.
-        silence_limit_s: time without a state after which operators get a warning.
+        silence_limit_s: returns the time without a state after which operators get a warning.
         nodes: returns the diagnostics of the nodes that the coordinator depends on.
     """
 
@@ -37,13 +37,13 @@ class EvaluationsReport:
         self,
         node: DyKnowNode,
         statuses: Callable[[], Iterable[EvaluationStatus]],
-        silence_limit_s: float = 5.0,
+        silence_limit_s: Callable[[], float] = lambda: 5.0,
         nodes: Callable[[], Iterable[DiagnosticStatus]] = lambda: (),
     ) -> None:
         self._node = node
         self._statuses = statuses
         self._nodes = nodes
-        self._silence_limit_ns = round(silence_limit_s * SECOND_NS)
+        self._silence_limit_s = silence_limit_s
         self._changes = ChangeBatch(node, COLLECTION_S, self._publish_changes)
         self._evaluations = node.create_publisher(EvaluationStatusArray, '~/evaluations', LATCHED)
         self._diagnostics = DiagnosticsPublisher(node)
@@ -78,11 +78,12 @@ class EvaluationsReport:
     def _diagnoses(self, statuses: Iterable[EvaluationStatus]) -> Iterator[DiagnosticStatus]:
         now, reporter = self._node.now(), self._node.get_fully_qualified_name()
         seen: Counter[str] = Counter()
+        limit_ns = round(self._silence_limit_s() * SECOND_NS)
         for status in statuses:
             seen[status.name] += 1
             # Tools for diagnostics keep one status for each name.
             number = f' ({seen[status.name]})' if seen[status.name] > 1 else ''
-            diagnosis = diagnose(status, now, self._silence_limit_ns)
+            diagnosis = diagnose(status, now, limit_ns)
             yield DiagnosticStatus(
                 level=bytes([diagnosis.level]),
                 name=f'{reporter}: {status.name}{number}',

@@ -40,18 +40,19 @@ class VerdictPublishers:
     Args:
         evaluations: returns those with names that run or ended recently, by unique keys, in the
             order of their requests.
-        limit: the number of topics.
+        limit: returns the number of topics.
     """
 
     def __init__(
         self,
         node: DyKnowNode,
         evaluations: Callable[[], Mapping[str, EvaluationStatus]],
-        limit: int,
+        limit: Callable[[], int],
     ) -> None:
         self._node = node
         self._evaluations = evaluations
-        self._names = VerdictTopicNames(limit)
+        self._limit = limit
+        self._names = VerdictTopicNames(limit())
         self._publishers: dict[str, Any] = {}
         self._latest: dict[str, NamedVerdict] = {}
         self._warning = Throttle(WARNING_PERIOD_S)
@@ -69,6 +70,7 @@ class VerdictPublishers:
         self._publish(is_periodic=False)
 
     def _publish(self, *, is_periodic: bool) -> None:
+        self._names.limit = self._limit()
         statuses = self._names.assign(self._evaluations())
         self._report_missing()
         for token in self._publishers.keys() - statuses.keys():
