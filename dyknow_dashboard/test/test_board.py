@@ -42,8 +42,12 @@ POWER = EvaluationStatus(
     started=10 * SECOND_NS,
     state_stream='/dyknow/streams/_states_1',
     groundings=(GROUNDING,),
+    topics=('/uav1/battery',),
     states_progressed=5,
     latest_valid_time=20 * SECOND_NS,
+)
+BATTERY = SourceReport(
+    '/uav1/battery', 80, 9, 3_000_000, rate=19.96, drops={'lost': 2, 'message': 1}
 )
 STREAMS = (
     StreamReport(
@@ -56,7 +60,7 @@ STREAMS = (
         topic='/dyknow/streams/uav1_power',
         drops={'max_delay': 2, 'fields': 1},
         violations=3,
-        sources=(SourceReport('/uav1/battery'),),
+        sources=(BATTERY,),
         flow=Flow(19.96, 3_000_000, 9_000_000),
     ),
 )
@@ -331,6 +335,20 @@ def test_streams() -> None:
     assert found['engines'] == ['/engine']
     own, spare, power = found['streams']
     assert own['is_own']
+    assert own['shown'] == 'states of power'
+    (battery,) = found['topics']
+    assert battery == {
+        'name': '/uav1/battery',
+        'rate': 20.0,
+        'delay': '3 ms',
+        'received': 80,
+        'lost': 2,
+        'dropped': 1,
+        'drops': {'lost': 2, 'message': 1},
+        'formulas': ['power'],
+        'streams': ['uav1_power'],
+        'message': '',
+    }
     assert spare['stand_in_for'] == ['Power[uav1]']
     assert (spare['state'], spare['rate']) == ('waiting', None)
     assert (power['rate'], power['dropped'], power['violations']) == (20.0, 3, 3)
