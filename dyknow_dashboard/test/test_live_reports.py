@@ -213,9 +213,9 @@ def test_signals_remain_when_the_ontology_is_read() -> None:
     signals = LiveSignals(UNDECIDED, {})
     signals.add(UNDECIDED.started, {'Power[uav1]': 1.0, 'Power[uav2]': 2.0})
     signals.follow(UNDECIDED, {'UAV': ('uav2',)})
-    assert signals.drawing()['captions'] == [
-        {'objects': 'u = uav2', 'is_decisive': False, 'names': ['Power[uav2]']}
-    ]
+    (caption,) = signals.drawing()['captions']
+    assert (caption['objects'], caption['names']) == ('u = uav2', ['Power[uav2]'])
+    assert caption['title'] == 'Power[uav2] < 5'
     signals.follow(replace(UNDECIDED, formula='forall u in UAV: Height[u] > 3'), DOMAINS)
     assert signals.drawing()['captions'] == [], 'other terms have no values yet'
 
@@ -229,3 +229,17 @@ def test_the_latest_failure_is_the_decisive_one() -> None:
     assert [each['is_decisive'] for each in drawing['captions']] == [True, False]
     assert drawing['captions'][0]['objects'] == 'u = uav2'
     assert [each['time'] for each in drawing['formulas'][0]['marks']['deciding']] == [7, 2]
+
+
+def test_axes_have_the_unit_of_the_formula_or_of_the_ontology() -> None:
+    def unit(formula: str, units: dict[str, str]) -> str:
+        signals = signals_of(replace(UNDECIDED, formula=formula), 1, 2)
+        signals.units = units
+        return str(signals.drawing()['formulas'][0]['panels'][0]['unit'])
+
+    plain = UNDECIDED.formula
+    with_unit = f'let Power: W in {plain.replace("5", "0.005 kW")}'
+    assert unit(plain, {}) == ''
+    assert unit(plain, {'Power': 'W'}) == 'W'
+    assert unit(with_unit, {}) == 'W'
+    assert unit('forall u in UAV: always (Power[u] * 2 < 5)', {'Power': 'W'}) == ''

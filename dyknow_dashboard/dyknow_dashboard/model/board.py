@@ -142,6 +142,7 @@ class Board:
             details = self.formulas.details(evaluation)
             yield {'type': 'details', 'id': key, **details}
             if signals is not None:
+                signals.units = self.concepts.units
                 signals.update()
         if signals is None:
             return

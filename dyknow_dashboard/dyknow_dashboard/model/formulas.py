@@ -187,7 +187,7 @@ class FormulaTable:
             'text': _shortened(
                 with_readable_times(
                     diagnosis.text.removeprefix(f'{outcome(status)}: '), status.started
-                )
+                ).partition('\n')[0]
             ),
             'margin': '' if status.margin is None else str(status.margin),
             'states': status.states_progressed,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -33,6 +34,9 @@ _BLOCK: Final = 256
 
 With MAX_POINTS, a signal takes at most 50 KB.
 """
+
+_FEATURE: Final = re.compile(r'(\w+)(\[[^\]]*\])?')
+"""The text of a feature, such as `Power[uav1]`."""
 
 _MARGIN: Final = 0.01
 """The share of the time that is left free at both sides."""
@@ -78,6 +82,8 @@ class LiveSignals:
     """
 
     def __init__(self, status: EvaluationStatus, known: Domains) -> None:
+        self.units: Mapping[str, str] = {}
+        """The units of features, by their names, as far as they are known."""
         self.domains: Domains = {}
         """The objects of each sort."""
         self.topic = ''
@@ -127,11 +133,17 @@ class LiveSignals:
     def update(self) -> None:
         """Find the panels of the signals so far."""
         try:
-            self._panels, self._omitted = panels(self._report())
+            found, self._omitted = panels(self._report())
+            self._panels = [replace(each, unit=each.unit or self._unit(each)) for each in found]
         except DyKnowError:  # The objects of a sort are not known yet.
             self._panels, self._omitted = [], 0
         self.shape = tuple(
-            (each.objects, each.is_decisive, *((one.name, one.words) for one in each.signals))
+            (
+                each.objects,
+                each.is_decisive,
+                each.unit,
+                *((one.name, one.words) for one in each.signals),
+            )
             for each in self._panels
         )
 
@@ -142,6 +154,7 @@ class LiveSignals:
             {
                 'objects': each.objects,
                 'is_decisive': each.is_decisive and bool(each.objects),
+                'title': ', '.join(each.atoms),
                 'names': [one.name for one in each.signals],
             }
             for each in self._panels
@@ -175,6 +188,12 @@ class LiveSignals:
         margin = round((end - begin) * _MARGIN)
         formula['range'] = [self._seconds(begin - margin), self._seconds(end + margin)]
         return document
+
+    def _unit(self, panel: Panel) -> str:
+        """Return the unit of the features that a panel shows; empty if it is not the same."""
+        features = [_FEATURE.fullmatch(each.name) for each in panel.signals]
+        units = {self.units.get(each[1], '') if each else '' for each in features}
+        return units.pop() if len(units) == 1 else ''
 
     def _use(self, formula: str, domains: Domains) -> None:
         """Record the terms of some objects; keep the signals so far if they include these."""

@@ -32,9 +32,6 @@ class _NeverCalled(CallbackGroup):
     def beginning_execution(self, _entity: Any) -> bool:
         return False
 
-    def ending_execution(self, _entity: Any) -> None:
-        pass
-
 
 @dataclass(slots=True)
 class _StateTopic:
