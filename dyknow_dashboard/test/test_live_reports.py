@@ -192,7 +192,10 @@ def test_a_sort_without_objects_has_no_panels() -> None:
 
 def test_signals_are_those_until_the_end_of_the_formula() -> None:
     signals = signals_of(UNDECIDED, *range(15))
+    shape = signals.shape
     signals.follow(FALSE, DOMAINS)
+    signals.update()
+    assert signals.shape != shape, 'a page may have points of later states'
     signals.add(25 * SECOND_NS, {'Power[uav1]': 1.0, 'Power[uav2]': 25.0})
     drawing = signals.drawing()
     assert drawing['signals'][0]['t'] == [*range(11)], 'others may be asked over the same states'

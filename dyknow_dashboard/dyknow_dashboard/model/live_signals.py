@@ -137,15 +137,11 @@ class LiveSignals:
             self._panels = [replace(each, unit=each.unit or self._unit(each)) for each in found]
         except DyKnowError:  # The objects of a sort are not known yet.
             self._panels, self._omitted = [], 0
-        self.shape = tuple(
-            (
-                each.objects,
-                each.is_decisive,
-                each.unit,
-                *((one.name, one.words) for one in each.signals),
-            )
+        shapes = (
+            (each.objects, each.is_decisive, each.unit, [(s.name, s.words) for s in each.signals])
             for each in self._panels
         )
+        self.shape = self._end, *shapes
 
     def drawing(self) -> dict[str, Any]:
         """Return the whole drawing, in the form of the pages of a check."""
