@@ -88,7 +88,7 @@ class SourceReport:
     rate: float = 0.0
     """Messages per second, over the last second."""
     drops: Mapping[str, int] = field(default_factory=dict)
-    """The numbers of messages that were lost or could not be used, by reason."""
+    """The numbers of messages that were lost, or dropped before others joined them, by reason."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ class UsedTopic:
 
     @property
     def dropped(self) -> int:
-        """The number of its messages that could not be used."""
+        """The number of its messages that streams have dropped."""
         return sum(self.source.drops.values()) - self.lost
 
 

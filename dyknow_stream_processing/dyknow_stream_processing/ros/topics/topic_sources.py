@@ -145,7 +145,7 @@ class TopicSources:
             transport,
             source.stream_id,
             source.rate,
-            dict(source.drops),
+            dict(source.drops + self._dataflow.dropped(topic)),
         )
 
     def end_period(self, now: int) -> None:
