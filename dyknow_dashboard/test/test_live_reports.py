@@ -201,6 +201,8 @@ def test_signals_are_those_until_the_end_of_the_formula() -> None:
     assert drawing['signals'][0]['t'] == [*range(11)], 'others may be asked over the same states'
     assert drawing['formulas'][0]['range'] == [-0.1, 10.1]
     assert signals.is_complete
+    signals.follow(UNDECIDED, DOMAINS)
+    assert not signals.is_complete, 'the coordinator reports it again'
 
 
 def test_the_deciding_state_may_come_after_the_verdict() -> None:

@@ -115,6 +115,7 @@ class LiveSignals:
         """Use a later status of the evaluation for the states to come."""
         self._status = status
         self.topic = status.state_stream or self.topic
+        self._end = None
         if status.phase is EvaluationPhase.ENDED:
             ends = status.decided_at, status.latest_valid_time, status.started
             self._end = next(each for each in ends if each is not None)

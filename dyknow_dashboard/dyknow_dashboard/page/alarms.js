@@ -26,7 +26,11 @@ class Alarms {
     if ($('sound').checked) this.beep();
     if ($('notify').checked) {
       const more = failed.length > 1 ? `, and ${failed.length - 1} more` : '';
-      new Notification(`${failed[0].name}: ${failed[0].state}${more}`, {body: failed[0].text, tag: 'dyknow'});
+      try {
+        new Notification(`${failed[0].name}: ${failed[0].state}${more}`, {body: failed[0].text, tag: 'dyknow'});
+      } catch {  // Some browsers of phones permit notifications, but show none of pages.
+        setText($('notice'), 'This browser shows no notifications of pages.');
+      }
     }
   }
 

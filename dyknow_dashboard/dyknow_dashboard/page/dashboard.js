@@ -22,7 +22,6 @@ const HANDLERS = {
   formulas(message) {
     list.canSave = message.can_save;
     list.update(message.rows);
-    alarms.update(message.rows);
     const {failing, running, ended, earlier} = message.counts;
     document.title = failing ? `(${failing}) DyKnow` : 'DyKnow';
     $('earlier').hidden = !earlier;
@@ -30,6 +29,7 @@ const HANDLERS = {
     $('save-all').hidden = !message.can_save || list.readOnly;
     $('empty').hidden = Boolean(message.rows.length);
     setText($('count'), `${failing} failing, ${running} running, ${ended} ended${message.hidden ? `, ${message.hidden} more are not shown` : ''}`);
+    alarms.update(message.rows);
   },
   details: (message) => list.get(message.id)?.details(message),
   drawing: (message) => list.get(message.id)?.draw(message),

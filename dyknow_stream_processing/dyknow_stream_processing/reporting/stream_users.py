@@ -76,10 +76,14 @@ def used_topics(reports: Collection[StreamReport], users: Iterable[StreamUser]) 
             source,
             tuple(each.name for each in streams[topic] if not is_hidden(each.name)),
             tuple(formulas.get(topic, ())),
-            '' if source.latest else next((each.message for each in streams[topic]), ''),
+            '' if source.latest else _reason(topic, streams[topic]),
         )
         for topic, source in sorted(sources.items())
     ]
+
+
+def _reason(topic: str, reports: Iterable[StreamReport]) -> str:
+    return next((each.message for each in reports if topic in each.message), '')
 
 
 def formulas_over(report: StreamReport, users: Iterable[StreamUser]) -> list[str]:

@@ -20,6 +20,7 @@ from dyknow_stream_processing.ros import (
     sample_to_message,
     sample_valid_time,
 )
+from dyknow_stream_processing.ros.messages.sample_messages import MAX_LEARNT
 
 NAMES = st.sampled_from(['a', 'b', 'ranges[0]', 'Power[uav1]'])
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'))
@@ -45,8 +46,10 @@ def test_a_reused_message_equals_a_new_one(samples: Sequence[Sample]) -> None:
 @given(SAMPLES)
 def test_serialised_samples_are_read_as_by_rclpy(samples: Sequence[Sample]) -> None:
     reader, writer = SampleReader(), SampleWriter()
-    for sample in [*samples, *samples]:
-        data = serialize_message(writer.write(sample))
+    for number, sample in enumerate([*samples, *samples]):
+        written = writer.write(sample)
+        written.header.frame_id = 'map'[: number % 4]
+        data = serialize_message(written)
         message = deserialize_message(data, SampleMessage)
         try:
             expected = sample_valid_time(message), sample_fields(message)
@@ -55,6 +58,12 @@ def test_serialised_samples_are_read_as_by_rclpy(samples: Sequence[Sample]) -> N
                 reader.read(data)
         else:
             assert str(reader.read(data)) == str(expected), 'nan differs from itself'
+
+
+def test_a_large_serialised_sample() -> None:
+    reader, fields = SampleReader(), {'a': 'x' * MAX_LEARNT}
+    data = serialize_message(sample_to_message(Sample(1, 1, fields)))
+    assert reader.read(data) == reader.read(data) == (1, fields)
 
 
 @pytest.mark.parametrize('value', ['', 'no number', '1' * 101])

@@ -22,6 +22,9 @@ from dyknow_stream_processing.violation import ViolationKind
 MAX_DIGITS: Final = 100
 """The number of characters of an integer: a longer one may be too large for a float."""
 
+MAX_LEARNT: Final = 16_384
+"""The largest samples that a `SampleReader` makes a pattern of: Python keeps hundreds of these."""
+
 _LEAST: Final = 1 - 10 ** (MAX_DIGITS - 1)
 _GREATEST: Final = 10**MAX_DIGITS - 1
 """The integers with so many characters."""
@@ -61,7 +64,7 @@ class SampleReader:
     """Reader of the serialised samples of a topic, several times as fast as rclpy's.
 
     Types and names of the fields rarely change from sample to sample, so a pattern that has their
-    bytes finds the values. rclpy reads a sample that does not match.
+    bytes finds the values. rclpy reads a sample that is large, or does not match.
     """
 
     def __init__(self) -> None:
@@ -81,14 +84,19 @@ class SampleReader:
         if found is None:
             message = deserialize_message(data, SampleMessage)
             found = sample_valid_time(message), sample_fields(message)
-            self._parsers = {each.name: _PARSERS[each.type] for each in message.fields}
-            self._pattern = re.compile(
-                rb'[\0-\xff]{0,3}?'.join(
-                    _text_pattern(each.type) + _text_pattern(each.name) + _VALUE
-                    for each in message.fields
-                )
-            )
+            if len(data) <= MAX_LEARNT:
+                self._learn(message)
         return found
+
+    def _learn(self, message: Any) -> None:
+        """Make the pattern of samples with the fields of a message."""
+        self._parsers = {each.name: _PARSERS[each.type] for each in message.fields}
+        self._pattern = re.compile(
+            rb'[\0-\xff]{0,3}?'.join(
+                _text_pattern(each.type) + _text_pattern(each.name) + _VALUE
+                for each in message.fields
+            )
+        )
 
     def _read(self, data: bytes) -> tuple[int, dict[str, Value]] | None:
         """Return the sample; None if its fields differ from those before."""

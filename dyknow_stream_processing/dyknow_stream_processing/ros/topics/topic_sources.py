@@ -384,9 +384,9 @@ class _Source:
 
     def end_period(self, now: int) -> None:
         begin, received = self.period
-        if begin < now:
-            self.rate = (self.received - received) * SECOND_NS / (now - begin) if begin else 0.0
-            self.period = now, self.received
+        is_known = 0 < begin < now  # Simulated time may stand still.
+        self.rate = (self.received - received) * SECOND_NS / (now - begin) if is_known else 0.0
+        self.period = now, self.received
 
     def on_dropped(self, reason: str, count: int) -> None:
         self.drops[reason] += count
