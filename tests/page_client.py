@@ -6,7 +6,7 @@ import asyncio
 import json
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from threading import Event, Thread
 from typing import Any
@@ -29,6 +29,13 @@ def open_page(address: str) -> Iterator[None]:
         thread.join()
 
 
+def receive(
+    address: str, view: str, name: str, wanted: Callable[[Any], bool], limit_s: float = 60.0
+) -> Any:
+    """Return the first message that is wanted by a page which opens a formula, given its name."""
+    return asyncio.run(asyncio.wait_for(_receive(address, view, name, wanted), limit_s))
+
+
 def post(address: str, action: str, **document: Any) -> int:
     """Send a request of a page, and return the status of the answer."""
     request = urllib.request.Request(  # noqa: S310 - our own server
@@ -43,8 +50,27 @@ def post(address: str, action: str, **document: Any) -> int:
         return error.code
 
 
+async def _receive(address: str, view: str, name: str, wanted: Callable[[Any], bool]) -> Any:
+    connection = await websocket_connect(_socket(address))
+    try:
+        await connection.write_message(json.dumps({'view': view, 'opened': []}))
+        while not wanted(document := json.loads(await connection.read_message() or '{}')):
+            rows = document['rows'] if document['type'] == 'formulas' else ()
+            if keys := [each['id'] for each in rows if each['name'] == name]:
+                await connection.write_message(json.dumps({'view': view, 'opened': keys}))
+        return document
+    finally:
+        connection.close()
+        while await connection.read_message() is not None:
+            pass
+
+
+def _socket(address: str) -> str:
+    return f'{address.rstrip("/").replace("http", "ws", 1)}/live'
+
+
 async def _keep_open(address: str, stopped: Event) -> None:
-    connection = await websocket_connect(f'{address.rstrip("/").replace("http", "ws", 1)}/live')
+    connection = await websocket_connect(_socket(address))
     while not stopped.is_set():
         with suppress(TimeoutError):
             message = await asyncio.wait_for(connection.read_message(), 1.0)

@@ -40,6 +40,8 @@ def served(shared_system: Any) -> Iterator[tuple[System, str]]:
 
 
 def ask(page: LivePage, formula: str, name: str, *, every_state: bool = False) -> None:
+    if page.find('#asking').get_attribute('open') is None:  # As on a phone.
+        page.find('#asking summary').click()
     page.type('#formula', formula)
     page.type('#name', name)
     if page.find('#every').is_selected() is not every_state:

@@ -8,9 +8,12 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from dyknow_interfaces.srv import CancelEvaluation
 
+from commands import output_of
 from dyknow_bringup.resources import executable_path
 from stream_nodes import PACKAGE, TANK, StreamNodes
 from system import LIMIT
@@ -94,6 +97,35 @@ def test_streams_for_programs(nodes: StreamNodes) -> None:
     assert source['latest_ns'] > 0
     assert known['hopeless']['sources'] == []
     assert json.loads(streams(nodes, 'level', '--json').stdout)['topic'] == known['level']['topic']
+
+
+def test_topics_and_their_formulas(shared_system: Any) -> None:
+    system = shared_system.get()
+    system.batteries.reset()
+    formula = 'always ("/uav1/battery".voltage > 1.0)'
+    answer = system.ask(formula)
+    system.wait_until_running(answer)
+
+    def shown(*arguments: str) -> str:
+        line = [str(executable_path(PACKAGE, 'streams')), *arguments]
+        done = output_of(line, {**system.environment, 'COLUMNS': '200'})
+        assert done.returncode == 0, done.stderr
+        return str(done.stdout)
+
+    def battery() -> Any:
+        found = {each['topic']: each for each in json.loads(shown('--json'))['topics']}
+        return found['/uav1/battery']
+
+    system.client.spin_until(lambda: battery()['rate_hz'] > 1.0, 'the rate of the topic', pause=0.5)
+    assert battery()['formulas'] == [formula]
+    assert battery()['samples'] > 0
+    lines = [' '.join(line.split()) for line in shown('--all').splitlines()]
+    assert any(line.startswith(f'states of {formula} flowing') for line in lines), lines
+    assert any(line.startswith('/uav1/battery ') and formula in line for line in lines), lines
+    assert '_states_' not in ''.join(lines)
+    cancel = 'stream_reasoning_coordinator/cancel_evaluation'
+    assert system.client.call(CancelEvaluation, cancel, name=formula).cancelled == 1
+    system.wait_for_streams()
 
 
 def test_an_engine_can_be_asked_itself(nodes: StreamNodes) -> None:

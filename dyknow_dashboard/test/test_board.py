@@ -11,9 +11,9 @@ from typing import Any
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, Verdict
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, Level, SymbolGrounding
-from dyknow_coordinator.evaluation.standing import StandingVerdicts
+from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
 from dyknow_coordinator.reporting.node_status import NodeState
-from dyknow_dashboard.model.board import Board, PageState
+from dyknow_dashboard.model.board import MAX_KEPT, MAX_KEPT_SIGNALS, Board, PageState
 from dyknow_dashboard.model.formulas import MAX_ENDED, MAX_MARGINS, MAX_SHOWN
 from dyknow_dashboard.model.graph import MAX_NODES, graph
 from dyknow_dashboard.model.health import STALE_NS, DiagnosedPart, HealthTable, NodeHealth
@@ -42,8 +42,12 @@ POWER = EvaluationStatus(
     started=10 * SECOND_NS,
     state_stream='/dyknow/streams/_states_1',
     groundings=(GROUNDING,),
+    topics=('/uav1/battery',),
     states_progressed=5,
     latest_valid_time=20 * SECOND_NS,
+)
+BATTERY = SourceReport(
+    '/uav1/battery', 80, 9, 3_000_000, rate=19.96, drops={'lost': 2, 'message': 1}
 )
 STREAMS = (
     StreamReport(
@@ -56,7 +60,7 @@ STREAMS = (
         topic='/dyknow/streams/uav1_power',
         drops={'max_delay': 2, 'fields': 1},
         violations=3,
-        sources=(SourceReport('/uav1/battery'),),
+        sources=(BATTERY,),
         flow=Flow(19.96, 3_000_000, 9_000_000),
     ),
 )
@@ -139,13 +143,13 @@ def test_an_opened_formula_gets_details_then_a_drawing_then_points() -> None:
     page = opened(board)
     assert board.state_topics([page]) == {'/dyknow/streams/_states_1'}
     assert {'details', 'drawing'} < set(messages(board, page))
-    board.add_state('/dyknow/streams/_states_1', 11 * SECOND_NS, {'uav1_power.power': 1.0})
+    board.add_states([('/dyknow/streams/_states_1', 11 * SECOND_NS, {'uav1_power.power': 1.0})])
     assert list(messages(board, page)) == ['points']
     board.formulas.update([POWER], 22 * SECOND_NS)
     assert 'drawing' in messages(board, page), 'now there is a panel'
-    board.add_state('/other', 12 * SECOND_NS, {'uav1_power.power': 1.0})
+    board.add_states([('/other', 12 * SECOND_NS, {'uav1_power.power': 1.0})])
     assert messages(board, page) == {}
-    board.add_state('/dyknow/streams/_states_1', 12 * SECOND_NS, {'uav1_power.power': 2.0})
+    board.add_states([('/dyknow/streams/_states_1', 12 * SECOND_NS, {'uav1_power.power': 2.0})])
     (points,) = messages(board, page).values()
     assert points['signals'] == [{'t': [2], 'v': [2]}]
     assert messages(board, page) == {}
@@ -164,17 +168,85 @@ def test_the_deciding_state_is_drawn_though_the_state_stream_ends_with_it() -> N
     )
     board.formulas.update([ended], 22 * SECOND_NS)
     assert board.state_topics([page]) == {'/dyknow/streams/_states_1'}
-    board.add_state('/dyknow/streams/_states_1', 20 * SECOND_NS, {'uav1_power.power': 6.0})
+    board.add_states([('/dyknow/streams/_states_1', 20 * SECOND_NS, {'uav1_power.power': 6.0})])
     (formula,) = messages(board, page)['drawing']['formulas']
     (deciding,) = formula['marks']['deciding']
     assert deciding['values'] == {'uav1_power.power': 6}
 
 
-def test_signals_that_no_page_shows_are_forgotten() -> None:
+def test_a_formula_that_is_opened_after_its_failure_has_the_signals_before_it() -> None:
     board = board_of(POWER)
-    page = opened(board)
-    page.show(Interest())
-    assert board.state_topics([page]) == set()
+    topics = board.state_topics([])
+    assert topics == {'/dyknow/streams/_states_1'}, 'no page is open'
+    (topic,) = topics
+    values = {second: 4.0 if second < 20 else 6.0 for second in range(11, 25)}
+    board.add_states((topic, at * SECOND_NS, {'uav1_power.power': v}) for at, v in values.items())
+    ended = replace(
+        POWER, phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE, decided_at=20 * SECOND_NS
+    )
+    board.formulas.update([ended], 25 * SECOND_NS)
+    assert board.state_topics([]) == set(), 'nothing more is to come'
+    drawing = messages(board, opened(board))['drawing']
+    (signal,) = drawing['signals']
+    assert signal['v'] == [*[4.0] * 9, 6.0]
+    (deciding,) = drawing['formulas'][0]['marks']['deciding']
+    assert (deciding['time'], deciding['verdict']) == (10, 'false')
+
+
+def test_the_signals_that_are_kept_are_bounded() -> None:
+    board = board_of(*(replace(POWER, name=f'f{number}') for number in range(MAX_KEPT + 5)))
+    board.state_topics([])
+    last = board.formulas.keys()[-1]
+    assert board.signals_of(last) is None
+    board.state_topics([PageState(Interest('formulas', (last,)))])
+    assert board.signals_of(last) is not None, 'opened ones come first'
+    many = ' and '.join(f'(s{number}.power < 5)' for number in range(80))
+    wide = [replace(POWER, name=f'w{number}', formula=many) for number in range(30)]
+    board = board_of(*wide)
+    board.state_topics([])
+    keys = board.formulas.keys()
+    assert sum(board.signals_of(key) is not None for key in keys) == MAX_KEPT_SIGNALS // 80
+
+
+def test_failed_formulas_come_first_and_earlier_runs_last() -> None:
+    verdicts = StandingVerdicts(
+        fails=1,
+        is_violated=True,
+        episode_count=3,
+        latest_episodes=(ViolationEpisode(*[19 * SECOND_NS] * 3, 1, False, ''),),
+    )
+    ended = replace(POWER, phase=EvaluationPhase.ENDED)
+    false = replace(ended, verdict=Verdict.FALSE, decided_at=15 * SECOND_NS)
+    board = board_of(
+        replace(false, name='again'),
+        replace(POWER, name='again', started=12 * SECOND_NS),
+        replace(ended, name='true', verdict=Verdict.TRUE),
+        replace(false, name='false'),
+        replace(POWER, name='standing', episodes=verdicts),
+    )
+    document = board.formulas.document()
+    assert [(each['name'], each['group'], each['failures']) for each in document['rows']] == [
+        ('standing', 'failing', 3),
+        ('false', 'failing', 1),
+        ('again', 'running', 0),
+        ('true', 'ended', 0),
+        ('again', 'earlier', 1),
+    ]
+    assert document['counts'] == {'failing': 2, 'running': 1, 'ended': 1, 'earlier': 1}
+    assert document['rows'][0]['failed_at'] == {'since': '9.000 s', 'clock': None}
+
+
+def test_times_are_sent_as_offsets_and_on_the_clock() -> None:
+    start = 1_700_000_000 * SECOND_NS
+    ended = replace(
+        POWER,
+        started=start,
+        phase=EvaluationPhase.ENDED,
+        verdict=Verdict.FALSE,
+        decided_at=start + 13_662_345_678,
+    )
+    (row,) = board_of(ended).formulas.rows()
+    assert row['failed_at'] == {'since': '13.662 s', 'clock': 1_700_000_013_662}
 
 
 def test_a_formula_that_is_not_known_is_not_sent() -> None:
@@ -209,8 +281,8 @@ def test_a_formula_without_a_name_is_shown_once_while_its_text_changes() -> None
     evaluated = replace(POWER, name='(Power < 5000)', formula='(Power < 5000)')
     board.formulas.update([evaluated], 22 * SECOND_NS)
     assert [(each['name'], each['state']) for each in board.formulas.rows()] == [
-        ('(Power < 5000)', 'running'),
         ('Power < 5 kW', 'unavailable'),  # The other one, which has vanished.
+        ('(Power < 5000)', 'running'),
     ]
 
 
@@ -263,6 +335,20 @@ def test_streams() -> None:
     assert found['engines'] == ['/engine']
     own, spare, power = found['streams']
     assert own['is_own']
+    assert own['shown'] == 'states of power'
+    (battery,) = found['topics']
+    assert battery == {
+        'name': '/uav1/battery',
+        'rate': 20.0,
+        'delay': '3 ms',
+        'received': 80,
+        'lost': 2,
+        'dropped': 1,
+        'drops': {'lost': 2, 'message': 1},
+        'formulas': ['power'],
+        'streams': ['uav1_power'],
+        'message': '',
+    }
     assert spare['stand_in_for'] == ['Power[uav1]']
     assert (spare['state'], spare['rate']) == ('waiting', None)
     assert (power['rate'], power['dropped'], power['violations']) == (20.0, 3, 3)

@@ -27,6 +27,10 @@ UNDECIDED = EvaluationStatus(
     states_progressed=5,
     latest_valid_time=20 * SECOND_NS,
     residual_formula='always[0 s, 3 s] (Power[uav1] < 5)',
+    groundings=tuple(
+        SymbolGrounding(f'Power[{name}]', Grounding.SEMANTIC, 'select a from b', ())
+        for name in ('uav1', 'uav2')
+    ),
 )
 FALSE = replace(
     UNDECIDED,
@@ -45,11 +49,11 @@ def episode(begin: int, end: int, *, has_ended: bool = True) -> ViolationEpisode
 
 
 def signals_of(status: EvaluationStatus, *powers: float) -> LiveSignals:
-    signals = LiveSignals(status, DOMAINS, status.started)
+    signals = LiveSignals(status, DOMAINS)
     for number, power in enumerate(powers):
         time = status.started + number * SECOND_NS
         signals.add(time, {'Power[uav1]': 1.0, 'Power[uav2]': power})
-    signals.update(status)
+    signals.update()
     return signals
 
 
@@ -151,12 +155,13 @@ def test_points_continue_a_drawing() -> None:
 def test_the_shape_changes_with_the_deciding_objects() -> None:
     signals = signals_of(UNDECIDED, 1, 2, 3)
     before = signals.shape
-    signals.update(FALSE)
+    signals.follow(FALSE, DOMAINS)
+    signals.update()
     assert signals.shape != before
 
 
 def test_old_states_are_forgotten() -> None:
-    signals = LiveSignals(UNDECIDED, DOMAINS, UNDECIDED.started)
+    signals = LiveSignals(UNDECIDED, DOMAINS)
     for number in range(10_000):
         time = UNDECIDED.started + number * SECOND_NS // 10
         signals.add(time, {'Power[uav1]': 1.0, 'Power[uav2]': float(number)})
@@ -180,6 +185,66 @@ def test_the_objects_are_those_of_the_streams() -> None:
 
 
 def test_a_sort_without_objects_has_no_panels() -> None:
-    signals = LiveSignals(UNDECIDED, {}, 0)
+    signals = LiveSignals(replace(UNDECIDED, groundings=()), {})
     signals.add(1, {'Power[uav1]': 1.0})
     assert signals.drawing()['captions'] == []
+
+
+def test_signals_are_those_until_the_end_of_the_formula() -> None:
+    signals = signals_of(UNDECIDED, *range(15))
+    shape = signals.shape
+    signals.follow(FALSE, DOMAINS)
+    signals.update()
+    assert signals.shape != shape, 'a page may have points of later states'
+    signals.add(25 * SECOND_NS, {'Power[uav1]': 1.0, 'Power[uav2]': 25.0})
+    drawing = signals.drawing()
+    assert drawing['signals'][0]['t'] == [*range(11)], 'others may be asked over the same states'
+    assert drawing['formulas'][0]['range'] == [-0.1, 10.1]
+    assert signals.is_complete
+    signals.follow(UNDECIDED, DOMAINS)
+    assert not signals.is_complete, 'the coordinator reports it again'
+
+
+def test_the_deciding_state_may_come_after_the_verdict() -> None:
+    signals = signals_of(UNDECIDED, *range(5))
+    signals.follow(FALSE, DOMAINS)
+    assert not signals.is_complete
+    signals.add(FALSE.decided_at or 0, {'Power[uav1]': 1.0, 'Power[uav2]': 9.0})
+    assert signals.is_complete
+    assert signals.drawing()['signals'][0]['t'][-1] == 10
+
+
+def test_signals_remain_when_the_ontology_is_read() -> None:
+    signals = LiveSignals(UNDECIDED, {})
+    signals.add(UNDECIDED.started, {'Power[uav1]': 1.0, 'Power[uav2]': 2.0})
+    signals.follow(UNDECIDED, {'UAV': ('uav2',)})
+    (caption,) = signals.drawing()['captions']
+    assert (caption['objects'], caption['names']) == ('u = uav2', ['Power[uav2]'])
+    assert caption['title'] == 'Power[uav2] < 5'
+    signals.follow(replace(UNDECIDED, formula='forall u in UAV: Height[u] > 3'), DOMAINS)
+    assert signals.drawing()['captions'] == [], 'other terms have no values yet'
+
+
+def test_the_latest_failure_is_the_decisive_one() -> None:
+    second = replace(episode(17, 18), explanation='for u = uav2: too much')
+    verdicts = StandingVerdicts(
+        holds=3, fails=6, episode_count=2, latest_episodes=(episode(12, 13), second)
+    )
+    drawing = signals_of(replace(UNDECIDED, episodes=verdicts), *range(11)).drawing()
+    assert [each['is_decisive'] for each in drawing['captions']] == [True, False]
+    assert drawing['captions'][0]['objects'] == 'u = uav2'
+    assert [each['time'] for each in drawing['formulas'][0]['marks']['deciding']] == [7, 2]
+
+
+def test_axes_have_the_unit_of_the_formula_or_of_the_ontology() -> None:
+    def unit(formula: str, units: dict[str, str]) -> str:
+        signals = signals_of(replace(UNDECIDED, formula=formula), 1, 2)
+        signals.units = units
+        return str(signals.drawing()['formulas'][0]['panels'][0]['unit'])
+
+    plain = UNDECIDED.formula
+    with_unit = f'let Power: W in {plain.replace("5", "0.005 kW")}'
+    assert unit(plain, {}) == ''
+    assert unit(plain, {'Power': 'W'}) == 'W'
+    assert unit(with_unit, {}) == 'W'
+    assert unit('forall u in UAV: always (Power[u] * 2 < 5)', {'Power': 'W'}) == ''

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from typing import Any
 
 import pytest
 
@@ -52,6 +53,14 @@ def test_a_fault_has_its_place_and_a_caret() -> None:
 
 def test_a_fault_of_types() -> None:
     assert 'fault' in check('always (3 and a.x)', None)
+
+
+def test_an_unknown_feature_has_its_place_and_a_caret(knowledge: Any) -> None:
+    (note,) = check('forall u in UAV:\n  always Pwer[u] < 3', knowledge)['notes']
+    first, text, caret = note.splitlines()
+    assert first.startswith('formula:2:10: ')
+    assert "'Pwer'" in first
+    assert caret.index('^') == text.index('Pwer')
 
 
 def test_nothing_typed_is_no_fault() -> None:

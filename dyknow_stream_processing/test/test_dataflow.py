@@ -75,6 +75,19 @@ def test_samples_that_do_not_fit(flow: Flow, fields: dict[str, Value], message: 
     assert flow.times() == []
 
 
+def test_drops_are_known_by_the_topic(flow: Flow) -> None:
+    flow.create('sync(select x from "a", select y from "b" where y > 1)')
+    flow.push('a', 1, x=1)
+    flow.push('a', 2, y=1)
+    flow.push('a', 500, 3, x=1)
+    flow.push('b', 3, y=0)
+    flow.push('b', 4, z=0)
+    assert flow.drops == {'fields': 2, 'future': 1}
+    assert flow.dataflow.dropped('a') == {'fields': 1, 'future': 1}
+    assert flow.dataflow.dropped('b') == {'fields': 1}
+    assert flow.dataflow.dropped('c') == {}
+
+
 def test_a_stream_is_known_by_its_name(flow: Flow) -> None:
     flow.create('select x as y from "a"', 'first')
     flow.create('select y as z from first where y > 1', 's')

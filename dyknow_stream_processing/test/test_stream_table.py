@@ -154,6 +154,7 @@ def test_what_is_not_known_is_left_out(account: StreamReport) -> None:
 def test_a_stream_for_programs() -> None:
     document = as_json(FLOWING)
     zero = {'delay_ns': 0, 'before_sending_ns': 0, 'transport_ns': 0, 'stream_id': 0}
+    zero |= {'rate_hz': 0.0, 'drops': {}}
     assert document['state'] == 'FLOWING'
     assert document['constraints'] == {'max_delay': 100 * MS}
     assert list(document['sources']) == [

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from rich.console import RenderableType
 from rich.live import Live
@@ -17,6 +17,9 @@ from dyknow_common.errors import DyKnowError, ExitCode
 from dyknow_common.ros.commands import CommandNode, run_with_node
 from dyknow_common.ros.qos import LATCHED
 from dyknow_common.tables import Terminal
+
+_PATIENCE_NS: Final = SECOND_NS // 2
+"""The time in which a report of another node is waited for, which may not run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,8 @@ class ReportCommand:
         document: makes the JSON document of a report, given the options of the command.
         rendered: the same for a terminal. Both raise NOT_FOUND, if there is no part of the name in
             the options.
+        beside: the topic, relative to the namespace, and the type of a latched report of another
+            node; the functions are given a pair of both then, with None if there is no other one.
         is_fresh: True to wait for the second report, as the first one was latched at some time; the
             node must publish each second while there is a subscriber.
     """
@@ -37,6 +42,7 @@ class ReportCommand:
     message_type: Any
     document: Callable[[Any, argparse.Namespace], Any]
     rendered: Callable[[Any, argparse.Namespace], RenderableType]
+    beside: tuple[str, Any] | None = None
     is_fresh: bool = False
 
     def __call__(self, options: argparse.Namespace) -> int:
@@ -45,6 +51,7 @@ class ReportCommand:
 
     def _show(self, options: argparse.Namespace, command: CommandNode) -> None:
         reports = _Reports(command, f'{options.node}/{self.name}', self.message_type)
+        other = None if self.beside is None else _Reports(command, *self.beside)
         if self.is_fresh:
             reports.next(options.timeout)
         console = Terminal()
@@ -52,6 +59,8 @@ class ReportCommand:
         with Live(console=console, auto_refresh=False) if is_live else nullcontext() as live:
             while True:
                 report = reports.next(options.timeout)
+                if other is not None:
+                    report = report, other.latest()
                 if options.json:
                     print(json.dumps(self.document(report, options)), flush=True)  # noqa: T201
                 elif live:
@@ -68,6 +77,7 @@ class _Reports:
     def __init__(self, command: CommandNode, topic: str, message_type: Any) -> None:
         self._command = command
         self._report: Any = None
+        self._patience_ns = _PATIENCE_NS
         self._topic = command.node.resolve_topic_name(topic)
         self._type = f'{message_type.__module__.partition(".")[0]}/msg/{message_type.__name__}'
         command.node.create_subscription(message_type, self._topic, self._on_report, LATCHED)
@@ -79,12 +89,23 @@ class _Reports:
             DyKnowError: UNAVAILABLE, if there is none in time; it names other nodes that report.
         """
         self._report = None
+        self._wait(timeout_ns)
+        return self._report
+
+    def latest(self) -> Any:
+        """Return the latest report; the first call waits for one, None if none comes soon."""
+        if self._patience_ns:
+            with suppress(DyKnowError):
+                self._wait(self._patience_ns)
+            self._patience_ns = 0
+        return self._report
+
+    def _wait(self, timeout_ns: int) -> None:
         self._command.spin_until(
             lambda: self._report is not None,
             self._command.deadline(timeout_ns),
             lambda: self._no_report(timeout_ns),
         )
-        return self._report
 
     def _on_report(self, report: Any) -> None:
         self._report = report

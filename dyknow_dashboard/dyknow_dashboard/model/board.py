@@ -21,12 +21,18 @@ from dyknow_dashboard.model.concepts import ConceptTable
 from dyknow_dashboard.model.formulas import FormulaTable, MonitoredEvaluation
 from dyknow_dashboard.model.graph import graph
 from dyknow_dashboard.model.health import HealthTable
-from dyknow_dashboard.model.live_signals import LiveSignals, domains_of
+from dyknow_dashboard.model.live_signals import LiveSignals
 from dyknow_dashboard.model.requests import Interest
 from dyknow_dashboard.model.streams import StreamTable
 
-MAX_DRAWN: Final = 40
-"""The number of formulas whose signals are kept at a time, for all pages together."""
+MAX_KEPT: Final = 100
+"""The number of formulas whose signals are kept."""
+
+MAX_KEPT_SIGNALS: Final = 2000
+"""The number of signals of all formulas together: 100 MB."""
+
+State = tuple[str, int, Mapping[str, Value]]
+"""A state: its topic, its valid time in nanoseconds, and its fields."""
 
 
 @dataclass(slots=True)
@@ -70,20 +76,32 @@ class Board:
         self._signals: dict[str, LiveSignals] = {}
 
     def state_topics(self, pages: Iterable[PageState]) -> set[str]:
-        """Return the topics of the states that pages need, and forget other signals."""
-        opened = dict.fromkeys(key for page in pages for key in page.interest.opened)
-        kept = list(opened)[:MAX_DRAWN]
-        self._signals = {key: each for key, each in self._signals.items() if key in kept}
-        for key in kept:
-            evaluation = self.formulas.get(key)
-            if evaluation is not None:
-                self._signals_of(evaluation)
-        return {each.topic for each in self._signals.values()}
+        """Return the topics of the states that signals are kept of, and forget other signals.
 
-    def add_state(self, topic: str, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Add a state on a topic to the signals of all opened formulas that use it."""
+        The signals of opened formulas come first, then those of failing, running and ended ones.
+        """
+        opened = (key for page in pages for key in page.interest.opened)
+        kept: dict[str, LiveSignals] = {}
+        room = MAX_KEPT_SIGNALS
+        for key in list(dict.fromkeys((*opened, *self.formulas.keys())))[:MAX_KEPT]:
+            signals = self._followed(key)
+            if signals is not None and signals.count <= room:
+                kept[key] = signals
+                room -= signals.count
+        self._signals = kept
+        return {each.topic for each in kept.values() if not each.is_complete}
+
+    def signals_of(self, key: str) -> LiveSignals | None:
+        """Return the signals of an evaluation, if they are kept."""
+        return self._signals.get(key)
+
+    def add_states(self, states: Iterable[State]) -> None:
+        """Add states to the signals of all formulas that use them."""
+        users: dict[str, list[LiveSignals]] = {}
         for signals in self._signals.values():
-            if signals.topic == topic:
+            users.setdefault(signals.topic, []).append(signals)
+        for topic, valid_time, fields in states:
+            for signals in users.get(topic, ()):
                 signals.add(valid_time, fields)
 
     def changes(self, page: PageState) -> Iterator[dict[str, Any]]:
@@ -105,11 +123,7 @@ class Board:
         yield (
             'formulas',
             (formulas.version, self.can_save),
-            lambda: {
-                'rows': formulas.rows(),
-                'hidden': formulas.hidden,
-                'can_save': self.can_save,
-            },
+            lambda: {**formulas.document(), 'can_save': self.can_save},
         )
         # A page tells at all times which nodes are missing.
         yield 'nodes', health.version, health.document
@@ -122,14 +136,14 @@ class Board:
             yield 'ontology', self.concepts.version, self.concepts.document
 
     def _details(self, shown: _Shown, evaluation: MonitoredEvaluation) -> Iterator[dict[str, Any]]:
-        key, status = evaluation.key, evaluation.status
-        signals = self._signals.get(key)
+        key, signals = evaluation.key, self.signals_of(evaluation.key)
         if shown.version != self.formulas.version:
             shown.version = self.formulas.version
             details = self.formulas.details(evaluation)
             yield {'type': 'details', 'id': key, **details}
             if signals is not None:
-                signals.update(status)
+                signals.units = self.concepts.units
+                signals.update()
         if signals is None:
             return
         if shown.signals is not signals or shown.shape != signals.shape:
@@ -140,14 +154,14 @@ class Board:
             yield {'type': 'points', 'id': key, **signals.points(shown.latest)}
             shown.latest = signals.latest
 
-    def _signals_of(self, evaluation: MonitoredEvaluation) -> LiveSignals | None:
-        """Return the signals of an evaluation, which are kept from its opening on."""
-        key, status = evaluation.key, evaluation.status
-        signals = self._signals.get(key)
-        if not status.state_stream or (signals is None and len(self._signals) >= MAX_DRAWN):
-            return signals
-        domains = domains_of(status, self.concepts.domains)
-        if signals is None or signals.domains != domains:
-            signals = LiveSignals(status, domains, status.started)
-            self._signals[key] = signals
+    def _followed(self, key: str) -> LiveSignals | None:
+        """Return the signals of an evaluation by its latest status; None without states."""
+        evaluation, signals = self.formulas.get(key), self.signals_of(key)
+        if evaluation is None:
+            return None
+        status, known = evaluation.status, self.concepts.domains
+        if signals is not None:
+            signals.follow(status, known)
+        elif status.state_stream:
+            signals = LiveSignals(status, known)
         return signals

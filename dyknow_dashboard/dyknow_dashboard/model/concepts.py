@@ -28,6 +28,8 @@ class ConceptTable:
         """Why the ontology is not known; empty if it is."""
         self.domains: dict[str, tuple[str, ...]] = {}
         """The objects of each sort."""
+        self.units: dict[str, str] = {}
+        """The units of the features that have one."""
         self._document: dict[str, Any] = {'sorts': [], 'features': [], 'annotations': []}
 
     def update(self, matcher: Matcher, annotations: Mapping[str, str]) -> None:
@@ -44,6 +46,7 @@ class ConceptTable:
         domains = {sort: knowledge.instances(sort) for sort in knowledge.sorts}
         if domains != self.domains:
             self.domains = domains
+        self.units = {each.name: each.unit for each in knowledge.features if each.unit}
         self._document = {
             'sorts': [_sort(each, knowledge) for each in shown if each.kind == 'sort'],
             'features': [_concept(each) for each in shown if each.kind == 'feature'],

@@ -12,7 +12,16 @@ from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from typing import Any, Final
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, time_since, with_readable_times
+from dyknow_common import (
+    NANOSECONDS,
+    SECOND_NS,
+    UNIX_TIMES,
+    DyKnowError,
+    ExitCode,
+    Verdict,
+    round_time,
+    with_readable_times,
+)
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Level, diagnose
 from dyknow_coordinator.reporting.evaluation_status import outcome
 from dyknow_dashboard.model.live_reports import strip
@@ -30,6 +39,10 @@ MAX_SHOWN: Final = 300
 MAX_MARGINS: Final = 600
 """The number of margins that are kept of an evaluation: one for each second."""
 
+GROUPS: Final = ('failing', 'running', 'ended', 'earlier')
+"""The groups of evaluations, in the order in which they are shown."""
+
+_FAILED: Final = frozenset({'false', 'error'})
 _SILENCE_NS: Final = 5 * SECOND_NS
 _MAX_TEXT: Final = 600
 """The number of characters of a text in a row; the details have all of it."""
@@ -61,10 +74,16 @@ class MonitoredEvaluation:
 
 
 class FormulaTable:
-    """All evaluations that the page shows, the running ones in the order of their requests."""
+    """All evaluations that the page shows: those that fail, those that run, and those that ended.
+
+    An ended evaluation is an earlier run if one of the same name was started after it. These come
+    last, and count as no failure any more.
+    """
 
     def __init__(self) -> None:
         self._known: dict[str, MonitoredEvaluation] = {}
+        self._latest: dict[str, int] = {}
+        """When the latest evaluation of each name was started."""
         self._now = 0
         self.version = 0
         self.hidden = 0
@@ -88,11 +107,19 @@ class FormulaTable:
             _retire(known[key])
         for key in gone[: max(len(gone) - MAX_ENDED, 0)]:
             del known[key]
+        self._latest = {}
+        for each in known.values():
+            latest = self._latest.get(each.status.name, each.status.started)
+            self._latest[each.status.name] = max(latest, each.status.started)
         self.version += 1
 
     def get(self, key: str) -> MonitoredEvaluation | None:
         """Return an evaluation; None if it is not known any more."""
         return self._known.get(key)
+
+    def keys(self) -> list[str]:
+        """Return the keys of all evaluations, in the order in which they are shown."""
+        return [each.key for each in sorted(self._known.values(), key=self._rank)]
 
     def statuses(self) -> list[EvaluationStatus]:
         """Return the status of each evaluation, the latest last."""
@@ -104,10 +131,19 @@ class FormulaTable:
         found = (each.status for each in self._known.values())
         return [each for each in found if each.phase is not EvaluationPhase.ENDED]
 
+    def document(self) -> dict[str, Any]:
+        """Return a row for each evaluation, and the number of rows of each group."""
+        rows = self.rows()
+        counts = Counter(each['group'] for each in rows)
+        return {
+            'rows': rows,
+            'counts': {group: counts[group] for group in GROUPS},
+            'hidden': self.hidden,
+        }
+
     def rows(self) -> list[dict[str, Any]]:
-        """Return a row for each evaluation, the running ones first."""
-        ordered = sorted(self._known.values(), key=_rank)
-        return [self._row(each) for each in ordered]
+        """Return a row for each evaluation."""
+        return [self._row(each) for each in sorted(self._known.values(), key=self._rank)]
 
     def details(self, evaluation: MonitoredEvaluation) -> dict[str, Any]:
         """Return what is shown of an evaluation that is open."""
@@ -117,7 +153,7 @@ class FormulaTable:
             'explanation': _reason(status),
             'residual': '' if status.phase is EvaluationPhase.ENDED else status.residual_formula,
             'waits_for': status.waits_for,
-            'decided_at': _time(status.decided_at, status.started),
+            'decided_at': _moment(status.decided_at, status.started),
             'episodes': [] if status.episodes is None else list(_episodes(status)),
             'groundings': [
                 {
@@ -140,6 +176,9 @@ class FormulaTable:
         whole = Span(self._now - STRIP_NS, self._now)
         return {
             'id': evaluation.key,
+            'group': self._group(status),
+            'failures': _failures(status),
+            'failed_at': _moment(_failed_at(status), status.started),
             'name': _shortened(status.name),
             'formula': _shortened(status.formula),
             'plan': _shortened(' / '.join(filter(None, (status.plan, status.action)))),
@@ -148,7 +187,7 @@ class FormulaTable:
             'text': _shortened(
                 with_readable_times(
                     diagnosis.text.removeprefix(f'{outcome(status)}: '), status.started
-                )
+                ).partition('\n')[0]
             ),
             'margin': '' if status.margin is None else str(status.margin),
             'states': status.states_progressed,
@@ -157,6 +196,21 @@ class FormulaTable:
             'is_running': status.phase is not EvaluationPhase.ENDED,
             'strip': strip(status, whole),
         }
+
+    def _group(self, status: EvaluationStatus) -> str:
+        """Return one of GROUPS."""
+        if status.phase is EvaluationPhase.ENDED and status.started < self._latest[status.name]:
+            return 'earlier'
+        if _kind(status, Level.OK) in _FAILED:
+            return 'failing'
+        return 'ended' if status.phase is EvaluationPhase.ENDED else 'running'
+
+    def _rank(self, evaluation: MonitoredEvaluation) -> tuple[int, int]:
+        """Return the place of an evaluation: its group, then the latest failure or end first."""
+        status = evaluation.status
+        group = self._group(status)
+        order = status.started if group == 'running' else -(_failed_at(status) or status.started)
+        return GROUPS.index(group), order
 
 
 def _keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, EvaluationStatus]]:
@@ -192,9 +246,17 @@ def _retire(evaluation: MonitoredEvaluation) -> None:
         evaluation.status = replace(evaluation.status, phase=EvaluationPhase.ENDED, error=lost)
 
 
-def _rank(evaluation: MonitoredEvaluation) -> tuple[bool, int]:
-    has_ended = evaluation.status.phase is EvaluationPhase.ENDED
-    return has_ended, -evaluation.status.started if has_ended else evaluation.status.started
+def _failures(status: EvaluationStatus) -> int:
+    """Return how many times a formula has failed."""
+    episodes = 0 if status.episodes is None else status.episodes.episode_count
+    return episodes or int(_kind(status, Level.OK) in _FAILED)
+
+
+def _failed_at(status: EvaluationStatus) -> int | None:
+    """Return the valid time of the latest failure of a formula, if it is known."""
+    if status.episodes is not None and status.episodes.latest_episodes:
+        return status.episodes.latest_episodes[-1].begin
+    return status.decided_at if status.verdict is Verdict.FALSE else None
 
 
 def _kind(status: EvaluationStatus, level: Level) -> str:
@@ -218,16 +280,20 @@ def _reason(status: EvaluationStatus) -> str:
     return with_readable_times(text, status.started)
 
 
-def _time(nanoseconds: int | None, start: int) -> str:
-    return '' if nanoseconds is None else time_since(nanoseconds, start)
+def _moment(nanoseconds: int | None, start: int) -> dict[str, Any] | None:
+    """Return a time as the page shows it: since the start, and on its clock (ms since 1970)."""
+    if nanoseconds is None:
+        return None
+    clock = nanoseconds // NANOSECONDS['ms'] if nanoseconds >= UNIX_TIMES else None
+    return {'since': round_time(nanoseconds - start), 'clock': clock}
 
 
 def _episodes(status: EvaluationStatus) -> Iterable[dict[str, Any]]:
     episodes = () if status.episodes is None else status.episodes.latest_episodes
     for each in reversed(episodes):
         yield {
-            'begin': _time(each.begin, status.started),
-            'end': _time(each.end, status.started) if each.has_ended else '',
+            'begin': _moment(each.begin, status.started),
+            'end': _moment(each.end, status.started) if each.has_ended else None,
             'states': each.states,
             'explanation': with_readable_times(each.text, status.started),
         }

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from dyknow_coordinator import EvaluationStatus
-from dyknow_dashboard.model.streams import OWN, source_of
-from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
+from dyknow_dashboard.model.streams import source_of
+from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState, is_hidden
 
 MAX_NODES: Final = 300
 """The number of nodes of the graph."""
@@ -24,7 +24,7 @@ def graph(reports: Sequence[StreamReport], evaluations: Sequence[EvaluationStatu
     for number, status in enumerate(evaluations):
         found.add_formula(f'formula {number}', status)
     for report in reports:
-        is_shown = report.state is not StreamState.REGISTERED and not report.name.startswith(OWN)
+        is_shown = report.state is not StreamState.REGISTERED and not is_hidden(report.name)
         if is_shown:
             found.add_stream(report)
     kept = dict(list(found.nodes.items())[:MAX_NODES])

@@ -1,24 +1,42 @@
-"""The signals of a formula that a page has open, as the drawing of its panels."""
+"""The signals of a formula over its last states, as the drawing of its panels."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
 from dyknow_common import SECOND_NS, DyKnowError, SymbolKind, Value
-from dyknow_coordinator import EvaluationStatus
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 from dyknow_dashboard.model.live_reports import live_report
 from dyknow_reasoning import parse_formula, symbols_of
-from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, StateSignals, terms_of
+from dyknow_recordings import FormulaReport
+from dyknow_recordings.evaluation.observation import (
+    MAX_SIGNALS,
+    Signal,
+    SignalRecorder,
+    StateSignals,
+    terms_of,
+)
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.panels import Panel, last_shown, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span
 
 WINDOW_NS: Final = 120 * SECOND_NS
 """The time for which signals are kept and shown."""
+
+_BLOCK: Final = 256
+"""The number of states that are collected before they are added to the signals.
+
+With MAX_POINTS, a signal takes at most 50 KB.
+"""
+
+_FEATURE: Final = re.compile(r'(\w+)(\[[^\]]*\])?')
+"""The text of a feature, such as `Power[uav1]`."""
 
 _MARGIN: Final = 0.01
 """The share of the time that is left free at both sides."""
@@ -55,58 +73,85 @@ def domains_of(status: EvaluationStatus, known: Domains) -> dict[str, tuple[str,
 class LiveSignals:
     """The signals of one formula over the last states, and what is drawn of them.
 
-    Times in drawings are seconds since `origin`.
+    They end with the formula, though other formulas may be asked over the same states. Times in
+    drawings are seconds since the evaluation was started.
 
     Args:
         status: of the evaluation.
-        domains: the objects of each sort.
-        origin: a valid time in nanoseconds.
+        known: the objects of each sort in the ontology, as far as they are known.
     """
 
-    def __init__(self, status: EvaluationStatus, domains: Domains, origin: int) -> None:
-        self.domains = domains
-        self.topic = status.state_stream
+    def __init__(self, status: EvaluationStatus, known: Domains) -> None:
+        self.units: Mapping[str, str] = {}
+        """The units of features, by their names, as far as they are known."""
+        self.domains: Domains = {}
+        """The objects of each sort."""
+        self.topic = ''
         """The topic of the states; it remains when the evaluation has ended."""
-        self.latest = origin
+        self.latest = status.started
         """The valid time of the latest state."""
         self.shape: tuple[Any, ...] = ()
         """It is the same as long as `points` can continue a drawing."""
-        self._origin = origin
-        self._status = status
+        self._origin = status.started
+        self._end: int | None = None
         self._panels: list[Panel] = []
         self._omitted = 0
-        try:
-            terms = terms_of([status.formula], domains)
-        except DyKnowError:  # The objects of a sort are not known yet.
-            terms = []
-        self._recorder = SignalRecorder(terms, domains, WINDOW_NS)
+        self._basis: tuple[Any, ...] = ()
+        self._terms: frozenset[str] = frozenset()
+        self._recorder = SignalRecorder((), {})
+        self.follow(status, known)
+
+    @property
+    def count(self) -> int:
+        """The number of signals."""
+        return min(len(self._terms), MAX_SIGNALS)
+
+    @property
+    def is_complete(self) -> bool:
+        """True if the formula has ended, and no earlier state is to come."""
+        return self._end is not None and self.latest >= self._end
+
+    def follow(self, status: EvaluationStatus, known: Domains) -> None:
+        """Use a later status of the evaluation for the states to come."""
+        self._status = status
+        self.topic = status.state_stream or self.topic
+        self._end = None
+        if status.phase is EvaluationPhase.ENDED:
+            ends = status.decided_at, status.latest_valid_time, status.started
+            self._end = next(each for each in ends if each is not None)
+            self.latest = min(self.latest, self._end)
+        basis = status.formula, status.groundings, known
+        if basis != self._basis:
+            self._basis = basis
+            self._use(status.formula, domains_of(status, known))
 
     def add(self, valid_time: int, fields: Mapping[str, Value]) -> None:
         """Add a state; one that is not later than those before is not drawn."""
-        columns = {name: (value,) for name, value in fields.items()}
-        self._recorder.states((valid_time,), columns)
-        self.latest = max(self.latest, valid_time)
+        if self._end is None or valid_time <= self._end:
+            self._recorder.states((valid_time,), {name: (each,) for name, each in fields.items()})
+            self.latest = max(self.latest, valid_time)
 
-    def update(self, status: EvaluationStatus) -> None:
-        """Use a later status of the evaluation."""
-        self._status = status
-        self.topic = status.state_stream or self.topic
+    def update(self) -> None:
+        """Find the panels of the signals so far."""
         try:
-            self._panels, self._omitted = panels(live_report(status, self._signals()))
+            found, self._omitted = panels(self._report())
+            self._panels = [replace(each, unit=each.unit or self._unit(each)) for each in found]
         except DyKnowError:  # The objects of a sort are not known yet.
             self._panels, self._omitted = [], 0
-        self.shape = tuple(
-            (each.objects, each.is_decisive, *((one.name, one.words) for one in each.signals))
+        shapes = (
+            (each.objects, each.is_decisive, each.unit, [(s.name, s.words) for s in each.signals])
             for each in self._panels
         )
+        self.shape = self._end, *shapes
 
     def drawing(self) -> dict[str, Any]:
         """Return the whole drawing, in the form of the pages of a check."""
-        self.update(self._status)
+        self.update()
         captions = [
             {
                 'objects': each.objects,
                 'is_decisive': each.is_decisive and bool(each.objects),
+                'title': ', '.join(each.atoms),
                 'names': [one.name for one in each.signals],
             }
             for each in self._panels
@@ -118,7 +163,7 @@ class LiveSignals:
 
         Its signals are in the order of the drawing.
         """
-        signals = self._recorder.result().signals
+        signals = self._signals().signals
         names = dict.fromkeys(one.name for each in self._panels for one in each.signals)
         return {
             **self._document([]),
@@ -126,7 +171,7 @@ class LiveSignals:
         }
 
     def _document(self, found: Sequence[Panel]) -> dict[str, Any]:
-        report = live_report(self._status, self._signals())
+        report = self._report()
         begin = max(self._origin, self.latest - WINDOW_NS)
         whole = Span(begin, max(self.latest, begin + SECOND_NS))
         shown = marks(report, whole)
@@ -141,17 +186,48 @@ class LiveSignals:
         formula['range'] = [self._seconds(begin - margin), self._seconds(end + margin)]
         return document
 
+    def _unit(self, panel: Panel) -> str:
+        """Return the unit of the features that a panel shows; empty if it is not the same."""
+        features = [_FEATURE.fullmatch(each.name) for each in panel.signals]
+        units = {self.units.get(each[1], '') if each else '' for each in features}
+        return units.pop() if len(units) == 1 else ''
+
+    def _use(self, formula: str, domains: Domains) -> None:
+        """Record the terms of some objects; keep the signals so far if they include these."""
+        self.domains = domains
+        try:
+            terms = terms_of([formula], domains)
+        except DyKnowError:  # The objects of a sort are not known yet.
+            terms = []
+        names = frozenset(map(str, terms))
+        if not names <= self._terms:
+            self._terms = names
+            self._recorder = SignalRecorder(terms, domains, WINDOW_NS, _BLOCK)
+
+    def _report(self) -> FormulaReport:
+        """Return the report; its latest episode comes first, as the decisive one."""
+        report = live_report(self._status, self._signals())
+        return replace(report, episodes=report.episodes[::-1])
+
     def _signals(self) -> StateSignals:
         """Return the signals, with their values at the deciding states."""
         found = self._recorder.result()
+        signals = {name: self._ended(each) for name, each in found.signals.items()}
         episodes = self._status.episodes
         times = [each.decided_at for each in episodes.latest_episodes] if episodes else []
         deciding = {
-            time: {each.name: _value_at(each, time) for each in found.signals.values()}
+            time: {each.name: _value_at(each, time) for each in signals.values()}
             for time in (*times, self._status.decided_at)
             if time is not None
         }
-        return StateSignals(found.signals, found.domains, deciding, found.omitted)
+        return StateSignals(signals, self.domains, deciding, found.omitted)
+
+    def _ended(self, signal: Signal) -> Signal:
+        """Return a signal without the states that came after the end of the formula."""
+        if self._end is None:
+            return signal
+        count = int(np.searchsorted(signal.times, self._end, side='right'))
+        return replace(signal, times=signal.times[:count], values=signal.values[:count])
 
     def _seconds(self, time: int) -> float:
         return round((time - self._origin) / SECOND_NS, 6)

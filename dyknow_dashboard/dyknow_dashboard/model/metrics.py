@@ -19,8 +19,8 @@ from dyknow_coordinator import EvaluationStatus
 from dyknow_coordinator.reporting.evaluation_status import outcome
 from dyknow_coordinator.reporting.node_status import diagnose_node
 from dyknow_dashboard.model.board import Board
-from dyknow_dashboard.model.streams import MAX_STREAMS, OWN
-from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
+from dyknow_dashboard.model.streams import MAX_STREAMS
+from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState, is_hidden
 
 CONTENT_TYPE: Final = 'text/plain; version=0.0.4; charset=utf-8'
 
@@ -46,7 +46,7 @@ class _BoardCollector(Collector):
         """Yield all metrics."""
         yield from _of_formulas(self._board.formulas.statuses())
         # Those of states have new names again and again: each would be a series of its own.
-        named = [each for each in self._board.streams.reports if not each.name.startswith(OWN)]
+        named = [each for each in self._board.streams.reports if not is_hidden(each.name)]
         yield from _of_streams(named[:MAX_STREAMS])
         yield from self._of_nodes()
 

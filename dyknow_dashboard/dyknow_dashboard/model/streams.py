@@ -7,13 +7,16 @@ from typing import Any, Final
 
 from dyknow_common import round_duration
 from dyknow_coordinator import EvaluationStatus
-from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
+from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState, is_hidden
+from dyknow_stream_processing.reporting.stream_users import (
+    StreamUser,
+    UsedTopic,
+    shown_name,
+    used_topics,
+)
 
 MAX_STREAMS: Final = 500
 """The number of streams that are shown."""
-
-OWN: Final = '_'
-"""The beginning of the names of the streams that the coordinator makes."""
 
 
 class StreamTable:
@@ -30,18 +33,47 @@ class StreamTable:
         self.version += 1
 
     def document(self, evaluations: Sequence[EvaluationStatus]) -> dict[str, Any]:
-        """Return all streams, each with the formulas that it is a stand-in for."""
+        """Return all streams and topics, with the formulas that use them.
+
+        Args:
+            evaluations: those that run.
+        """
+        users = [StreamUser(each.name, each.state_stream, each.topics) for each in evaluations]
         stand_ins = _stand_ins(evaluations)
-        rows = [_row(each, stand_ins) for each in self.reports[:MAX_STREAMS]]
-        hidden = max(len(self.reports) - MAX_STREAMS, 0)
-        return {'engines': list(self.engines), 'streams': rows, 'hidden': hidden}
+        rows = [_row(each, users, stand_ins) for each in self.reports[:MAX_STREAMS]]
+        topics = used_topics(self.reports, users)
+        return {
+            'engines': list(self.engines),
+            'streams': rows,
+            'topics': [_topic_row(each) for each in topics[:MAX_STREAMS]],
+            'hidden': max(len(self.reports) - MAX_STREAMS, 0) + max(len(topics) - MAX_STREAMS, 0),
+        }
 
 
-def _row(report: StreamReport, stand_ins: Mapping[str, list[str]]) -> dict[str, Any]:
+def _topic_row(used: UsedTopic) -> dict[str, Any]:
+    source = used.source
+    return {
+        'name': source.topic,
+        'rate': round(source.rate, 1),
+        'delay': '' if source.latest is None else round_duration(source.delay),
+        'received': source.samples,
+        'lost': used.lost,
+        'dropped': used.dropped,
+        'drops': dict(source.drops),
+        'formulas': list(used.formulas),
+        'streams': list(used.streams),
+        'message': used.reason,
+    }
+
+
+def _row(
+    report: StreamReport, users: Sequence[StreamUser], stand_ins: Mapping[str, list[str]]
+) -> dict[str, Any]:
     is_flowing = report.state is StreamState.FLOWING
     return {
         'name': report.name,
-        'is_own': report.name.startswith(OWN),
+        'shown': shown_name(report, users),
+        'is_own': is_hidden(report.name),
         'state': report.state.name.lower(),
         'message': report.message,
         'rate': round(report.flow.rate, 1) if is_flowing else None,

@@ -12,6 +12,7 @@ from dyknow_common import (
     LanguageError,
     Symbol,
     SymbolKind,
+    TextPosition,
 )
 from dyknow_dashboard.errors import DashboardError
 from dyknow_reasoning import check_types, notes_on, parse_formula, symbols_of
@@ -70,7 +71,7 @@ def check(text: str, knowledge: Knowledge | None) -> dict[str, Any]:
     except LanguageError as error:
         position = error.position
         return {'fault': error.message, 'line': position.line, 'column': position.column}
-    unknown = [] if knowledge is None else list(_unknown(symbols_of(formula), knowledge))
+    unknown = [] if knowledge is None else list(_unknown(text, symbols_of(formula), knowledge))
     return {'canonical': str(formula), 'notes': [*map(str, notes_on(text)), *unknown]}
 
 
@@ -114,11 +115,18 @@ def _signature(feature: FeatureSignature) -> str:
     return f'{arguments}: {feature.value_type}{unit}'
 
 
-def _unknown(symbols: Iterable[Symbol], knowledge: Knowledge) -> Iterator[str]:
+def _unknown(text: str, symbols: Iterable[Symbol], knowledge: Knowledge) -> Iterator[str]:
     """Yield notes on features with arguments that the ontology does not have."""
     for symbol in symbols:
         if symbol.kind is SymbolKind.FEATURE and symbol.arguments:
             try:
                 knowledge.feature(symbol.name)
             except SemanticsError as error:
-                yield error.message
+                yield LanguageError(error.message, 'formula', text, _place(symbol, text)).message
+
+
+def _place(symbol: Symbol, text: str) -> TextPosition:
+    """Return the place of the first use of a feature."""
+    found = re.search(rf'\b{re.escape(symbol.name)}\b', text)
+    before = text[: found.start()] if found else ''
+    return TextPosition(before.count('\n') + 1, len(before) - before.rfind('\n'))

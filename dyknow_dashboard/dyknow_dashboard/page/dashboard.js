@@ -5,10 +5,11 @@ const VIEWS = ['formulas', 'streams', 'graph', 'nodes', 'ontology'];
 const MAX_RETRY_MS = 5000;
 const TAB_KEYS = {ArrowRight: 1, ArrowLeft: -1};
 
-const list = new FormulaList($('list'), () => sendInterest());
+const list = new FormulaList($('list'), $('earlier-list'), () => sendInterest());
 const tables = new Tables();
 const graphView = new Graph($('graph-view'));
 const askForm = new AskForm();
+const alarms = new Alarms();
 let socket = null;
 let retry = 500;
 let view = 'formulas';
@@ -16,15 +17,19 @@ let view = 'formulas';
 const HANDLERS = {
   hello(message) {
     list.readOnly = message.read_only;
-    $('ask').hidden = message.read_only;
+    $('asking').hidden = message.read_only;
   },
   formulas(message) {
     list.canSave = message.can_save;
     list.update(message.rows);
+    const {failing, running, ended, earlier} = message.counts;
+    document.title = failing ? `(${failing}) DyKnow` : 'DyKnow';
+    $('earlier').hidden = !earlier;
+    setText($('earlier-count'), `${earlier}`);
     $('save-all').hidden = !message.can_save || list.readOnly;
     $('empty').hidden = Boolean(message.rows.length);
-    const running = message.rows.filter((each) => each.is_running).length;
-    setText($('count'), `${running} running${message.hidden ? `, ${message.hidden} more are not shown` : ''}`);
+    setText($('count'), `${failing} failing, ${running} running, ${ended} ended${message.hidden ? `, ${message.hidden} more are not shown` : ''}`);
+    alarms.update(message.rows);
   },
   details: (message) => list.get(message.id)?.details(message),
   drawing: (message) => list.get(message.id)?.draw(message),
@@ -94,13 +99,21 @@ $('tabs').addEventListener('keydown', (event) => {
   else if (event.key === 'Home') showView(VIEWS[0], true);
   else if (event.key === 'End') showView(VIEWS.at(-1), true);
 });
+$('filter').addEventListener('input', () => list.filter($('filter').value));
+$('zone').addEventListener('click', () => {
+  setZone(!isUtc);
+  list.refresh();
+});
 $('health').addEventListener('click', () => showView('nodes', true));
 $('save-all').addEventListener('click', async () => {
   const answer = await request('save', {name: ''});
-  setText($('asked'), answer.error ?? `saved: ${answer.paths.join(', ')}`);
+  setText($('notice'), answer.error ?? `saved: ${answer.paths.join(', ')}`);
 });
 document.addEventListener('visibilitychange', sendInterest);
 addEventListener('hashchange', () => VIEWS.includes(location.hash.slice(1)) && showView(location.hash.slice(1)));
 
+setZone(isUtc);
+// On a phone the verdicts come first.
+$('asking').open = matchMedia('(min-width: 44rem)').matches;
 if (VIEWS.includes(location.hash.slice(1))) showView(location.hash.slice(1));
 connect();

@@ -27,6 +27,32 @@ function setClass(element, name) {
   if (element.className !== name) element.className = name;
 }
 
+let isUtc = localStorage.getItem('zone') === 'UTC';
+
+function setZone(utc) {
+  isUtc = utc;
+  localStorage.setItem('zone', isUtc ? 'UTC' : 'local');
+  setText($('zone'), isUtc ? 'UTC' : 'local time');
+}
+
+// Returns a time as an offset and on the clock: "13.662 s, 14:31:32.521".
+function momentText(moment) {
+  if (moment?.clock == null) return moment?.since ?? '';
+  const shift = isUtc ? 0 : new Date(moment.clock).getTimezoneOffset() * 60000;
+  return `${moment.since}, ${new Date(moment.clock - shift).toISOString().slice(11, 23)}`;
+}
+
+let plotly = null;
+
+// Loads plotly when the first plot is opened, as it has 5 MB.
+function loadPlotly() {
+  plotly ??= new Promise((resolve) => {
+    const onerror = () => { plotly = null; };  // The next plot tries again.
+    document.head.append(make('script', {src: 'plotly.js', onload: resolve, onerror}));
+  });
+  return plotly;
+}
+
 // A table whose rows are updated in place, so that the focus and what is open stay.
 //
 // A row has a key, cells (texts, or {text, kind}) and `more`: pairs of a label and a text, which

@@ -5,9 +5,11 @@ const MAX_OPEN = 8;
 const LABELLED = 0.2;
 
 class FormulaList {
-  // onOpened is called when other formulas are open than before.
-  constructor(place, onOpened) {
+  // Earlier runs have a place of their own. onOpened is called when other formulas are open.
+  constructor(place, earlier, onOpened) {
     this.place = place;
+    this.earlier = earlier;
+    this.wanted = '';
     this.onOpened = onOpened;
     this.rows = new Map();
     this.canSave = false;
@@ -28,7 +30,7 @@ class FormulaList {
         this.rows.delete(id);
       }
     }
-    let before = null;
+    const before = new Map();
     for (const each of rows) {
       let row = this.rows.get(each.id);
       if (!row) {
@@ -36,9 +38,23 @@ class FormulaList {
         this.rows.set(each.id, row);
       }
       row.update(each);
-      const expected = before ? before.nextSibling : this.place.firstChild;
-      if (row.element !== expected) this.place.insertBefore(row.element, expected);
-      before = row.element;
+      const place = each.group === 'earlier' ? this.earlier : this.place;
+      const expected = before.has(place) ? before.get(place).nextSibling : place.firstChild;
+      if (row.element !== expected) place.insertBefore(row.element, expected);
+      before.set(place, row.element);
+    }
+  }
+
+  // Shows the formulas whose name, state or text has a text.
+  filter(text) {
+    this.wanted = text.toLowerCase();
+    this.refresh();
+  }
+
+  refresh() {
+    for (const row of this.rows.values()) {
+      row.update(row.row);
+      if (row.latest) row.details(row.latest);
     }
   }
 
@@ -87,7 +103,7 @@ class FormulaRow {
     this.cancel = make('button', {type: 'button', onclick: () => this.ask('cancel')}, 'Cancel');
     this.save = make('button', {type: 'button', onclick: () => this.ask('save')}, 'Save black box');
     this.actions = make('div', {class: 'actions'}, this.cancel, this.save);
-    this.unseen = make('p', {class: 'soft', hidden: true}, 'Signals are shown of the states that come while the formula is open; none has come.');
+    this.unseen = make('p', {class: 'soft', hidden: true}, 'There are no signals: no state has come since the server of this page was started.');
     this.body.append(make('p', {}, this.whole), this.why, this.facts, this.residual, this.actions,
       this.answer, this.unseen, this.panels, this.margins, this.tables);
   }
@@ -114,8 +130,11 @@ class FormulaRow {
     setText(this.text, row.formula);
     setText(this.whole, row.formula);
     setText(this.note, row.text === row.state ? '' : row.text);
-    setClass(this.why, `why is-${row.kind}`);
+    const texts = [row.name, row.formula, row.state, row.group];
+    this.element.hidden = !texts.some((each) => each.toLowerCase().includes(this.list.wanted));
     const facts = [
+      row.failed_at ? `failed at ${momentText(row.failed_at)}` : '',
+      row.failures > 1 ? `${row.failures} times` : '',
       `${row.states} states`, `since ${duration(row.since)}`, row.every_state ? 'asked at every state' : '',
       row.margin ? `margin ${row.margin}` : '', row.plan ? `plan ${row.plan}` : '',
     ];
@@ -142,10 +161,14 @@ class FormulaRow {
   }
 
   details(details) {
+    this.latest = details;
     this.fullName = details.name;
     setText(this.why, details.explanation || details.waits_for || this.row.text);
+    // A caret stands under its place.
+    const isMarked = /^\s*\^$/m.test(this.why.textContent);
+    setClass(this.why, `why is-${this.row.kind}${isMarked ? ' marked' : ''}`);
     const parts = [
-      details.decided_at ? `decided at ${details.decided_at}` : '',
+      details.decided_at ? `decided at ${momentText(details.decided_at)}` : '',
       details.residual ? `remains: ${details.residual}` : '',
       details.waits_for && details.explanation ? `waits for: ${details.waits_for}` : '',
     ];
@@ -156,13 +179,13 @@ class FormulaRow {
   }
 
   fillTables(details) {
-    const text = JSON.stringify([details.episodes, details.groundings, details.events]);
+    const text = JSON.stringify([isUtc, details.episodes, details.groundings, details.events]);
     if (text === this.tabled) return;
     this.tabled = text;
     this.tables.replaceChildren();
     if (details.episodes.length) {
       this.addTable('Episodes', ['from', 'to', 'states', 'why'], details.episodes.map((each) =>
-        [each.begin, each.end || 'now', each.states, each.explanation]));
+        [momentText(each.begin), momentText(each.end) || 'now', each.states, each.explanation]));
     }
     if (details.groundings.length) {
       this.addTable('Streams', ['feature', 'stream in use', 'stand-ins'], details.groundings.map((each) =>
@@ -184,14 +207,15 @@ class FormulaRow {
     this.signals = message.signals;
     this.drawing = drawingOf({...message, unit: ['s']}, 0);
     this.drawing.axis = 'time since it was asked (s)';
-    for (const plot of this.panels.querySelectorAll('.plot')) Plotly.purge(plot);
+    for (const plot of this.panels.querySelectorAll('.js-plotly-plot')) Plotly.purge(plot);
     this.panels.classList.toggle('few', message.captions.length <= 2);
     this.plots = this.drawing.panels.map(() => make('div', {class: 'plot'}));
     this.panels.replaceChildren(...message.captions.map((caption, number) => {
       const names = caption.names.map((name) => make('span', {class: 'signal'}, name));
       const decides = caption.is_decisive ? [' ', make('span', {class: 'word error-free'}, 'decides')] : [];
       const objects = caption.objects ? [make('b', {}, caption.objects), ...decides, ' '] : [];
-      return make('figure', {}, make('figcaption', {}, ...objects, make('span', {}, ...names)), this.plots[number]);
+      const title = make('div', {}, ...objects, caption.title);
+      return make('figure', {}, make('figcaption', {}, title, ...names), this.plots[number]);
     }), ...(message.omitted ? [make('p', {class: 'soft'}, `${message.omitted} more are not shown`)] : []));
     this.plots.forEach((plot) => VISIBLE.observe(plot));
     this.unseen.hidden = Boolean(this.plots.length);
@@ -215,17 +239,19 @@ class FormulaRow {
     this.redraw(false);
   }
 
-  redraw(all) {
+  async redraw(all) {
     if (!this.element.open) return;
+    await loadPlotly();
     this.drawing.panels.forEach((panel, number) => {
       const plot = this.plots[number];
       if (all || plot.dataset.visible) drawPanel(plot, panel, this.drawing);
     });
   }
 
-  drawMargins(margins) {
+  async drawMargins(margins) {
     this.margins.hidden = !margins.length;
-    if (!margins.length) return;
+    if (!margins.length || !this.element.open) return;
+    await loadPlotly();
     if (!this.marginPlot) {
       this.marginPlot = make('div', {class: 'plot'});
       const names = ['at least', 'at most'].map((name) => make('span', {class: 'signal'}, name));
@@ -235,7 +261,7 @@ class FormulaRow {
     const times = margins.map((each) => each[0]);
     const signal = (name, column) => ({name, t: times, v: margins.map((each) => each[column]), words: []});
     const panel = {
-      is_decisive: false, signals: [signal('at least', 1), signal('at most', 2)],
+      is_decisive: false, unit: '', signals: [signal('at least', 1), signal('at most', 2)],
       thresholds: [{value: 0, text: '0'}],
     };
     const marks = {deciding: [], windows: [], pending: [], gaps: [], violations: []};

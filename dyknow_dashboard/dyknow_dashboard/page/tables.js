@@ -6,6 +6,8 @@ const STATES = {flowing: 'true', waiting: 'undecided warning', failed: 'false', 
 
 class Tables {
   constructor() {
+    this.topics = new KeyedTable($('topics-table'),
+      ['topic', 'rate', 'delay', 'lost', 'dropped', 'formulas'], 'No stream and no formula uses a topic.');
     this.streams = new KeyedTable($('streams-table'),
       ['stream', 'state', 'rate', 'delay', 'dropped', 'violations', 'stand-in for'], 'There is no stream besides DyKnow\'s own.');
     this.nodes = new KeyedTable($('nodes-table'), ['node', 'health', 'message'], 'No node is known.');
@@ -23,10 +25,23 @@ class Tables {
     const shown = message.streams.filter((each) => !each.is_own || $('own').checked);
     const engines = message.engines.join(', ') || 'no stream processing engine is running';
     setText($('engines'), `${engines}${message.hidden ? `; ${message.hidden} more are not shown` : ''}`);
+    this.topics.update(message.topics.map((each) => ({
+      key: each.name,
+      cells: [
+        each.name, {text: `${each.rate} Hz`, kind: each.rate ? '' : 'warned'}, each.delay,
+        {text: each.lost || '', kind: 'warned'}, {text: each.dropped || '', kind: 'warned'},
+        each.formulas.join(', '),
+      ],
+      more: [
+        ['why', each.message], ['received', String(each.received)],
+        ['dropped', Object.entries(each.drops).map(([why, count]) => `${count} ${why}`).join(', ')],
+        ['streams', each.streams.join(', ')],
+      ],
+    })));
     this.streams.update(shown.map((each) => ({
       key: each.name,
       cells: [
-        each.name, {text: each.state, kind: `word ${STATES[each.state]}`},
+        each.shown, {text: each.state, kind: `word ${STATES[each.state]}`},
         each.rate == null ? '' : `${each.rate} Hz`, each.delay,
         {text: each.dropped || '', kind: 'warned'}, {text: each.violations || '', kind: 'warned'},
         each.stand_in_for.join(', '),

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
-from dyknow_interfaces.msg import EvaluationStatusArray, Sample, StreamStatusArray
+from dyknow_interfaces.msg import EvaluationStatusArray, StreamStatusArray
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 from rclpy.qos import QoSProfile
 
-from dyknow_common import DyKnowError
 from dyknow_common.ros import (
     LATCHED,
     NO_SUBSCRIPTION_EVENTS,
-    STREAM,
     NodeAdapter,
-    ros_errors,
     time_to_nanoseconds,
 )
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
@@ -31,9 +27,9 @@ from dyknow_dashboard.ros.nodes_of_system import (
     STREAM_MANAGER,
     SystemNodes,
 )
+from dyknow_dashboard.ros.state_topics import StateTopics
 from dyknow_semantics import ALL_TRIPLES, Matcher, bridged
 from dyknow_semantics.ros.mirrors import annotations_by_text, faults_of, triples_of
-from dyknow_stream_processing.ros import sample_fields, sample_valid_time
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
 PERIOD_S: Final = 1.0
@@ -45,9 +41,9 @@ _MAX_ENTRIES: Final = 100
 class SystemReader:
     """Subscriptions to the reports of a system; the board gets what they say.
 
-    The reports on evaluations are always read: their history is shown when a page is opened. All
-    others are read while a page is open, and states while a page shows their signals. The board
-    belongs to another thread, which `deliver` has run what is given to it.
+    The reports on evaluations, and the states of formulas whose signals are kept, are always read:
+    their history is shown when a page is opened. All others are read while a page is open. The
+    board belongs to another thread, which `deliver` has run what is given to it.
 
     Args:
         adapter: of the node that reads; its methods are called in the thread of its executor.
@@ -70,7 +66,7 @@ class SystemReader:
         self._nodes: SystemNodes | None = None
         self._attended: list[Any] = []
         self._timer: Any = None
-        self._states: dict[str, Any] = {}
+        self._states = StateTopics(adapter, lambda found: deliver(partial(board.add_states, found)))
         self._semantics: Any = None
         self._is_reading = False
         self._subscribe(EvaluationStatusArray, f'{COORDINATOR}/evaluations', self._on_evaluations)
@@ -80,19 +76,13 @@ class SystemReader:
 
         Args:
             is_open: True if a page is open.
-            topics: of the states that pages show.
+            topics: of the states that signals are kept of.
         """
         if is_open and self._nodes is None:
             self._begin()
         elif not is_open and self._nodes is not None:
             self._end()
-        for topic in self._states.keys() - topics:
-            self._adapter.node.destroy_subscription(self._states.pop(topic))
-        for topic in topics - self._states.keys():
-            on_state = partial(self._on_state, topic)
-            # A report may name a topic that cannot exist: there is nothing to show of it.
-            with suppress(DyKnowError), ros_errors():
-                self._states[topic] = self._subscribe(Sample, topic, on_state, STREAM)
+        self._states.read(topics)
 
     def _begin(self) -> None:
         self._nodes = SystemNodes(self._adapter)
@@ -145,10 +135,6 @@ class SystemReader:
             for each in message.status[:_MAX_ENTRIES]
         ]
         self._deliver(partial(self._board.health.diagnose, parts, self._now()))
-
-    def _on_state(self, topic: str, message: Any) -> None:
-        fields, valid_time = sample_fields(message), sample_valid_time(message)
-        self._deliver(partial(self._board.add_state, topic, valid_time, fields))
 
     def _update(self) -> None:
         """Report the health of nodes, and read the ontology if it has changed."""

@@ -46,7 +46,7 @@ _FILES: Final = (
     ('/dashboard.css', _PAGE, 'dashboard.css', 'text/css; charset=utf-8'),
     *(
         (f'/{name}.js', _PAGE, f'{name}.js', 'text/javascript; charset=utf-8')
-        for name in ('elements', 'formulas', 'tables', 'graph', 'ask', 'dashboard')
+        for name in ('elements', 'formulas', 'tables', 'graph', 'ask', 'alarms', 'dashboard')
     ),
     ('/icon.svg', _PAGE, 'icon.svg', 'image/svg+xml'),
 )

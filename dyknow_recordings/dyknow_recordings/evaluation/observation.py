@@ -43,9 +43,6 @@ MAX_SIGNALS: Final = 200
 MAX_DECIDING_STATES: Final = 100
 """The number of deciding states whose values are kept."""
 
-_BLOCK: Final = 4096
-"""The number of single states that are collected to be added together."""
-
 _MAX_WORDS: Final = 20
 """The number of different texts of a signal that are kept; all others are one."""
 
@@ -130,6 +127,7 @@ class SignalRecorder:
         terms: the features of the states and what is calculated of them.
         domains: the objects of each sort.
         window: how long a value is kept, in nanoseconds; None: for ever.
+        block: the number of single states that are collected to be added together.
     """
 
     def __init__(
@@ -137,7 +135,9 @@ class SignalRecorder:
         terms: Iterable[Term],
         domains: Mapping[str, tuple[str, ...]],
         window: int | None = None,
+        block: int = 4096,
     ) -> None:
+        self._block = block
         named = {str(each): each for each in terms}
         self._terms = dict(list(named.items())[:MAX_SIGNALS])
         self._omitted = len(named) - len(self._terms)
@@ -161,7 +161,7 @@ class SignalRecorder:
         self._times.extend(map(int, valid_times))
         for name, single in self._single.items():
             single.extend(columns.get(name, (None,)))
-        if len(self._times) >= _BLOCK:
+        if len(self._times) >= self._block:
             self._flush()
 
     def gap(self) -> None:

@@ -242,6 +242,10 @@ class Dataflow:
             for observer in source.observers:
                 observer.count_drops(reason, count)
 
+    def dropped(self, topic: str) -> Counter[str]:
+        """Return how many samples the operators of a topic alone have dropped, by reason."""
+        return sum((each.dropped for each in self._graph.sources.get(topic, ())), Counter[str]())
+
     def restart(self, violation: Violation) -> None:
         """Discard all samples and times, after the clock has jumped back.
 

@@ -20,6 +20,7 @@ and then of rank, so each operator wakes after the inputs whose `certain_at` it 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple, Protocol
@@ -217,6 +218,8 @@ class Operator:
         self.dropped_for = reason
         for observer in self.observers:
             observer.count_drops(reason)
+        if len(self.sources) == 1:
+            self.sources[0].dropped[reason] += 1
 
     def _violate(self, fault: Fault) -> None:
         for observer in self.observers:
@@ -249,6 +252,8 @@ class SourceOperator(Operator):
         """True while a sample is pushed whose stamps another engine has checked."""
         self.is_initial = False
         """True while a sample is pushed that was sent before anybody here could receive it."""
+        self.dropped: Counter[str] = Counter()
+        """The numbers of its samples that operators of them alone have dropped, by reason."""
         self._latest_receipt = BEGINNING
 
     def push(

@@ -85,6 +85,10 @@ class SourceReport:
     """The least time from sending to receipt, by two clocks, nanoseconds; 0 if it is unknown."""
     stream_id: int = 0
     """The stream whose samples come or are expected; 0 for other messages."""
+    rate: float = 0.0
+    """Messages per second, over the last second."""
+    drops: Mapping[str, int] = field(default_factory=dict)
+    """The numbers of messages that were lost, or dropped before others joined them, by reason."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -24,6 +24,12 @@ from dyknow_stream_processing.reporting.stream_report import (
     StreamReport,
     StreamState,
 )
+from dyknow_stream_processing.reporting.stream_users import (
+    StreamUser,
+    UsedTopic,
+    formulas_over,
+    shown_name,
+)
 
 _STYLES = {
     StreamState.FLOWING: 'green',
@@ -40,11 +46,16 @@ _NONE = (
 _SHOWN_NS = 100 * NANOSECONDS['ms']
 """The delay from which on it is shown where a topic loses its time: a sender takes some."""
 
+_TIMES = ('latest', 'delay', 'before_sending', 'transport')
 _FIGURES = ('samples', 'rate', 'delay', 'max', 'dropped', 'violations')
+_FIGURES_OF_TOPICS = ('received', 'rate', 'delay', 'lost', 'dropped')
 
 
 def stream_table(
-    reports: Iterable[StreamReport], engines: Sequence[str], hidden: int = 0
+    reports: Iterable[StreamReport],
+    engines: Sequence[str],
+    hidden: int = 0,
+    users: Collection[StreamUser] = (),
 ) -> RenderableType:
     """Return a table with a line for each stream, or how to make the first one.
 
@@ -52,14 +63,34 @@ def stream_table(
         reports: of the streams.
         engines: the stream processing engines that run.
         hidden: the number of streams that are not shown.
+        users: the formulas that are evaluated.
     """
-    rows = (_row(report, several_engines=len(engines) > 1) for report in reports)
+    rows = (_row(report, users, several_engines=len(engines) > 1) for report in reports)
     columns = (named('stream'), fixed('state'), *map(figure, _FIGURES), folded())
     caption = ', '.join(engines) or 'no stream processing engine is running'
     if hidden:
         caption += f"; {hidden} of DyKnow's own streams not shown (--all shows them)"
     listed = list(rows)
     return ReportTable(columns, listed, caption=caption) if listed else Text(_NONE + caption)
+
+
+def topic_table(topics: Iterable[UsedTopic]) -> RenderableType:
+    """Return a table with a line for each topic that streams are made of."""
+    columns = (named('topic'), *map(figure, _FIGURES_OF_TOPICS), folded('formulas'), folded())
+    rows: list[list[Cell]] = [
+        [
+            each.source.topic,
+            str(each.source.samples),
+            f'{each.source.rate:.1f} Hz',
+            '' if each.source.latest is None else _delay(each.source.delay),
+            str(each.lost),
+            str(each.dropped),
+            ', '.join(each.formulas),
+            each.reason.partition('\n')[0],
+        ]
+        for each in topics
+    ]
+    return ReportTable(columns, rows, texts=2) if rows else Text()
 
 
 def stream_details(report: StreamReport, now: int) -> RenderableType:
@@ -75,20 +106,35 @@ def stream_details(report: StreamReport, now: int) -> RenderableType:
     return Group(table, Text(), Text(report.specification))
 
 
-def as_json(report: StreamReport) -> dict[str, Any]:
-    """Return everything that is known of one stream; durations in nanoseconds, the rate in Hz."""
-    document = json_document(report, times=('latest', 'delay', 'before_sending', 'transport'))
+def as_json(report: StreamReport, users: Iterable[StreamUser] = ()) -> dict[str, Any]:
+    """Return everything that is known of one stream; durations in nanoseconds, rates in Hz.
+
+    Args:
+        report: of the stream.
+        users: the formulas that are evaluated; those over its samples, as states, are listed.
+    """
+    document = json_document(report, times=_TIMES)
     flow = document.pop('flow')
+    for source in document['sources']:
+        source['rate_hz'] = source.pop('rate')
     return {
         **document,
         'constraints': {k: v for k, v in document['constraints'].items() if v is not None},
+        'formulas': formulas_over(report, users),
         'rate_hz': flow['rate'],
         'mean_delay_ns': flow['mean_delay'],
         'max_delay_ns': flow['max_delay'],
     }
 
 
-def _row(report: StreamReport, *, several_engines: bool) -> list[Cell]:
+def topic_as_json(used: UsedTopic) -> dict[str, Any]:
+    """Return everything that is known of one topic; durations in nanoseconds, the rate in Hz."""
+    document = json_document(used, times=_TIMES)
+    source = document.pop('source')
+    return {**source, 'rate_hz': source.pop('rate'), **document}
+
+
+def _row(report: StreamReport, users: Iterable[StreamUser], *, several_engines: bool) -> list[Cell]:
     figures = [''] * len(_FIGURES)
     if report.state is StreamState.FLOWING:
         figures = [
@@ -104,7 +150,7 @@ def _row(report: StreamReport, *, several_engines: bool) -> list[Cell]:
     else:
         figures[_FIGURES.index('delay')], _ = _delays(report)
         remark = report.message.partition('\n')[0]
-    return [report.name, _state(report), *figures, remark]
+    return [shown_name(report, users), _state(report), *figures, remark]
 
 
 def _details(report: StreamReport, now: int) -> Iterator[tuple[str, Cell]]:

@@ -13,6 +13,7 @@ from dyknow_stream_processing.ros.messages.message_values import (
     without_element,
 )
 from dyknow_stream_processing.ros.messages.sample_messages import (
+    SampleReader,
     SampleWriter,
     doubtful_from,
     sample_fields,
@@ -34,12 +35,14 @@ from dyknow_stream_processing.ros.topics.publications import (
     source_type,
 )
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
+from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 
 __all__ = [
     'PAUSES',
     'FieldReader',
     'NodeTopics',
     'Publication',
+    'SampleReader',
     'SampleWriter',
     'SequenceGaps',
     'StreamProxy',
@@ -57,6 +60,7 @@ __all__ = [
     'sample_valid_time',
     'scalar_fields',
     'source_type',
+    'take_waiting',
     'time_of_receipt',
     'valid_time_reader',
     'with_value',

@@ -243,6 +243,7 @@ class StreamProcessingEngine(DyKnowNode):
         now = self.now()
         for output in self._outputs.values():
             output.flow = output.meter.measure(now)
+        self._sources.end_period(now)
         self._waiting.end_period()
         samples = sum(self._dataflow.statistics(name).samples for name in self._outputs)
         self.set_status(RUNNING, {'streams': str(len(self._outputs)), 'samples': str(samples)})

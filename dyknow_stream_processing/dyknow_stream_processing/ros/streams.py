@@ -1,12 +1,13 @@
-"""The streams command: shows the state of each stream."""
+"""The streams command: shows the state of each stream, and the topics that formulas use."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from dyknow_interfaces.msg import StreamStatusArray
-from rich.console import RenderableType
+from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray, StreamStatusArray
+from rich.console import Group, RenderableType
+from rich.text import Text
 
 from dyknow_common.executables import describe
 from dyknow_common.ros import (
@@ -17,35 +18,66 @@ from dyknow_common.ros import (
 )
 from dyknow_stream_processing.errors import unknown_stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport, is_hidden
-from dyknow_stream_processing.reporting.stream_table import as_json, stream_details, stream_table
+from dyknow_stream_processing.reporting.stream_table import (
+    as_json,
+    stream_details,
+    stream_table,
+    topic_as_json,
+    topic_table,
+)
+from dyknow_stream_processing.reporting.stream_users import StreamUser, used_topics
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
 
-def document(message: Any, options: argparse.Namespace) -> dict[str, Any]:
-    """Return the reports of the streams, or of the named one, as JSON.
+def document(both: tuple[Any, Any], options: argparse.Namespace) -> dict[str, Any]:
+    """Return the reports of the streams and their topics, or of the named stream, as JSON.
+
+    Args:
+        both: the reports on streams and on evaluations; None for the latter without a coordinator.
+        options: of the command.
 
     Raises:
         StreamError: NOT_FOUND, if there is no such stream.
     """
+    message, users = both[0], _users(both[1])
     if options.name:
-        return as_json(_find(message, options.name))
-    reports = map(as_json, _reports(message, options))
-    return {'engines': list(message.engines), 'streams': list(reports)}
+        return as_json(_find(message, options.name), users)
+    topics = used_topics(_all(message), users)
+    return {
+        'engines': list(message.engines),
+        'streams': [as_json(each, users) for each in _shown(message, options)],
+        'topics': [topic_as_json(each) for each in topics],
+    }
 
 
-def rendered(message: Any, options: argparse.Namespace) -> RenderableType:
+def rendered(both: tuple[Any, Any], options: argparse.Namespace) -> RenderableType:
     """Return what `document` returns, for the terminal."""
+    message, users = both[0], _users(both[1])
     if options.name:
         return stream_details(_find(message, options.name), time_to_nanoseconds(message.stamp))
-    reports = _reports(message, options)
+    reports = _shown(message, options)
     hidden = len(message.streams) - len(reports)
-    return stream_table(reports, list(message.engines), hidden)
+    streams = stream_table(reports, list(message.engines), hidden, users)
+    topics = used_topics(_all(message), users)
+    return Group(streams, Text(), topic_table(topics)) if topics else streams
 
 
-def _reports(message: Any, options: argparse.Namespace) -> list[StreamReport]:
+def _users(message: Any) -> list[StreamUser]:
+    """Return the formulas in a report on evaluations that have not ended."""
+    return [
+        StreamUser(each.name, each.state_stream, tuple(each.topics))
+        for each in ([] if message is None else message.evaluations)
+        if each.phase != EvaluationStatus.ENDED
+    ]
+
+
+def _all(message: Any) -> list[StreamReport]:
+    return [report_from_message(each) for each in message.streams]
+
+
+def _shown(message: Any, options: argparse.Namespace) -> list[StreamReport]:
     """Return the reports of all streams, or of those that are not hidden, as ROS has it."""
-    shown = (each for each in message.streams if options.all or not is_hidden(each.name))
-    return [report_from_message(each) for each in shown]
+    return [each for each in _all(message) if options.all or not is_hidden(each.name)]
 
 
 def _find(message: Any, name: str) -> StreamReport:
@@ -57,10 +89,12 @@ def _find(message: Any, name: str) -> StreamReport:
 
 def add_streams_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.set_defaults(command=ReportCommand('streams', StreamStatusArray, document, rendered))
+    beside = 'stream_reasoning_coordinator/evaluations', EvaluationStatusArray
+    command = ReportCommand('streams', StreamStatusArray, document, rendered, beside)
+    parser.set_defaults(command=command)
     describe(
         parser,
-        'Show the state of each stream.',
+        'Show the state of each stream, and the topics that streams and formulas use.',
         (
             'dyknow streams',
             'dyknow streams uav1_power',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import pytest
@@ -13,11 +14,13 @@ from rclpy.serialization import deserialize_message, serialize_message
 from dyknow_common import Value
 from dyknow_stream_processing import Sample, StreamError
 from dyknow_stream_processing.ros import (
+    SampleReader,
     SampleWriter,
     sample_fields,
     sample_to_message,
     sample_valid_time,
 )
+from dyknow_stream_processing.ros.messages.sample_messages import MAX_LEARNT
 
 NAMES = st.sampled_from(['a', 'b', 'ranges[0]', 'Power[uav1]'])
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'))
@@ -38,6 +41,39 @@ def test_a_reused_message_equals_a_new_one(samples: Sequence[Sample]) -> None:
         assert deserialize_message(serialize_message(again), SampleMessage) == new
         assert again.header.stamp == again.valid_time
         assert list(sample_fields(again)) == list(sample.fields)
+
+
+@given(SAMPLES)
+def test_serialised_samples_are_read_as_by_rclpy(samples: Sequence[Sample]) -> None:
+    reader, writer = SampleReader(), SampleWriter()
+    for number, sample in enumerate([*samples, *samples]):
+        written = writer.write(sample)
+        written.header.frame_id = 'map'[: number % 4]
+        data = serialize_message(written)
+        message = deserialize_message(data, SampleMessage)
+        try:
+            expected = sample_valid_time(message), sample_fields(message)
+        except StreamError as error:
+            with pytest.raises(StreamError, match=re.escape(str(error))):
+                reader.read(data)
+        else:
+            assert str(reader.read(data)) == str(expected), 'nan differs from itself'
+
+
+def test_a_large_serialised_sample() -> None:
+    reader, fields = SampleReader(), {'a': 'x' * MAX_LEARNT}
+    data = serialize_message(sample_to_message(Sample(1, 1, fields)))
+    assert reader.read(data) == reader.read(data) == (1, fields)
+
+
+@pytest.mark.parametrize('value', ['', 'no number', '1' * 101])
+def test_a_serialised_sample_with_a_wrong_value(value: str) -> None:
+    reader = SampleReader()
+    message = sample_to_message(Sample(1, 1, {'a': 1}))
+    assert reader.read(serialize_message(message)) == (1, {'a': 1})
+    message.fields[0].value = value
+    with pytest.raises(StreamError, match="field 'a' holds"):
+        reader.read(serialize_message(message))
 
 
 @given(FIELDS, TIMES)

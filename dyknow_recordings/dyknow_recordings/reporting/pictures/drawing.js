@@ -85,7 +85,7 @@ function layoutOf(panel, drawing) {
     font: {size: 11, family: 'system-ui, sans-serif'},
     xaxis: {range: [...range], title: {text: drawing.axis, standoff: 4}, zeroline: false},
     yaxis: {
-      automargin: true, zeroline: false,
+      automargin: true, zeroline: false, title: {text: panel.unit, standoff: 4},
       autorangeoptions: {include: panel.thresholds.map((each) => each.value)},
       ...(words.length ? {tickvals: words.map((_, n) => n), ticktext: words} : {}),
     },

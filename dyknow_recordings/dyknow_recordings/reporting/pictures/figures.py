@@ -55,6 +55,7 @@ class PageFigures:
     def _panel(self, panel: Panel) -> dict[str, Any]:
         return {
             'is_decisive': panel.is_decisive,
+            'unit': escape(panel.unit),
             'signals': [self._signal(each) for each in panel.signals],
             'thresholds': [
                 {'value': each.value, 'text': escape(each.text)} for each in panel.thresholds

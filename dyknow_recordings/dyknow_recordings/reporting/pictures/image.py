@@ -125,6 +125,7 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
     axes.tick_params(labelsize=8)
     axes.grid(alpha=0.3)
     axes.set_xlabel(f'time ({whole.unit})', fontsize=8)
+    axes.set_ylabel(_plain(panel.unit), fontsize=8)
     names = ', '.join(each.name for each in panel.signals)
     _set_title(axes, f'{panel.objects}: {names}' if panel.objects else names)
 

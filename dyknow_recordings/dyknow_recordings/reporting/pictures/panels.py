@@ -59,6 +59,7 @@ class Panel:
         signals: drawn together, as an atom compares them.
         thresholds: of these signals.
         is_decisive: True if these objects decided the formula.
+        unit: of the signals, if the formula has numbers with units; empty otherwise.
     """
 
     objects: str
@@ -66,6 +67,7 @@ class Panel:
     signals: tuple[Signal, ...]
     thresholds: tuple[Threshold, ...]
     is_decisive: bool
+    unit: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +151,7 @@ def _panels_of(
     """Return a panel for each set of signals that atoms compare."""
     texts: dict[tuple[str, ...], list[str]] = {}
     thresholds: dict[tuple[str, ...], dict[float, dict[str, None]]] = {}
+    units: dict[tuple[str, ...], str] = {}
     for atom in atoms:
         sides = (atom.left, atom.right) if isinstance(atom, Comparison) else (atom,)
         named = dict.fromkeys(map(str, sides))
@@ -157,6 +160,9 @@ def _panels_of(
         if names:
             texts.setdefault(names, []).append(str(as_written(atom)))
             found = thresholds.setdefault(names, {})
+            for each in sides:
+                if isinstance(each, Number) and each.unit:
+                    units[names] = each.unit
             if isinstance(atom, Comparison) and (threshold := _threshold(atom)):
                 found.setdefault(threshold.value, {})[threshold.text] = None
     return [
@@ -166,6 +172,7 @@ def _panels_of(
             tuple(known.signals[name] for name in names),
             tuple(Threshold(value, ', '.join(each)) for value, each in thresholds[names].items()),
             is_decisive,
+            units.get(names, ''),
         )
         for names, found in texts.items()
     ]

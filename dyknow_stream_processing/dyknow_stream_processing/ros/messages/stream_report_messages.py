@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from math import isfinite
 from typing import Any, Final
 
@@ -108,7 +108,7 @@ def report_to_message(report: StreamReport) -> Any:
         **{name: getattr(report, name) for name in _COMMON_FIELDS},
         state=int(report.state),
         constraints=constraints_to_message(report.constraints),
-        drops=[StreamDrop(reason=reason, count=count) for reason, count in report.drops.items()],
+        drops=_drops_to_messages(report.drops),
         sources=[
             StreamSource(
                 topic=source.topic,
@@ -118,6 +118,8 @@ def report_to_message(report: StreamReport) -> Any:
                 delay=nanoseconds_to_duration(source.delay),
                 before_sending=nanoseconds_to_duration(source.before_sending),
                 transport=nanoseconds_to_duration(source.transport),
+                rate=source.rate,
+                drops=_drops_to_messages(source.drops),
             )
             for source in report.sources
         ],
@@ -134,13 +136,14 @@ def report_from_message(message: Any) -> StreamReport:
         ValueError: for a state that does not exist, or a rate that is no number.
         DyKnowError: for constraints that contradict each other.
     """
-    if not isfinite(message.rate):
-        raise ValueError(f'its rate is {message.rate}')
+    for rate in (message.rate, *(source.rate for source in message.sources)):
+        if not isfinite(rate):
+            raise ValueError(f'its rate is {rate}')
     return StreamReport(
         **{name: getattr(message, name) for name in _COMMON_FIELDS},
         state=StreamState(message.state),
         constraints=constraints_from_message(message.constraints),
-        drops={drop.reason: drop.count for drop in message.drops},
+        drops=_drops_from_messages(message.drops),
         sources=tuple(
             SourceReport(
                 source.topic,
@@ -150,6 +153,8 @@ def report_from_message(message: Any) -> StreamReport:
                 time_to_nanoseconds(source.before_sending),
                 time_to_nanoseconds(source.transport),
                 source.stream_id,
+                source.rate,
+                _drops_from_messages(source.drops),
             )
             for source in message.sources
         ),
@@ -159,3 +164,11 @@ def report_from_message(message: Any) -> StreamReport:
             time_to_nanoseconds(message.max_delay),
         ),
     )
+
+
+def _drops_to_messages(drops: Mapping[str, int]) -> list[Any]:
+    return [StreamDrop(reason=reason, count=count) for reason, count in drops.items()]
+
+
+def _drops_from_messages(drops: Iterable[Any]) -> dict[str, int]:
+    return {drop.reason: drop.count for drop in drops}

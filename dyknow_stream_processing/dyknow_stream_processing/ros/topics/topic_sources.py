@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
@@ -13,7 +13,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from dyknow_common import Value, round_duration
+from dyknow_common import SECOND_NS, Value, round_duration
 from dyknow_common.ros import Throttle, time_to_nanoseconds
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
 from dyknow_stream_processing.dataflow.operators import SourceType
@@ -144,7 +144,14 @@ class TopicSources:
             source.before_sending,
             transport,
             source.stream_id,
+            source.rate,
+            dict(source.drops + self._dataflow.dropped(topic)),
         )
+
+    def end_period(self, now: int) -> None:
+        """Measure the rates of all topics since the last call, given the time in nanoseconds."""
+        for source, _ in self._sources.values():
+            source.end_period(now)
 
     def reason(self, topic: str, since: int | None) -> str:
         """Return why no messages of a topic that is subscribed to come; empty if they come.
@@ -272,6 +279,10 @@ class _Source:
     clock: SenderClock = field(default_factory=SenderClock)
     before_sending: int = 0
     received: int = 0
+    drops: Counter[str] = field(default_factory=Counter)
+    rate: float = 0.0
+    period: tuple[int, int] = (0, 0)
+    """Its beginning, and the number of messages received before it."""
     latest: int | None = None
     delay: int = 0
     is_sample: bool = False
@@ -371,7 +382,14 @@ class _Source:
         self.dataflow.vouch(self.topic, min(watermark, now + self.dataflow.max_lead), now)
         self.schedule()
 
+    def end_period(self, now: int) -> None:
+        begin, received = self.period
+        is_known = 0 < begin < now  # Simulated time may stand still.
+        self.rate = (self.received - received) * SECOND_NS / (now - begin) if is_known else 0.0
+        self.period = now, self.received
+
     def on_dropped(self, reason: str, count: int) -> None:
+        self.drops[reason] += count
         self.dataflow.drop(self.topic, reason, count)
 
     def on_violation(self, violation: Violation) -> None:
@@ -395,7 +413,7 @@ class _Source:
     def _reject(self, valid_time: int, now: int, fault: str) -> None:
         text = f"stream '{self.topic}': a message cannot be used: {fault}"
         self.fault = self.fault or f'messages of {self.topic} cannot be used: {fault}'
-        self.dataflow.drop(self.topic, ViolationKind.MESSAGE)
+        self.on_dropped(ViolationKind.MESSAGE, 1)
         self.on_violation(Violation(self.topic, ViolationKind.MESSAGE, valid_time, now, 0, 0, text))
 
 

@@ -1,0 +1,85 @@
+"""The states of all formulas that signals are kept of.
+
+A formula may have fifty states a second, and all are read, so they are taken many at a time, as
+bytes. A callback for each message, and rclpy's objects for its fields, take five times as long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from dyknow_interfaces.msg import Sample
+from rclpy.callback_groups import CallbackGroup
+
+from dyknow_common import DyKnowError
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, STREAM, NodeAdapter, ros_errors
+from dyknow_dashboard.model.board import State
+from dyknow_stream_processing.ros import SampleReader, take_waiting
+
+PERIOD_S: Final = 0.2
+"""The time between two looks at the topics, in which the middleware keeps up to 1000 states."""
+
+
+class _NeverCalled(CallbackGroup):
+    """The group of subscriptions that no executor waits for."""
+
+    def can_execute(self, _entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, _entity: Any) -> bool:
+        return False
+
+
+@dataclass(slots=True)
+class _StateTopic:
+    subscription: Any
+    reader: SampleReader = field(default_factory=SampleReader)
+
+
+class StateTopics:
+    """Subscriptions to topics of states, which a timer reads.
+
+    Args:
+        adapter: of the node that reads; its methods are called in the thread of its executor.
+        on_states: called with the states that have come, those of a topic in their order.
+    """
+
+    def __init__(self, adapter: NodeAdapter, on_states: Callable[[list[State]], None]) -> None:
+        self._node = adapter.node
+        self._on_states = on_states
+        self._group = _NeverCalled()
+        self._topics: dict[str, _StateTopic] = {}
+        adapter.create_timer(PERIOD_S, self._read, clock=adapter.wall_clock)
+
+    def read(self, topics: frozenset[str]) -> None:
+        """Read these topics from now on, and no others."""
+        for topic in self._topics.keys() - topics:
+            self._node.destroy_subscription(self._topics.pop(topic).subscription)
+        for topic in topics - self._topics.keys():
+            # A report may name a topic that cannot exist: there is nothing to show of it.
+            with suppress(DyKnowError), ros_errors():
+                self._topics[topic] = _StateTopic(
+                    self._node.create_subscription(
+                        Sample,
+                        topic,
+                        lambda _: None,
+                        STREAM,
+                        callback_group=self._group,
+                        event_callbacks=NO_SUBSCRIPTION_EVENTS,
+                        raw=True,
+                    )
+                )
+
+    def _read(self) -> None:
+        if states := [each for topic in self._topics for each in self._states(topic)]:
+            self._on_states(states)
+
+    def _states(self, topic: str) -> Iterator[State]:
+        held = self._topics[topic]
+        for data, _ in take_waiting(held.subscription):
+            # The reasoning engine has reported a state that cannot be used.
+            with suppress(DyKnowError):
+                yield (topic, *held.reader.read(data))

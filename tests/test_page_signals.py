@@ -1,0 +1,73 @@
+"""What the server of the live page sends over real nodes, to a page without a browser."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from dashboards import dashboard
+from page_client import receive
+from system import LIMIT, System
+
+
+@pytest.fixture(scope='module')
+def served(shared_system: Any) -> Iterator[tuple[System, str]]:
+    system = shared_system.get(composition=False)
+    with dashboard(system.environment) as address:
+        system.batteries.reset()
+        yield system, address
+
+
+def spin(system: System, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    system.client.spin_until(lambda: time.monotonic() > end, 'some time', seconds + LIMIT)
+
+
+def test_a_formula_that_failed_before_it_is_opened_shows_why(served: tuple[System, str]) -> None:
+    system, address = served
+    answer = system.ask('forall u in UAV: always (Power[u] < 150)')
+    system.wait_until_running(answer)
+    spin(system, 3.0)
+    system.batteries.power['uav2'] = 170.0
+    system.client.spin_until(answer.done, 'the verdict')
+    system.batteries.reset()
+    spin(system, 2.0)  # Now somebody hears the alarm.
+    name = answer.result().canonical_formula
+    drawing = receive(
+        address, 'formulas', name, lambda found: found['type'] == 'drawing' and found['signals']
+    )
+    (formula,), first = drawing['formulas'], drawing['captions'][0]
+    assert (first['objects'], first['is_decisive']) == ('u = uav2', True)
+    assert first['names'] == ['Power[uav2]']
+    signal = drawing['signals'][formula['panels'][0]['signals'][0]]
+    (deciding,) = formula['marks']['deciding']
+    assert deciding['values']['Power[uav2]'] == pytest.approx(170.0)
+    assert signal['t'][-1] == pytest.approx(deciding['time']), 'the line ends with the formula'
+    assert signal['v'][-1] == pytest.approx(170.0)
+    assert len(signal['v']) > 5
+    assert max(signal['v'][:-1]) < 150.0
+
+
+def test_failed_formulas_come_first_and_are_counted(served: tuple[System, str]) -> None:
+    _, address = served
+    found = receive(address, 'formulas', '', lambda each: each['type'] == 'formulas')
+    assert found['counts']['failing'] == 1
+    assert (found['rows'][0]['group'], found['rows'][0]['failures']) == ('failing', 1)
+    assert found['rows'][0]['failed_at']['clock'] / 1000 == pytest.approx(time.time(), abs=120.0)
+
+
+def test_the_topics_of_a_formula(served: tuple[System, str]) -> None:
+    system, address = served
+    formula = 'always ("/uav1/battery".voltage > 1.0)'
+    answer = system.ask(formula, timeout=LIMIT)
+    system.wait_until_running(answer)
+
+    def has_rate(found: Any) -> bool:
+        topics = found['topics'] if found['type'] == 'streams' else ()
+        return any(each['formulas'] == [formula] and each['rate'] > 1.0 for each in topics)
+
+    found = receive(address, 'streams', '', has_rate)
+    assert f'states of {formula}' in [each['shown'] for each in found['streams']]
