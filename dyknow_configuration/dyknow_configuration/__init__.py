@@ -23,7 +23,7 @@ from dyknow_configuration.proposals.timing import (
     timing_of,
 )
 from dyknow_configuration.reading import read_robot
-from dyknow_configuration.recipes.catalogue import Recipe, read_recipes
+from dyknow_configuration.recipes.catalogue import Recipe, RobotPart, read_recipes
 from dyknow_configuration.recipes.insertion import AddedRecipe, add_recipe
 from dyknow_configuration.robot import (
     ParameterValue,
@@ -64,6 +64,7 @@ __all__ = [
     'RequestedGuard',
     'RobotConfiguration',
     'RobotFaults',
+    'RobotPart',
     'SeenValues',
     'Severity',
     'TextSource',

@@ -107,11 +107,11 @@ class Recipe:
             found += [f'{section}:\n', *lines] if lines else []
         return ''.join(found)
 
-    def matches(self, words: Iterable[str]) -> bool:
-        """Return True if its texts contain all words, in any case."""
+    @property
+    def searched(self) -> str:
+        """All texts in which words are searched, in lower case."""
         texts = (self.name, self.area, self.problem, self.description, self.source, self.note)
-        searched = '\n'.join((*texts, self.robot, *self.topics.values())).lower()
-        return all(each.lower() in searched for each in words)
+        return '\n'.join((*texts, self.robot, *self.topics.values())).lower()
 
     def renamed(self, names: Mapping[str, str]) -> Recipe:
         """Return the recipe with other names of sorts, objects, constants, features and formulas.

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import yaml
 
-from dyknow_common import DyKnowError, ExitCode, unit_conversion
+from dyknow_common import DyKnowError, ExitCode, listed, unit_conversion
 from dyknow_configuration.documents.yaml_values import YamlValue, parse_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.reading import KEYS, robot_of
@@ -53,7 +53,8 @@ def add_recipe(path: Path, text: str, recipe: Recipe) -> AddedRecipe:
 
     Raises:
         ConfigurationError: if the file is at fault, has the formula (ALREADY_EXISTS) or a feature
-            of the same name that is another one, or would be at fault with the recipe.
+            of the same name that is another one, has too few objects, or would be at fault with
+            the recipe.
     """
     text = text if not text or text.endswith('\n') else f'{text}\n'
     document = parse_yaml(path, text)
@@ -62,7 +63,7 @@ def add_recipe(path: Path, text: str, recipe: Recipe) -> AddedRecipe:
         message = f"{path} has a formula '{recipe.name}'; add --rename {recipe.name}=OTHER_NAME"
         raise ConfigurationError(message, ExitCode.ALREADY_EXISTS)
     kept = tuple(each for each in recipe.parts if _is_in(each, document))
-    _check_features(kept, document, recipe)
+    _check_kept(kept, document, recipe)
     added = tuple(each for each in recipe.parts if each not in kept)
     edits = [
         edit
@@ -95,22 +96,27 @@ def _is_in(part: RobotPart, document: YamlValue) -> bool:
     return any(text in each.line() for each in found)
 
 
-def _check_features(kept: tuple[RobotPart, ...], document: YamlValue, recipe: Recipe) -> None:
-    """Check that features of the file are what the formula of the recipe takes them for."""
-    wanted = _features(parse_yaml(Path(recipe.name), recipe.robot))
-    found = _features(document)
-    for name in (each.name for each in kept if each.section == 'features'):
-        if not _is_same(found[name], wanted[name]):
+def _check_kept(kept: tuple[RobotPart, ...], document: YamlValue, recipe: Recipe) -> None:
+    """Check that objects and features of the file are what the recipe takes them for."""
+    path = document.document.path
+    wanted = read_vocabulary(parse_yaml(path, recipe.robot).mapping(KEYS))
+    found = read_vocabulary(document.mapping(KEYS))
+    for sort in (each.name for each in kept if each.section == 'objects'):
+        objects, count = found.objects(sort), len(wanted.objects(sort))
+        if len(objects) < count:
             raise ConfigurationError(
-                f"{document.document.path} has another feature '{name}', {_described(found[name])}; "
-                f'that of the recipe is {_described(wanted[name])}; rename what differs, such as '
-                f'--rename {_renaming(found[name], wanted[name])}',
+                f"'{recipe.name}' is about {count} objects of '{sort}' at least; {path} has "
+                f'{listed(objects) or "none"}: add some first'
+            )
+    for name in (each.name for each in kept if each.section == 'features'):
+        own, other = found.features[name], wanted.features[name]
+        if not _is_same(own, other):
+            raise ConfigurationError(
+                f"{path} has another feature '{name}', {_described(own)}; that of the recipe is "
+                f'{_described(other)}; rename what differs, such as '
+                f'--rename {_renaming(own, other)}',
                 ExitCode.ALREADY_EXISTS,
             )
-
-
-def _features(document: YamlValue) -> dict[str, RobotFeature]:
-    return read_vocabulary(document.mapping(KEYS)).features
 
 
 def _is_same(found: RobotFeature, wanted: RobotFeature) -> bool:
@@ -159,7 +165,8 @@ def _edits(document: YamlValue, section: str, parts: list[RobotPart]) -> Iterato
         yield _Edit(begin.index - _INDENT, begin.index, '- ')
     elif not isinstance(node, yaml.CollectionNode):
         indent = root.start_mark.column
-        yield _Edit(begin.index, begin.index, f'\n{" " * indent}- ')
+        after_key = len(text[: begin.index].rstrip(' '))
+        yield _Edit(after_key, begin.index, f'\n{" " * indent}- ')
     lines = ''.join(each.lines(indent) for each in parts)
     yield _Edit(value.end, value.end, lines)
 
