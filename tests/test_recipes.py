@@ -212,8 +212,10 @@ def test_the_library_has_what_recipes_name_and_nothing_else() -> None:
 @pytest.mark.parametrize('recipe', RECIPES.values(), ids=lambda each: each.name)
 def test_a_recipe_fits_a_terminal_and_names_its_source(recipe: Recipe) -> None:
     assert recipe.source
-    assert recipe.url.startswith(('https://', 'http://')) or 'ISO' in recipe.source or (
-        'IROS' in recipe.source
+    assert (
+        recipe.url.startswith(('https://', 'http://'))
+        or 'ISO' in recipe.source
+        or ('IROS' in recipe.source)
     )
     assert recipe.problem.endswith('.')
     assert max(map(len, recipe.robot.splitlines())) <= 100

@@ -181,8 +181,9 @@ def _table(details: Mapping[str, str]) -> str:
 
 def _print_addition(path: Path, recipe: Recipe, added: AddedRecipe) -> None:
     """Print what was added, and what the user has to look at."""
-    new, kept = _named(added.added), _named(each for each in added.kept)
-    print(f'{path}: added {new}{f"; kept its own {kept}" if kept else ""}')  # noqa: T201
+    print(f'{path}: added {_named(added.added)}')  # noqa: T201
+    if added.kept:
+        print(f'kept as in the file: {_named(added.kept)}')  # noqa: T201
     values = [each for each in added.added if each.section in {'objects', 'constants'}]
     texts = [each.text for each in added.added]
     details = {each.name: each.text.partition(':')[2].strip() for each in values}

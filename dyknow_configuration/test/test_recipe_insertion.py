@@ -45,13 +45,13 @@ FEATURES = (
 STREAMS = (
     '',
     'streams: []\n',
-    "streams: 'stream a = select x from \"/a\"; sink a'\n",
+    'streams: \'stream a = select x from "/a"; sink a\'\n',
     'streams: |\n  stream a = select x from "/a";\n  # the end\n  sink a;\n',
     'streams: |+\n  stream a = select x from "/a";\n  sink a\n\n\n',
     'streams:\n- stream a = select x from "/a"; sink a\n',
     'streams:\n  - |\n    stream a = select x from "/a";\n    sink a;\n\n',
     'streams:\n  for: {r: Rover}\n  text: |\n    stream {r}_a = select x from "/{r}/a";\n    sink {r}_a\n',
-    "streams: ['stream a = select x from \"/a\"; sink a']\n",
+    'streams: [\'stream a = select x from "/a"; sink a\']\n',
 )
 FORMULAS = (
     '',

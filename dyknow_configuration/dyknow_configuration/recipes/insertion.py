@@ -90,9 +90,7 @@ def _is_in(part: RobotPart, document: YamlValue) -> bool:
         return part.name in {key.text() for key, _ in value.entries('a mapping')}
     wanted = part.plain
     text = ' '.join((wanted if isinstance(wanted, str) else wanted['text']).split())
-    found = (
-        each.entries('')[-1][1] if each.is_mapping else each for each in value.one_or_more()
-    )
+    found = (each.entries('')[-1][1] if each.is_mapping else each for each in value.one_or_more())
     return any(text in each.line() for each in found)
 
 
