@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import yaml
 
-from dyknow_common import DyKnowError, ExitCode, listed, unit_conversion
+from dyknow_common import ExitCode, listed
 from dyknow_configuration.documents.yaml_values import YamlValue, parse_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.reading import KEYS, robot_of
 from dyknow_configuration.recipes.catalogue import LISTS, SECTIONS, Recipe, RobotPart
 from dyknow_configuration.robot import RobotFeature
 from dyknow_configuration.vocabulary import read_vocabulary
-
-_INDENT: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,20 +25,12 @@ class AddedRecipe:
     Args:
         text: of the file.
         added: the parts of the recipe that are new.
-        kept: those that the file had already, with values of its own.
+        kept: those that the file had already, perhaps with other values.
     """
 
     text: str
     added: tuple[RobotPart, ...]
     kept: tuple[RobotPart, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Edit:
-    begin: int
-    end: int
-    text: str
-    is_section: bool = False
 
 
 def add_recipe(path: Path, text: str, recipe: Recipe) -> AddedRecipe:
@@ -52,46 +42,39 @@ def add_recipe(path: Path, text: str, recipe: Recipe) -> AddedRecipe:
         recipe: to add.
 
     Raises:
-        ConfigurationError: if the file is at fault, has the formula (ALREADY_EXISTS) or a feature
-            of the same name that is another one, has too few objects, or would be at fault with
-            the recipe.
+        ConfigurationError: if the file is at fault, has the formula (ALREADY_EXISTS), has a feature
+            of the same name that is another one or too few objects, or cannot be changed.
     """
-    text = text if not text or text.endswith('\n') else f'{text}\n'
-    document = parse_yaml(path, text)
-    robot = robot_of(document)
-    if recipe.name in {each.name for each in robot.formulas}:
+    document = parse_yaml(path, text if not text or text.endswith('\n') else f'{text}\n')
+    if recipe.name in {each.name for each in robot_of(document).formulas}:
         message = f"{path} has a formula '{recipe.name}'; add --rename {recipe.name}=OTHER_NAME"
         raise ConfigurationError(message, ExitCode.ALREADY_EXISTS)
-    kept = tuple(each for each in recipe.parts if _is_in(each, document))
-    _check_kept(kept, document, recipe)
+    content = document.plain() or {}
+    kept = tuple(each for each in recipe.parts if _is_in(each, content))
     added = tuple(each for each in recipe.parts if each not in kept)
+    _check_kept(kept, document, recipe)
     edits = [
         edit
         for section in SECTIONS
         if (parts := [each for each in added if each.section == section])
         for edit in _edits(document, section, parts)
     ]
-    changed = text
-    # From the end on, no edit moves the place of another one; new sections follow the last one.
-    order = sorted(edits, key=lambda edit: (edit.begin, edit.is_section))
-    for each in reversed(order):
-        changed = changed[: each.begin] + each.text + changed[each.end :]
-    _check(path, changed, document, added)
+    changed = document.document.text
+    # From the end on, no edit moves the place of another one; new sections come last.
+    for (begin, _), end, inserted in sorted(edits, key=lambda edit: edit[0], reverse=True):
+        changed = changed[:begin] + inserted + changed[end:]
+    _check(path, changed, content, added)
     return AddedRecipe(changed, added, kept)
 
 
-def _is_in(part: RobotPart, document: YamlValue) -> bool:
-    if part.section == 'formulas':
-        return False
-    value = document.mapping(KEYS).get(part.section)
-    if value is None:
-        return False
-    if part.section != 'streams':
-        return part.name in {key.text() for key, _ in value.entries('a mapping')}
-    wanted = part.plain
-    text = ' '.join((wanted if isinstance(wanted, str) else wanted['text']).split())
-    found = (each.entries('')[-1][1] if each.is_mapping else each for each in value.one_or_more())
-    return any(text in each.line() for each in found)
+def _is_in(part: RobotPart, content: dict[str, Any]) -> bool:
+    if part.section in LISTS:
+        return part.plain in _listed(content.get(part.section))
+    return part.name in (content.get(part.section) or ())
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value] if value else []
 
 
 def _check_kept(kept: tuple[RobotPart, ...], document: YamlValue, recipe: Recipe) -> None:
@@ -99,103 +82,81 @@ def _check_kept(kept: tuple[RobotPart, ...], document: YamlValue, recipe: Recipe
     path = document.document.path
     wanted = read_vocabulary(parse_yaml(path, recipe.robot).mapping(KEYS))
     found = read_vocabulary(document.mapping(KEYS))
-    for sort in (each.name for each in kept if each.section == 'objects'):
-        objects, count = found.objects(sort), len(wanted.objects(sort))
+    for name in (each.name for each in kept if each.section == 'objects'):
+        objects, count = found.objects(name), len(wanted.objects(name))
         if len(objects) < count:
             raise ConfigurationError(
-                f"'{recipe.name}' is about {count} objects of '{sort}' at least; {path} has "
+                f"'{recipe.name}' is about {count} objects of '{name}' at least; {path} has "
                 f'{listed(objects) or "none"}: add some first'
             )
     for name in (each.name for each in kept if each.section == 'features'):
-        own, other = found.features[name], wanted.features[name]
-        if not _is_same(own, other):
+        own, other = _signature(found.features[name]), _signature(wanted.features[name])
+        if own != other:
             raise ConfigurationError(
-                f"{path} has another feature '{name}', {_described(own)}; that of the recipe is "
-                f'{_described(other)}; rename what differs, such as '
-                f'--rename {_renaming(own, other)}',
+                f"{path} has another feature '{name}', {own}; that of the recipe is {other}; add "
+                '--rename OLD=NEW for what differs, such as the sort or the feature',
                 ExitCode.ALREADY_EXISTS,
             )
 
 
-def _is_same(found: RobotFeature, wanted: RobotFeature) -> bool:
-    if [*found.arguments.values()] != [*wanted.arguments.values()]:
-        return False
-    try:
-        if found.unit != wanted.unit:
-            unit_conversion(found.unit, wanted.unit)
-    except DyKnowError:
-        return False
-    return wanted.value_type.accepts(found.value_type)
-
-
-def _described(feature: RobotFeature) -> str:
+def _signature(feature: RobotFeature) -> str:
     of = f' of {", ".join(feature.arguments.values())}' if feature.arguments else ''
     return f'a {feature.value_type}{of}{f" in {feature.unit}" if feature.unit else ""}'
 
 
-def _renaming(found: RobotFeature, wanted: RobotFeature) -> str:
-    pairs = zip(wanted.arguments.values(), found.arguments.values(), strict=False)
-    sort = next((f'{old}={new}' for old, new in pairs if old != new), '')
-    return sort or f'{wanted.name}=Other{wanted.name}'
+_Edit = tuple[tuple[int, int], int, str]
+"""What is replaced: where it begins, a rank among those that begin there, its end, and by what."""
 
 
 def _edits(document: YamlValue, section: str, parts: list[RobotPart]) -> Iterator[_Edit]:
-    """Yield the changes that add parts to a section, in order."""
-    text, root = document.document.text, document.node
-    value = document.mapping(KEYS).get(section)
+    """Yield the changes that add parts to a section."""
+    text, value = document.document.text, document.mapping(KEYS).get(section)
     if value is None:
-        lines = ''.join(each.lines(_INDENT) for each in parts)
-        yield _Edit(len(text), len(text), f'{section}:\n{lines}', is_section=True)
+        lines = ''.join(each.lines(2) for each in parts)
+        yield (len(text), 1 + SECTIONS.index(section)), len(text), f'{section}:\n{lines}'
         return
-    node = value.node
-    begin, close = node.start_mark, node.end_mark.index - 1
-    indent = begin.column
-    if value.is_empty:
-        yield _Edit(begin.index, close + 1, '')
-        indent = root.start_mark.column + _INDENT
-    elif isinstance(node, yaml.CollectionNode) and node.flow_style:
+    node, indent = value.node, value.node.start_mark.column
+    begin, close = node.start_mark.index, node.end_mark.index - 1
+    if isinstance(node, yaml.CollectionNode) and node.flow_style:
         is_open = not node.value or text[:close].rstrip().endswith(',')
         flow = ', '.join(map(_flow_text, parts))
-        yield _Edit(close, close, flow if is_open else f', {flow}')
+        yield (close, 0), close, flow if is_open else f', {flow}'
         return
-    elif section in LISTS and value.is_mapping:
-        indent -= _INDENT
-        yield _Edit(begin.index - _INDENT, begin.index, '- ')
-    elif not isinstance(node, yaml.CollectionNode):
-        indent = root.start_mark.column
-        after_key = len(text[: begin.index].rstrip(' '))
-        yield _Edit(after_key, begin.index, f'\n{" " * indent}- ')
-    lines = ''.join(each.lines(indent) for each in parts)
-    yield _Edit(value.end, value.end, lines)
+    if value.is_empty:
+        indent = document.node.start_mark.column + 2
+        yield (begin, 0), close + 1, ''
+    elif section in LISTS and value.is_mapping:  # It becomes the first of a list.
+        indent -= 2
+        yield (begin - 2, 0), begin, '- '
+    elif not isinstance(node, yaml.CollectionNode):  # So does a text.
+        indent = document.node.start_mark.column
+        yield (len(text[:begin].rstrip(' ')), 0), begin, f'\n{" " * indent}- '
+    yield (value.end, 0), value.end, ''.join(each.lines(indent) for each in parts)
 
 
 def _flow_text(part: RobotPart) -> str:
-    plain = part.plain
-    plain = [plain] if part.section in LISTS else plain
-    dumped = yaml.safe_dump(
-        plain, default_flow_style=True, sort_keys=False, allow_unicode=True, width=1 << 20
-    )
+    plain = [part.plain] if part.section in LISTS else part.plain
+    dumped = yaml.safe_dump(plain, default_flow_style=True, sort_keys=False, width=1 << 20)
     return str(dumped).strip()[1:-1]
 
 
-def _check(path: Path, text: str, before: YamlValue, added: tuple[RobotPart, ...]) -> None:
-    """Check that a text can be read, and that it is the file before with the parts."""
+def _check(path: Path, text: str, content: dict[str, Any], added: Iterable[RobotPart]) -> None:
+    """Check that a file can be read, and has a former content and the parts."""
+    for each in added:
+        before = content.get(each.section)
+        content[each.section] = (
+            [*_listed(before), each.plain]
+            if each.section in LISTS
+            else {**(before or {}), **each.plain}
+        )
     try:
-        after = parse_yaml(path, text)
-        robot_of(after)
+        changed = parse_yaml(path, text)
+        robot_of(changed)
     except ConfigurationError as error:
         message = f'with the recipe, the file would be at fault: {error.message}'
         raise ConfigurationError(message) from None
-    wanted: dict[str, Any] = before.plain() or {}
-    for each in added:
-        plain = each.plain
-        if each.section in LISTS:
-            given = wanted.get(each.section) or []
-            wanted[each.section] = [*(given if isinstance(given, list) else [given]), plain]
-        else:
-            wanted[each.section] = {**(wanted.get(each.section) or {}), **plain}
-    if after.plain() != wanted:
-        names = ', '.join(dict.fromkeys(each.section for each in added))
+    if changed.plain() != content:
         raise ConfigurationError(
-            f'{path}: cannot add to {names}; write each on lines of its own, without * and <<'
+            f'{path}: cannot add to {", ".join(dict.fromkeys(each.section for each in added))}; '
+            'write these sections as lists or mappings of their own, without * and <<'
         )
