@@ -50,7 +50,7 @@ STREAMS = (
     'streams: |+\n  stream a = select x from "/a";\n  sink a\n\n\n',
     'streams:\n- stream a = select x from "/a"; sink a\n',
     'streams:\n  - |\n    stream a = select x from "/a";\n    sink a;\n\n',
-    'streams:\n  for: {r: Rover}\n  text: |\n    stream {r}_a = select x from "/{r}";\n',
+    'streams:\n  for: {r: Rover}\n  text: |\n    stream {r} = select x from "/a"; sink {r}\n',
     'streams: [\'stream a = select x from "/a"; sink a\']\n',
 )
 FORMULAS = (

@@ -94,7 +94,7 @@ class YamlValue:
 
     @property
     def end(self) -> int:
-        """The index in the document of the line after this value, whose comment may follow it."""
+        """The index of the line after the last line of this value, in the text of the document."""
         node, text = self.node, self.document.text
         while isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
             *_, last = node.value
