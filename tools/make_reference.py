@@ -1,7 +1,7 @@
-"""Write docs/reference/ from the code: commands, nodes, interfaces and the Python API.
+"""Write pages of docs/ from the code: commands, nodes, interfaces, the Python API, the recipes.
 
-Run it after a change of an option, a parameter, a service or a docstring of the Python API. With
---check, it names the pages that are out of date and writes nothing.
+Run it after a change of an option, a parameter, a service, a docstring of the Python API or a
+recipe. With --check, it names the pages that are out of date and writes nothing.
 """
 
 import argparse
@@ -12,14 +12,16 @@ from reference.commands import commands_page
 from reference.interfaces import interfaces_page
 from reference.nodes import nodes_page
 from reference.python_api import python_page
+from reference.recipes import recipes_page
 
-FOLDER = Path(__file__).parent.parent / 'docs' / 'reference'
+FOLDER = Path(__file__).parent.parent / 'docs'
 
 PAGES = {
-    'commands.md': commands_page,
-    'interfaces.md': interfaces_page,
-    'nodes.md': nodes_page,
-    'python.md': python_page,
+    'reference/commands.md': commands_page,
+    'reference/interfaces.md': interfaces_page,
+    'reference/nodes.md': nodes_page,
+    'reference/python.md': python_page,
+    'recipes.md': recipes_page,
 }
 
 

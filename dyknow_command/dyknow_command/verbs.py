@@ -51,6 +51,9 @@ VERBS: Final[Mapping[str, Verb]] = {
     'suggest': Verb(
         'dyknow_command.suggest', 'measure the timing that a topic keeps', needs_ros=False
     ),
+    'recipes': Verb(
+        'dyknow_command.recipes', 'search formulas for robots, and add them', needs_ros=False
+    ),
     'lint': Verb('dyknow_command.lint', 'check files without running them', needs_ros=False),
     'replay': Verb('dyknow_bringup.ros.replay', 'publish a recording on its topics'),
     'parse': Verb(

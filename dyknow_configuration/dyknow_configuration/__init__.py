@@ -23,6 +23,8 @@ from dyknow_configuration.proposals.timing import (
     timing_of,
 )
 from dyknow_configuration.reading import read_robot
+from dyknow_configuration.recipes.catalogue import Recipe, RobotPart, read_recipes
+from dyknow_configuration.recipes.insertion import AddedRecipe, add_recipe
 from dyknow_configuration.robot import (
     ParameterValue,
     RequestedFormula,
@@ -50,16 +52,19 @@ __all__ = [
     'MAX_MESSAGES',
     'PACKAGES',
     'PLACEHOLDERS',
+    'AddedRecipe',
     'ConfigurationError',
     'FormulaTriggers',
     'ObservedTopic',
     'ParameterValue',
     'ProposedTiming',
     'ReadFields',
+    'Recipe',
     'RequestedFormula',
     'RequestedGuard',
     'RobotConfiguration',
     'RobotFaults',
+    'RobotPart',
     'SeenValues',
     'Severity',
     'TextSource',
@@ -69,6 +74,7 @@ __all__ = [
     'TriggerEvent',
     'TriggerKind',
     'YamlValue',
+    'add_recipe',
     'broken_constraints',
     'export',
     'fields_of_interest',
@@ -76,6 +82,7 @@ __all__ = [
     'find_faults',
     'proposed_timing',
     'read_formulas',
+    'read_recipes',
     'read_robot',
     'read_yaml',
     'robot_text',

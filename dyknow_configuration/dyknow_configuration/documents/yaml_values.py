@@ -93,6 +93,20 @@ class YamlValue:
         return position_at(self.document.text, begin)
 
     @property
+    def end(self) -> int:
+        """The index of the line after the last line of this value, in the text of the document."""
+        node, text = self.node, self.document.text
+        while isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
+            *_, last = node.value
+            node = last[1] if isinstance(node, yaml.MappingNode) else last
+        end = node.end_mark.index
+        if not text[:end].endswith('\n'):
+            return text.find('\n', end) + 1 or len(text)
+        # A block of text ends after the empty lines that follow it; they are in it only on request.
+        is_kept = isinstance(node.value, str) and node.value.endswith('\n\n')
+        return end if is_kept else len(text[:end].rstrip('\n')) + 1
+
+    @property
     def place(self) -> str:
         """The file with the line and the column."""
         return f'{self.document.path}:{self.position(0)}'
@@ -235,7 +249,11 @@ def read_yaml(path: Path) -> YamlValue:
     Raises:
         ConfigurationError: if it cannot be read (NOT_FOUND), is too large, or is not YAML.
     """
-    text = read_text(path, 'configuration', ConfigurationError)
+    return parse_yaml(path, read_text(path, 'configuration', ConfigurationError))
+
+
+def parse_yaml(path: Path, text: str) -> YamlValue:
+    """Return the whole of a text in YAML; as `read_yaml`, but for the path, which messages name."""
     document = YamlDocument(path, text)
     if len(text) > MAX_CHARACTERS:
         message = f'more than {MAX_CHARACTERS} characters; split it'

@@ -125,7 +125,7 @@ class RecordedStreams:
         self.known = self._known_streams()
         demand: dict[str, set[str]] = defaultdict(set)
         trial = self._new_dataflow()
-        for name in self.dataflow.names():
+        for name in self.running(origins):
             specification = parse_specification(self.dataflow.specification(name))
             trial.create(name, specification, NO_CONSTRAINTS, _ignore, _ignore)
         for number, source in enumerate(sources):

@@ -1,0 +1,1 @@
+"""Recipes: formulas that many robots must keep, and their copies in a robot.yaml."""
