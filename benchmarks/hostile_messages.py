@@ -243,13 +243,13 @@ def forged_nodes(client: HostileClient) -> None:
     later = time.time_ns()
     for node in NODES:
         heartbeat = Heartbeat(started_at=nanoseconds_to_time(later), node_id=1, sequence_number=0)
-        client.publish(Heartbeat, f'{node}/heartbeat', [heartbeat])
+        client.publish(Heartbeat, f'{node}/_heartbeat', [heartbeat])
         values = [KeyValue(key='type', value='stream_processing_engine'),
                   KeyValue(key='born', value=str(later))]  # fmt: skip
         wrong = [KeyValue(key='born', value='never')]
         statuses = [DiagnosticStatus(name=f'/{node}', message='running', values=each)
                     for each in (values, wrong, [])]  # fmt: skip
-        client.publish(DiagnosticStatus, f'{node}/status', statuses)
+        client.publish(DiagnosticStatus, f'{node}/_status', statuses)
 
 
 def _evaluations(client: HostileClient) -> list[Any]:

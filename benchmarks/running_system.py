@@ -253,7 +253,7 @@ class RunningSystem:
         messages: list[str] = []
         listener = self.client.node.create_subscription(
             DiagnosticStatus,
-            f'{COORDINATOR}/status',
+            f'{COORDINATOR}/_status',
             lambda status: messages.append(status.message),
             STATUS,
         )

@@ -97,7 +97,7 @@ class Nodes:
         with ExitStack() as undoing:
             undoing.push(self)
             heard = [
-                self.collect(DiagnosticStatus, f'/{node}/status', LATCHED)
+                self.collect(DiagnosticStatus, f'/{node}/_status', LATCHED)
                 for node in self.processes
             ]
             self.client.spin_until(lambda: all(heard), 'all nodes are up')

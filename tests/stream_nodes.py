@@ -42,7 +42,7 @@ class StreamNodes:
         node = self.client.node
         node.create_subscription(StreamStatusArray, '/stream_manager/streams', self._hear, LATCHED)
         node.create_subscription(
-            DiagnosticStatus, '/stream_manager/status', self._hear_status, LATCHED
+            DiagnosticStatus, '/stream_manager/_status', self._hear_status, LATCHED
         )
         self._tank = node.create_publisher(Float64, TANK, 10)
         self._timer = node.create_timer(0.02, lambda: self._tank.publish(Float64(data=0.5)))

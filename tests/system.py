@@ -163,7 +163,7 @@ class Client:
         said: list[str] = []
         listener = self.node.create_subscription(
             DiagnosticStatus,
-            'stream_reasoning_coordinator/status',
+            'stream_reasoning_coordinator/_status',
             lambda status: said.append(status.message),
             STATUS,
         )
@@ -304,7 +304,7 @@ class System:
 
         node = 'stream_reasoning_coordinator' if executable == NODES else executable
         listener = self.client.node.create_subscription(
-            DiagnosticStatus, f'{node}/status', note, STATUS
+            DiagnosticStatus, f'{node}/_status', note, STATUS
         )
         self.start(executable, **parameters)
         self.client.spin_until(lambda: max(births, default=0) > begun, f'{executable} is back')

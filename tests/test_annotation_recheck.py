@@ -30,7 +30,7 @@ def test_a_field_that_the_type_lacks_is_found_when_the_type_is_known(tmp_path: P
         stream_semantics_manager={'annotations': [str(annotations)]},
         semantic_matching_engine={},
     ) as nodes:
-        statuses = nodes.collect(DiagnosticStatus, '/stream_semantics_manager/status', LATCHED)
+        statuses = nodes.collect(DiagnosticStatus, '/stream_semantics_manager/_status', LATCHED)
 
         def listed() -> Any:
             return nodes.obtain('stream_semantics_manager', ListSemanticSpecifications)

@@ -71,7 +71,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
                 publishers[topic].publish(Float64(data=value))
 
         node.create_timer(0.02, publish)
-        said = nodes.collect(DiagnosticStatus, '/stream_reasoning_coordinator/status', LATCHED)
+        said = nodes.collect(DiagnosticStatus, '/stream_reasoning_coordinator/_status', LATCHED)
         nodes.client.spin_until(
             lambda: any(each.message == 'running' for each in said), 'the coordinator runs'
         )

@@ -65,8 +65,8 @@ class Drops:
         self._system = system
         for name in names:
             system.client.node.create_subscription(
-                DiagnosticStatus, f'/{name}/status', lambda each, name=name: self._hear(name, each),
-                STATUS,
+                DiagnosticStatus, f'/{name}/_status',
+                lambda each, name=name: self._hear(name, each), STATUS,
             )  # fmt: skip
 
     def _hear(self, name: str, status: DiagnosticStatus) -> None:
@@ -238,8 +238,8 @@ def test_a_forged_start_is_no_restart(
     answer = system.ask(SURGE)
     evaluations.wait_for_state()
     with node_named(system, 'forger') as forger:
-        heartbeats = forger.create_publisher(Heartbeat, f'/{REASONER}/heartbeat', HEARTBEAT)
-        statuses = forger.create_publisher(DiagnosticStatus, f'/{REASONER}/status', STATUS)
+        heartbeats = forger.create_publisher(Heartbeat, f'/{REASONER}/_heartbeat', HEARTBEAT)
+        statuses = forger.create_publisher(DiagnosticStatus, f'/{REASONER}/_status', STATUS)
         later = time.time_ns() + 1_000_000_000
 
         def forge() -> None:

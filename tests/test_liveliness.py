@@ -42,7 +42,7 @@ def no_loss(client: Client, remote: RemoteNode) -> Iterator[None]:
     remote.on_lost.append(lambda: losses.append(time.monotonic()))
     yield
     heartbeats: list[Heartbeat] = []
-    client.node.create_subscription(Heartbeat, 'node/heartbeat', heartbeats.append, HEARTBEAT)
+    client.node.create_subscription(Heartbeat, 'node/_heartbeat', heartbeats.append, HEARTBEAT)
     client.spin_until(lambda: len(heartbeats) > 6, 'heartbeats')
     assert losses == []
 
@@ -76,7 +76,7 @@ def test_the_publisher_of_a_topic_is_restarted(environment: dict[str, str], clie
     losses: list[float] = []
     heartbeats = Heartbeats.of(client.node)
     with node_that('pass', environment=environment) as first:
-        watch = PublisherWatch(heartbeats, '/node/status', lambda: losses.append(time.monotonic()))
+        watch = PublisherWatch(heartbeats, '/node/_status', lambda: losses.append(time.monotonic()))
         client.spin_until(lambda: watch._starts.get('/node', 0) > 0, 'the node')
         first.kill()
         first.wait()

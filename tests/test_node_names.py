@@ -100,7 +100,7 @@ def test_of_two_that_start_at_once_one_goes_on(
 
 def heartbeats(client: Client) -> list[Any]:
     received: list[Any] = []
-    client.node.create_subscription(Heartbeat, f'{MANAGER}/heartbeat', received.append, HEARTBEAT)
+    client.node.create_subscription(Heartbeat, f'{MANAGER}/_heartbeat', received.append, HEARTBEAT)
     return received
 
 
@@ -134,11 +134,11 @@ def test_a_node_that_meets_another_one(
     heartbeat = Heartbeat(sequence_number=sequence_number)
     heartbeat.started_at.sec = start
     namesake = Node('node', context=client.context)
-    publisher = namesake.create_publisher(Heartbeat, '/node/heartbeat', HEARTBEAT)
+    publisher = namesake.create_publisher(Heartbeat, '/node/_heartbeat', HEARTBEAT)
     own: list[Any] = []
-    client.node.create_subscription(Heartbeat, '/node/heartbeat', own.append, HEARTBEAT)
+    client.node.create_subscription(Heartbeat, '/node/_heartbeat', own.append, HEARTBEAT)
     statuses: list[Any] = []
-    client.node.create_subscription(DiagnosticStatus, '/node/status', statuses.append, LATCHED)
+    client.node.create_subscription(DiagnosticStatus, '/node/_status', statuses.append, LATCHED)
     with node_that('pass', environment=environment) as process:
         client.spin_until(lambda: bool(statuses), 'the status')
         publisher.publish(heartbeat)

@@ -45,7 +45,7 @@ def test_a_robot_yaml_for_a_running_robot(environment: dict[str, str], tmp_path:
 
 
 def test_topics_of_dyknow_itself_are_not_proposed(tmp_path: Path) -> None:
-    """Those of nodes, such as `/ontology_manager/status`, which are of a well-known type."""
+    """Those of nodes, such as `/ontology_manager/_status`, which are of a well-known type."""
     variables = private_environment()
     path = tmp_path / 'robot.yaml'
     with (

@@ -308,7 +308,7 @@ def test_two_robots_use_what_their_policy_permits(tmp_path: Path) -> None:
         def engines_are_watched() -> bool:
             recorder.look()
             return all(
-                Use(f'{engine.rpartition("/")[0]}/{node}', 'subscribe', f'{engine}/heartbeat')
+                Use(f'{engine.rpartition("/")[0]}/{node}', 'subscribe', f'{engine}/_heartbeat')
                 in recorder.uses
                 for engine in engines
                 for node in ('stream_manager', 'stream_reasoning_coordinator')

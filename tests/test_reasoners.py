@@ -97,7 +97,7 @@ def load(nodes: Nodes, folder: Path, text: str) -> Any:
 
 @needs_java
 def test_a_reasoner_is_told_of_each_change(nodes: Nodes, tmp_path: Path) -> None:
-    statuses = nodes.collect(DiagnosticStatus, f'/{ONTOLOGY}/status', LATCHED)
+    statuses = nodes.collect(DiagnosticStatus, f'/{ONTOLOGY}/_status', LATCHED)
     loading = load(nodes, tmp_path, HARBOUR)
     # Others are answered meanwhile.
     nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name='thing', concept_names=['Object'])

@@ -107,9 +107,9 @@ def test_topics_that_the_middleware_refuses(nodes: Nodes) -> None:
     words = ("'/hostile/same' cannot be both states and results",)
     assert_refused(refused.exit_status, INVALID, *words)
     # The engine publishes another type of message on this topic.
-    own = {**evaluation(group, 2), 'result_topic': f'/{ENGINE}/status'}
+    own = {**evaluation(group, 2), 'result_topic': f'/{ENGINE}/_status'}
     refused = nodes.call(ENGINE, srv.FormulaGroupEvaluate, **own)
-    assert_refused(refused.exit_status, INVALID, 'the middleware refuses it: ', f'{ENGINE}/status')
+    assert_refused(refused.exit_status, INVALID, 'the middleware refuses it: ', f'{ENGINE}/_status')
 
 
 def test_others_are_answered_while_a_large_group_is_prepared(nodes: Nodes) -> None:

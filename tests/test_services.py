@@ -42,7 +42,7 @@ def test_the_services_are_those_documented(nodes: Nodes, node: str) -> None:
 @pytest.mark.parametrize('node', PACKAGES)
 def test_the_status_is_kept_for_those_who_come_late(nodes: Nodes, node: str) -> None:
     # The node is up, and has said so before.
-    statuses = nodes.collect(DiagnosticStatus, f'/{node}/status', LATCHED)
+    statuses = nodes.collect(DiagnosticStatus, f'/{node}/_status', LATCHED)
     nodes.client.spin_until(lambda: bool(statuses), 'the status')
     assert statuses[0].name == f'/{node}'
     assert statuses[0].message

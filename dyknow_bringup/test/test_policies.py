@@ -198,11 +198,11 @@ def test_a_guard_may_do_what_it_must_and_no_more() -> None:
     check_schema(ET.fromstring(text))  # noqa: S314 - our own text
     published = {each.text for each in enclave.iterfind('.//topics[@publish]/topic')}
     subscribed = {each.text for each in enclave.iterfind('.//topics[@subscribe]/topic')}
-    assert {'/robot1/cmd_vel', '/robot1/base_guard/node_status', '/diagnostics'} < published
+    assert {'/robot1/cmd_vel', '/robot1/base_guard/_status', '/diagnostics'} < published
     assert '/cmd_vel_in' not in published
     assert {
         '/cmd_vel_in',
-        '/robot1/stream_manager/pulse',
+        '/robot1/stream_manager/_pulse',
         '/robot1/stream_reasoning_coordinator/evaluations',
         '/robot1/dyknow/streams/*',
     } < subscribed

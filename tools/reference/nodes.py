@@ -50,8 +50,8 @@ NAME:=VALUE`; those that can change are also set by `ros2 param set`. [Limits](.
 explains those that bound what a request may cost."""
 
 EVERY_NODE = """\
-Every node publishes `~/heartbeat` ([`Heartbeat`](interfaces.md#heartbeat)), by which others know
-that it is alive, and the latched `~/status` (`diagnostic_msgs/msg/DiagnosticStatus`): what it has
+Every node publishes `~/_heartbeat` ([`Heartbeat`](interfaces.md#heartbeat)), by which others know
+that it is alive, and the latched `~/_status` (`diagnostic_msgs/msg/DiagnosticStatus`): what it has
 loaded, what it has dropped, and what it lacks. It has the services and parameters of any rclpy
 node, such as `use_sim_time`, and these:"""
 

@@ -100,7 +100,7 @@ class ScenarioRun(ABC):
     def _start_simulation(self) -> None:
         """Start the simulation and wait until it has a start time."""
         self._node.create_subscription(
-            DiagnosticStatus, 'uav_simulation/status', self._on_status, LATCHED
+            DiagnosticStatus, 'uav_simulation/_status', self._on_status, LATCHED
         )
         self._launcher.start(self._simulation)
         with self._console.status('starting the simulation'):

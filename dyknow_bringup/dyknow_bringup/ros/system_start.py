@@ -41,7 +41,7 @@ class SystemStart:
         for name in self._nodes:
             self._node.create_subscription(
                 DiagnosticStatus,
-                f'{self._namespace.rstrip("/")}/{name}/status',
+                f'{self._namespace.rstrip("/")}/{name}/_status',
                 partial(self._on_status, name),
                 STATUS,
             )

@@ -120,7 +120,7 @@ def _services(node: str, *names: str) -> frozenset[str]:
 
 def _watched(*nodes: str) -> frozenset[str]:
     """Return the topics by which a node is known to be alive."""
-    return frozenset(f'{node}/{topic}' for node in nodes for topic in ('heartbeat', 'status'))
+    return frozenset(f'{node}/{topic}' for node in nodes for topic in ('_heartbeat', '_status'))
 
 
 PLAIN_NODE: Final = Interfaces(
@@ -134,12 +134,12 @@ ROS_NODE: Final = PLAIN_NODE | Interfaces(serves=_services('~', *PARAMETER_SERVI
 """A node as rclpy makes it by default."""
 
 DYKNOW_NODE: Final = ROS_NODE | Interfaces(
-    publishes=_watched('~') | {'~/pulse'}, subscribes=frozenset({'~/heartbeat'})
+    publishes=_watched('~') | {'~/_pulse'}, subscribes=frozenset({'~/_heartbeat'})
 )
 """Any node with the base class `DyKnowNode`."""
 
 START: Final = PLAIN_NODE | Interfaces(
-    subscribes=frozenset(f'{node}/status' for node in (*SERVICES, RECORDER))
+    subscribes=frozenset(f'{node}/_status' for node in (*SERVICES, RECORDER))
 )
 """`dyknow up`, which shows how the seven nodes have started."""
 
@@ -183,7 +183,7 @@ def engine_interfaces(
         publishes=frozenset({'~/streams', streams_of(engine), *outputs}),
         subscribes=frozenset(topics)
         | frozenset(map(streams_of, others))
-        | frozenset(f'{each}/heartbeat' for each in others),
+        | frozenset(f'{each}/_heartbeat' for each in others),
         serves=_services('~', *SERVICES[ENGINE]),
     )
 
@@ -221,11 +221,11 @@ def guard_interfaces(engines: Collection[str], topic: str, output: str) -> Inter
     """
     watched = (COORDINATOR, 'stream_reasoning_engine', 'stream_manager')
     used = Interfaces(
-        publishes=frozenset({'~/node_status', '/diagnostics', output}),
+        publishes=frozenset({'~/status', '/diagnostics', output}),
         subscribes=_watched('ontology_manager')
         | {topic, f'{COORDINATOR}/evaluations'}
-        | frozenset(f'{each}/pulse' for each in watched)
-        | frozenset(f'{each}/heartbeat' for each in engines)
+        | frozenset(f'{each}/_pulse' for each in watched)
+        | frozenset(f'{each}/_heartbeat' for each in engines)
         | frozenset(map(streams_of, engines)),
         serves=_services('~', 'reset'),
         requests=_services('ontology_manager', 'concept_get_instances'),
@@ -262,7 +262,7 @@ def dashboard_interfaces(engines: Collection[str], guards: Collection[str]) -> I
     nodes = SERVICES.keys() - {ENGINE}
     used = Interfaces(
         subscribes=_watched(*nodes, *engines, RECORDER, *guards)
-        | frozenset(f'{each}/node_status' for each in guards)
+        | frozenset(f'{each}/status' for each in guards)
         | frozenset(map(streams_of, engines))
         | {'/diagnostics'},
         requests=_services(COORDINATOR, 'cancel_evaluation')
@@ -298,7 +298,7 @@ def node_interfaces(engines: Collection[str]) -> dict[str, Interfaces]:
         ),
         'stream_reasoning_engine': Interfaces(
             publishes=frozenset({'~/episodes', '~/progress', f'{COORDINATOR}/_results_*'}),
-            subscribes=streams | frozenset(f'{each}/heartbeat' for each in engines),
+            subscribes=streams | frozenset(f'{each}/_heartbeat' for each in engines),
         ),
         COORDINATOR: _coordinator(engines, streams),
     }

@@ -9,7 +9,7 @@ that the middleware and the executor work. The receipt of the node's own heartbe
 come even if all threads of the middleware hang, as the thread that publishes also delivers them.
 
 Nodes that must know the end of another one within a fraction of a second, such as guards, subscribe
-to its `~/pulse`. The watchdog publishes it each PULSE_PERIOD_S, but only while it has subscribers.
+to its `~/_pulse`. The watchdog publishes it each PULSE_PERIOD_S, but only while it has subscribers.
 
 Two nodes of one name, `b` started after `a`:
 
@@ -77,13 +77,13 @@ class NodeHeartbeat:
         Raises:
             NodeEndError: ALREADY_EXISTS, if another node of this name is running.
         """
-        topic = self._node.resolve_topic_name('~/heartbeat')
+        topic = self._node.resolve_topic_name('~/_heartbeat')
         self._check_name(topic)
         # A callback of another group may await something for long.
         group = ReentrantCallbackGroup()
         self._publisher = self._node.create_publisher(
             Heartbeat,
-            '~/heartbeat',
+            '~/_heartbeat',
             QoSProfile(
                 depth=HEARTBEAT.depth,
                 reliability=HEARTBEAT.reliability,
@@ -105,7 +105,7 @@ class NodeHeartbeat:
         )
         self._pulses = self._node.create_publisher(
             Heartbeat,
-            '~/pulse',
+            '~/_pulse',
             HEARTBEAT,
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
         )

@@ -1,7 +1,7 @@
 """Liveliness of other nodes, by their heartbeats.
 
-Every node of DyKnow publishes `~/heartbeat` each HEARTBEAT_PERIOD_S. A reader counts the periods of
-its own timer since the last heartbeat. So time in which the reader cannot run does not count:
+Every node of DyKnow publishes `~/_heartbeat` each HEARTBEAT_PERIOD_S. A reader counts the periods
+of its own timer since the last heartbeat. So time in which the reader cannot run does not count:
 
      0.0 s  the first heartbeat: the node is alive
      7.0 s  the reader is stopped (SIGSTOP)
@@ -86,7 +86,7 @@ class Heartbeats:
 
     def liveliness(self, name: str) -> NodeLiveliness:
         """Return the liveliness of a node, which is kept up to date while there is a listener."""
-        topic = self.node.resolve_topic_name(f'{name}/heartbeat')
+        topic = self.node.resolve_topic_name(f'{name}/_heartbeat')
         if topic not in self._nodes:
             self._nodes[topic] = NodeLiveliness()
             note = partial(_on_heartbeat, self._nodes[topic])
@@ -148,7 +148,7 @@ class _Publishers:
 
     def _silence(self, name: str) -> int:
         liveliness = self._heartbeats.liveliness(name)
-        has_heartbeat = self._heartbeats.node.count_publishers(f'{name}/heartbeat') > 0
+        has_heartbeat = self._heartbeats.node.count_publishers(f'{name}/_heartbeat') > 0
         return liveliness.silence if liveliness.started_at or has_heartbeat else 0
 
 

@@ -7,7 +7,7 @@ import traceback
 from collections.abc import Awaitable, Callable, Mapping
 from difflib import get_close_matches
 from inspect import isawaitable
-from typing import Any, ClassVar, cast
+from typing import Any, cast
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import (
@@ -54,9 +54,6 @@ _USE_SIM_TIME = 'use_sim_time'
 
 class DyKnowNode(Node):
     """A node whose services always respond, and whose heartbeats show that it is alive."""
-
-    STATUS_TOPIC: ClassVar[str] = '~/status'
-    """The topic of its DiagnosticStatus."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
@@ -170,7 +167,7 @@ class DyKnowNode(Node):
         self.heartbeat.start()
         self._report_unknown_parameters()
         self.log_ready()
-        self._status = self.create_publisher(DiagnosticStatus, self.STATUS_TOPIC, STATUS)
+        self._status = self.create_publisher(DiagnosticStatus, '~/_status', STATUS)
         self._publish_status()
 
     def log_ready(self) -> None:
@@ -196,7 +193,7 @@ class DyKnowNode(Node):
     def set_status(
         self, message: str, values: Mapping[str, str] | None = None, *, level: bytes | None = None
     ) -> None:
-        """Set the status, which is published on `~/status` with the type and the time of start."""
+        """Set the status, which is published on `~/_status` with the type and the time of start."""
         identity = {NODE_TYPE: snake_case(type(self).__name__), STARTED_AT: str(self.started_at)}
         loaded = {name: str(number) for name, number in self._loaded.items()}
         self._last_status = DiagnosticStatus(

@@ -84,7 +84,6 @@ class RemoteNode:
         timeout_s: time that a call may take from then on.
         services: types of those that will be called. The first call by a client that was made just
             before takes some 80 ms longer, as the remote node has yet to discover it.
-        status: the name of its status topic.
     """
 
     def __init__(
@@ -94,7 +93,6 @@ class RemoteNode:
         patience_s: float = 3.0,
         timeout_s: float = 5.0,
         services: Iterable[Any] = (),
-        status: str = 'status',
     ) -> None:
         self.name = name
         self.on_found: list[Callable[[], None]] = []
@@ -117,7 +115,7 @@ class RemoteNode:
         node.heartbeats.listen(self._refresh)
         self._subscription = node.create_subscription(
             DiagnosticStatus,
-            f'{name}/{status}',
+            f'{name}/_status',
             self._on_status,
             STATUS,
             callback_group=node.heartbeats.group,

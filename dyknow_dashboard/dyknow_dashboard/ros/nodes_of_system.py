@@ -45,8 +45,6 @@ MAX_GUARDS: Final = 100
 """The number of guards that are shown."""
 
 GUARD_STATUS: Final = 'dyknow_interfaces/msg/GuardStatus'
-NODE_STATUS: Final = 'node_status'
-"""The status of a guard as a node: its topic `status` has the state of its gate."""
 
 
 class GuardReports:
@@ -125,14 +123,14 @@ class SystemNodes:
         """Watch the guards of the namespace, and the recorder, from when they are found."""
         for topic, types in self._adapter.node.get_topic_names_and_types():
             name, _, last = topic.rpartition('/')
-            if last != 'status' or name in self._watched:
+            if name in self._watched:
                 continue
-            if GUARD_STATUS in types:
+            if last == 'status' and GUARD_STATUS in types:
                 is_near = name == self.absolute(name.rpartition('/')[2])
                 if is_near and len(self._guards) < MAX_GUARDS:
                     self._guards[name] = GuardReports(self._adapter, name)
-                    self._watched.add(name, RemoteNode(self._adapter, name, status=NODE_STATUS))
-            elif name == self.absolute(RECORDER):
+                    self._watched.add(name, RemoteNode(self._adapter, name))
+            elif last == '_status' and name == self.absolute(RECORDER):
                 self._watch(RECORDER)
 
     def health(self) -> Iterator[NodeHealth]:
@@ -154,8 +152,8 @@ class SystemNodes:
 
     def absolute(self, name: str) -> str:
         """Return the full name of a node, given one that is relative to the namespace."""
-        topic = self._adapter.node.resolve_topic_name(f'{name}/status')
-        return str(topic).removesuffix('/status')
+        topic = self._adapter.node.resolve_topic_name(f'{name}/_status')
+        return str(topic).removesuffix('/_status')
 
     def _watch(self, name: str) -> None:
         full = self.absolute(name)

@@ -92,4 +92,4 @@ class NodesReport:
         )
 
     def _absolute(self, name: str) -> str:
-        return self._node.resolve_topic_name(f'{name}/status').removesuffix('/status')
+        return self._node.resolve_topic_name(f'{name}/_status').removesuffix('/_status')

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from dyknow_interfaces.msg import EvaluationStatusArray, GuardStatus
 from std_srvs.srv import Trigger
@@ -56,8 +56,6 @@ REFUSALS_PERIOD_S: Final = 1.0
 
 class GuardNode(DyKnowNode):
     """A guard of a robot.yaml. Its topic `~/status` has a GuardStatus."""
-
-    STATUS_TOPIC: ClassVar[str] = '~/node_status'
 
     def __init__(self) -> None:
         super().__init__('guard')

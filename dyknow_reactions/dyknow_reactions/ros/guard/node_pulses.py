@@ -36,7 +36,7 @@ class NodePulses:
         for name in names:
             node.create_subscription(
                 Heartbeat,
-                f'{name}/pulse',
+                f'{name}/_pulse',
                 partial(note, name),
                 HEARTBEAT,
                 refusal=only_owner,
