@@ -19,12 +19,10 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
-from dyknow_reasoning.execution.fast_path import Step
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.failures import Failure
-from dyknow_reasoning.execution.standing.recorded_states import progress_recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
 from dyknow_reasoning.execution.standing.verdict_log import StartCounts, VerdictLog
 
@@ -41,7 +39,5 @@ __all__ = [
     'Recording',
     'StandingMonitor',
     'StartCounts',
-    'Step',
     'VerdictLog',
-    'progress_recording',
 ]

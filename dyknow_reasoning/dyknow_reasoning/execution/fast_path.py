@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Generic, TypeAlias, TypeVar
+from typing import Final, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.configurations import Row
@@ -27,12 +27,9 @@ _MIN_STATES = 4
 
 Step: TypeAlias = Callable[[int, Values], bool]
 
-RowT = TypeVar('RowT', bound=Mapping[int, Any])
-"""The rows of a table: the next row for each truth of the atoms."""
-
 
 @dataclass(frozen=True, slots=True)
-class LookUps(Generic[RowT]):
+class LookUps:
     """Generated code, which has the latest row of each instance.
 
     Args:
@@ -45,7 +42,7 @@ class LookUps(Generic[RowT]):
 
     step: Step
     enter: Callable[..., None]
-    position: Callable[[], tuple[int, Sequence[RowT]]]
+    position: Callable[[], tuple[int, Sequence[Row]]]
 
 
 _CODE: Final = """
@@ -79,7 +76,7 @@ class FastPath:
         self._is_entered = False
         self._instances: Sequence[SingleInstance] = ()
         self._readers: list[Reader] = []
-        self._look_ups: LookUps[Row]
+        self._look_ups: LookUps
         self._states = 0
 
     def enter(self, pool: InstancePool, elapsed: int, latest: int) -> Step | None:
@@ -121,7 +118,7 @@ class FastPath:
 
 def look_ups_of(
     instances: Sequence[tuple[FormulaInstance, Mapping[int, Predicate]]],
-) -> LookUps[Any] | None:
+) -> LookUps | None:
     """Return the code for some instances; None if it would be too large.
 
     Args:

@@ -18,7 +18,7 @@ Example, `p -> eventually[0, 5 s] q`, with a state each second:
 
 While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
 groups what the one before did: nothing. Then the states only join the group of the latest start,
-or are decided at once as the latest one was. Such states need no call, until `joins_until`. Nor do
+or are decided at once as the latest one was. Such states need no call, until `wakes_at`. Nor do
 states at which the only change is that the oldest starts leave their group for one and the same
 other group, or that the formula becomes true from them: these starts *fade*, and are moved or
 dropped later (see `fading`).
@@ -76,7 +76,7 @@ class OpenStarts:
     def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
         self.instance = instance
         self.template = template
-        self.joins_until: float = -inf
+        self.wakes_at: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
         self.can_fade = True
         """True if `fades_at` may be later than the state that decides."""
@@ -217,7 +217,7 @@ class OpenStarts:
         self.groups = groups
         self._joined = len(self._times)
         self._idle, self._symbol = {}, -1
-        self.joins_until, self.fades_at = -inf, inf
+        self.wakes_at, self.fades_at = -inf, inf
         self._fresh = self._initial
 
     def cross_gap(self, gap: Gap) -> list[DecidedStarts]:
@@ -306,17 +306,17 @@ class OpenStarts:
             fresh = self._known_fresh[self._symbol] = self._initial.moved(move, OWN)
         self._fresh = fresh
         self._joined = number + 1
-        self.fades_at = self.joins_until = inf
+        self.fades_at = self.wakes_at = inf
         if fresh.location.verdict is None:
             add_latest(self.groups.setdefault(fresh, []), Run(number, number, now, now))
         idle = self._idle
         for group, runs in self.groups.items():
             validity = idle.get(group) or self._validity(group, runs, now + 1)
             if validity is None:
-                self.joins_until = -inf
+                self.wakes_at = -inf
                 return
             if validity is not ALWAYS:
-                self.joins_until = min(self.joins_until, validity.until)
+                self.wakes_at = min(self.wakes_at, validity.until)
                 self.fades_at = min(self.fades_at, runs[0].begin + validity.fades)
             idle[group] = validity
 

@@ -49,7 +49,7 @@ class RememberingStarts(OpenStarts):
         self._fresh = before.moved(automaton.move(*step), OWN)
         self._memory = before.moved(automaton.remember(*step), now)
         self._joined = number
-        self.joins_until, self.fades_at = -inf, inf
+        self.wakes_at, self.fades_at = -inf, inf
         self.join(number + 1)
 
 
