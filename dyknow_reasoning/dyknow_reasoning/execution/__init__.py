@@ -4,9 +4,9 @@
 ways to progress give identical results; the monitor chooses the fastest one:
 
 - `automata`: each step of progression is computed once, and stored in a timed automaton.
-- `single_instance`: individual instances, state by state.
+- `single_instance`: individual instances, state by state; those that change nothing are skipped.
 - `vectors`: many instances that are alike, as numpy vectors.
-- `fast_path`: states at which every instance needs one table look-up only.
+- `block_progression`: individual instances over many states of a recording.
 - `recorded_symbols`: the atoms of many states at once.
 - `past`: the registers of past operators, whose values are atoms of the states.
 - `standing`: formulas that are asked at every state.

@@ -8,7 +8,7 @@ clock. Where few states can be skipped, it looks up its configurations in their 
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,12 +19,7 @@ import numpy as np
 
 from dyknow_reasoning.execution.automata.automaton import Decision, Guard, Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
-from dyknow_reasoning.execution.recorded_symbols import (
-    Deadlines,
-    Jump,
-    RecordedSymbols,
-    SymbolSequence,
-)
+from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols, SymbolSequence
 from dyknow_reasoning.execution.single_instance import SingleInstance
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
 
@@ -32,7 +27,6 @@ _MAX_LOOK_UPS = 2048
 _FEW_STATES = 8
 """If fewer can be skipped on average, the table is faster."""
 _NONE = frozenset[int]()
-_NO_JUMP: Jump = (0,), ()
 _MAX_SYMBOLS = 16
 """The most symbols for which the effect of a location with clocks is worked out together."""
 
@@ -65,8 +59,7 @@ class BlockProgression:
             The index of the next state in the recording, the same instances there, and the verdicts
             by the indices of their states.
         """
-        latest = int(self._time_vector[0] - self._step_vector[0])
-        before = [single.state(latest) for single in singles]
+        before = [single.state for single in singles]
         states = self._symbols.states
         end = len(states)
         for single in singles:
@@ -87,23 +80,15 @@ class BlockProgression:
         while index < end:
             if single.mask != mask:
                 sequence, mask = self._symbols.of(single), single.mask
-            if single.configuration:
-                single.leave_configurations(self._times[index] - self._steps[index])
-            index, skipped = self._follow(single, sequence, (index, end), skipped)
-            if index == end:
-                break
             before = index
             index = self._skip(single.location, single.clocks, sequence, index, end)
             skipped += (index - before - skipped) / 8
             is_dense = skipped < _FEW_STATES
-            uses_table = is_dense and self._is_regular and single.template.uses_configurations
-            if uses_table:
+            if is_dense and self._is_regular and single.template.uses_configurations:
                 index = self._look_up(single, sequence, index, end)
             if index == end:
                 break
-            elapsed, symbol = self._steps[index], sequence.values[index]
-            regular = uses_table and elapsed == self._period
-            verdict = single.step(symbol, self._times[index], elapsed, regular=regular)
+            verdict = single.step(sequence.values[index], self._times[index], self._steps[index])
             if verdict:
                 self._verdicts.setdefault(index, []).append(verdict)
             index += 1
@@ -113,46 +98,6 @@ class BlockProgression:
                 break
         return end
 
-    def _follow(
-        self,
-        single: SingleInstance,
-        sequence: SymbolSequence,
-        states: tuple[int, int],
-        skipped: float,
-    ) -> tuple[int, float]:
-        """Take known steps to locations with the same atoms, while many states are skipped between.
-
-        All other steps are those of the slower `_progress`.
-
-        Args:
-            single: the instance, at a location.
-            sequence: its symbols.
-            states: the indices of the next state and of the end.
-            skipped: the number of states that are skipped on average; it is returned, too.
-        """
-        index, end = states
-        location, clocks = single.location, single.clocks
-        times, values, jumps = self._times, sequence.values, sequence.jumps
-        while index < end and skipped >= _FEW_STATES:
-            before = index
-            index = _end_of_jump(jumps.get(location, _NO_JUMP), clocks, times, (index, end))
-            if index == before:
-                index = self._skip(location, clocks, sequence, index, end)
-            skipped += (index - before - skipped) / 8
-            if index == end:
-                break
-            now = (*clocks, times[index])
-            move = location.moves.get(values[index])
-            while type(move) is Guard:
-                answer = now[move.later] - now[move.earlier] > move.more_than
-                move = move.yes if answer else move.no
-            if type(move) is not Move or not move.is_alike:
-                break
-            location, clocks = move.target, move.select(now)
-            index += 1
-        single.location, single.clocks = location, clocks
-        return index, skipped
-
     def _skip(
         self, location: Location, clocks: Times, sequence: SymbolSequence, index: int, end: int
     ) -> int:
@@ -161,12 +106,9 @@ class BlockProgression:
             count, known = self._idle.get(location, (-1, _NONE))
             if count != len(location.moves):
                 moves = location.moves.items()
-                known = frozenset(symbol for symbol, move in moves if _is_idle(move, location))
+                known = frozenset(symbol for symbol, move in moves if _is_idle(move))
                 self._idle[location] = len(location.moves), known
-            if not known:
-                return index
-            sequence.keep_jump(location, known, ())
-            return sequence.next_other(index, end, known)
+            return sequence.next_other(index, end, known) if known else index
         times = (*clocks, self._times[index])
         symbol = sequence.values[index]
         skip = self._skips.get(location)
@@ -177,8 +119,6 @@ class BlockProgression:
             if until is None or skip is None:
                 return index
             self._skips[location] = skip
-        if not skip.answers:
-            sequence.keep_jump(location, skip.symbols, skip.deadlines)
         found = sequence.next_other(index, end, skip.symbols)
         if self._times[found - 1] < until:
             return found
@@ -193,14 +133,20 @@ class BlockProgression:
         if stop <= index:
             return index
         latest = self._times[index] - self._steps[index]
-        row = single.enter_configurations(latest).row(self._period)
+        configurations, period = single.template.configurations, self._period
+        ages = tuple(latest - time for time in single.clocks)
+        row = configurations.at(single.location, ages).row(period)
         symbols = iter(sequence.values[index:stop])
+        symbol = 0
         try:
             for symbol in symbols:
                 row = row[symbol]
         except KeyError:
             stop -= length_hint(symbols) + 1
-        single.configuration = row.configuration
+            configurations.step(row.configuration, symbol, period)
+        if stop > index:
+            latest, reached = self._times[stop - 1], row.configuration
+            single.move_to(reached.location, tuple(latest - age for age in reached.ages))
         return stop
 
     @cached_property
@@ -229,32 +175,9 @@ class BlockProgression:
         return 4 * len(self._irregular) < len(self._step_vector)
 
 
-def _end_of_jump(jump: Jump, clocks: Times, times: Sequence[int], states: tuple[int, int]) -> int:
-    """Return the index of the next state that may change a location; the first one in doubt.
-
-    Args:
-        jump: from the location.
-        clocks: its clocks.
-        times: the valid times of all states.
-        states: the indices of the first state and of the end.
-    """
-    index, end = states
-    edges, deadlines = jump
-    at = bisect_right(edges, index)
-    if at % 2:
-        return index
-    found = min(edges[at], end)
-    for clock, offset in deadlines:
-        if clocks[clock] + offset <= times[found - 1]:
-            return index
-    return found
-
-
-def _is_idle(decision: Decision | None, location: Location) -> bool:
+def _is_idle(decision: Decision | None) -> bool:
     """Return True for a move that changes neither the location nor the clocks."""
-    if type(decision) is not Move or decision.target is not location:
-        return False
-    return not decision.kept or decision.kept[-1] < location.clocks
+    return type(decision) is Move and decision.is_idle
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +191,7 @@ class _IdleSymbols:
     """
 
     symbols: frozenset[int]
-    deadlines: Deadlines
+    deadlines: tuple[tuple[int, int], ...]
     answers: tuple[tuple[int, int, int, bool], ...]
 
     def until(self, times: Times) -> float | None:
@@ -293,13 +216,13 @@ def _skip_at(location: Location, symbol: int, times: Times) -> _IdleSymbols | No
         times: the clocks, and the time of the state.
     """
     found = _answered(location.moves.get(symbol), times)
-    if not _is_idle(found[0], location):
+    if not _is_idle(found[0]):
         return None
     symbols, questions = [symbol], dict.fromkeys(found[1])
     if len(location.moves) <= _MAX_SYMBOLS:
         for other, decision in location.moves.items():
             move, asked = _answered(decision, times)
-            if _is_idle(move, location):
+            if _is_idle(move):
                 symbols.append(other)
                 questions |= dict.fromkeys(asked)
     now = location.clocks

@@ -5,12 +5,11 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, TypeAlias, cast
+from typing import Any, cast
 
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
 from dyknow_reasoning.execution.instance_pool import InstancePool
 from dyknow_reasoning.execution.recording import Recording
@@ -32,13 +31,6 @@ from dyknow_reasoning.progression.atoms import field_name, fields, predicate
 from dyknow_reasoning.progression.nodes import slots
 
 _MAX_TABLE_BITS = 12
-
-Deadlines: TypeAlias = tuple[tuple[int, int], ...]
-"""Clocks of a location, and the nanoseconds after each."""
-
-Jump: TypeAlias = tuple[Sequence[int], Deadlines]
-"""The indices at which states that may change a location begin and end, in turn. The others change
-nothing before the deadlines. The last index is the end of all states."""
 
 
 class RecordedSymbols:
@@ -154,8 +146,6 @@ class SymbolSequence:
         self.symbols = symbols
         self._width = 1 << mask.bit_length()
         self._has_table = mask.bit_length() <= _MAX_TABLE_BITS
-        self.jumps: dict[Location, Jump] = {}
-        """For locations that instances with these symbols have been at."""
         self._edges: dict[frozenset[int], list[int]] = {}
 
     @cached_property
@@ -193,17 +183,6 @@ class SymbolSequence:
             return index
         found = edges[at]
         return found if found < end else end  # Faster than min().
-
-    def keep_jump(self, location: Location, known: frozenset[int], deadlines: Deadlines) -> None:
-        """Keep a jump from a location, if there are few atoms.
-
-        Args:
-            location: the location.
-            known: symbols that change nothing there.
-            deadlines: before these.
-        """
-        if self._has_table:
-            self.jumps[location] = self._edges_of(known), deadlines
 
     def _edges_of(self, known: frozenset[int]) -> list[int]:
         """Return the indices at which states with other symbols begin and end, in turn."""
