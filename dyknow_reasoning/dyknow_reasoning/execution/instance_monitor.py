@@ -55,7 +55,7 @@ class InstanceMonitor:
     def __init__(self, node_limit: int) -> None:
         self._node_limit = node_limit
         self._shared_vectors = SharedVectors()
-        self.histories = Histories(self._shared_vectors, node_limit)
+        self.histories = Histories(node_limit, self._shared_vectors)
         self.latest: int | None = None
         """The valid time of the latest state, in nanoseconds; None before the first state."""
         self._gap_follows = False
