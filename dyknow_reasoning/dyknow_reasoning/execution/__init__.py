@@ -22,9 +22,8 @@ from dyknow_reasoning.execution.automata.instance_states import (
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.standing.failures import Failure
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
-from dyknow_reasoning.execution.standing.verdict_log import StartCounts, VerdictLog
+from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
 
 __all__ = [
     'KEPT_FAILURES',

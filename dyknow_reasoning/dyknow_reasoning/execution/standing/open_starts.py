@@ -38,6 +38,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
+from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.standing.fading import Future
 from dyknow_reasoning.execution.standing.groups import (
@@ -57,8 +58,10 @@ from dyknow_reasoning.execution.standing.runs import (
     split,
     union,
 )
+from dyknow_reasoning.progression.atoms import predicate
 from dyknow_reasoning.progression.gaps import Gap, Half
-from dyknow_reasoning.progression.nodes import bounds_of
+from dyknow_reasoning.progression.nodes import bounds_of, slots
+from dyknow_reasoning.progression.residual import growth_error
 
 _MAX_KNOWN: Final = 4096
 """The most truths of the atoms for which results are kept."""
@@ -76,6 +79,10 @@ class OpenStarts:
     def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
         self.instance = instance
         self.template = template
+        atoms, kinds = instance.atoms, instance.kinds
+        predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(instance.node.mask)}
+        self.reader = quick_reader(atoms, kinds, predicates)
+        """Returns the truth of the atoms at a state, for `step`."""
         self.wakes_at: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
         self.can_fade = True
@@ -117,6 +124,16 @@ class OpenStarts:
     def runs(self, half: Half) -> Iterator[list[Run]]:
         """Yield the undecided start states of the groups of a half; call `join` before."""
         return (runs for group, runs in self.groups.items() if group.half is half)
+
+    def check_size(self, node_limit: int) -> None:
+        """Check that no more than some nodes remain of the instance.
+
+        Raises:
+            ReasoningError: if more do.
+        """
+        largest = max((each.node for each in self.locations), key=lambda node: node.size)
+        if largest.size > node_limit:
+            raise growth_error(largest.size, node_limit, largest, self.instance.atoms)
 
     def run_count(self) -> int:
         """Return the number of runs that are kept."""
@@ -380,3 +397,50 @@ class OpenStarts:
                 return known
             for part in parts:
                 automaton.move(location, symbol, (*group.times_of(part.runs[0].begin), now))
+
+
+class RememberingStarts(OpenStarts):
+    """The undecided start states of an instance in which a past operator is over a future one.
+
+    What such an operator looks back to is not decided when a state is seen (see
+    `progression.memories`). It is the same from all start states, so it is progressed once for all:
+    each state begins at a location that is the formula with the memories of all states before it.
+    So each state needs a step. Example, `p -> once[0, 2 s] eventually[0, 1 s] q` with a state each
+    second, each number of a memory being that of a state, and ev(5) what remains of the operand,
+    `eventually[to 5 s] q`:
+
+        state                      memory after it         what remains from the state on
+        0: not p, not q            0: ev(1)                true
+        1: p, q                    0: true, 1: true        true
+        2 and 3: not p, not q      1: true, 3: ev(4)       true
+        4: p, not q                4: ev(5)                ev(5)
+
+    The arguments are those of `OpenStarts`.
+    """
+
+    def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
+        super().__init__(instance, template, times)
+        # Where the next state begins.
+        self._memory = self._initial
+
+    @property
+    def locations(self) -> list[Location]:
+        """The locations in use."""
+        return [self._memory.location, *super().locations]
+
+    def _begin(self, number: int, now: int) -> None:
+        """Begin at the latest state, which the memory of the next one includes."""
+        automaton, before = self.template.automaton, self._memory
+        step = before.location, self._symbol, (*before.times_of(now), now)
+        self._initial = before
+        self._fresh = before.moved(automaton.move(*step), OWN)
+        self._memory = before.moved(automaton.remember(*step), now)
+        self._joined = number
+        self.wakes_at, self.fades_at = -inf, inf
+        self.join(number + 1)
+
+
+def open_starts(instance: FormulaInstance, template: Template, times: StateTimes) -> OpenStarts:
+    """Return the undecided start states of an instance before the next state."""
+    kind = RememberingStarts if instance.node.looks_back else OpenStarts
+    return kind(instance, template, times)

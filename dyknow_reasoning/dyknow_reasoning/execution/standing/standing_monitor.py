@@ -13,12 +13,8 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
 )
 from dyknow_reasoning.execution.automata.templates import Template
-from dyknow_reasoning.execution.standing.failures import Failure, Failures
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
-from dyknow_reasoning.execution.standing.joint_reader import joint_reader
-from dyknow_reasoning.execution.standing.limits import limit_automata
-from dyknow_reasoning.execution.standing.open_starts import OpenStarts
-from dyknow_reasoning.execution.standing.remembering_starts import open_starts
+from dyknow_reasoning.execution.standing.open_starts import OpenStarts, open_starts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
@@ -29,7 +25,12 @@ from dyknow_reasoning.execution.standing.runs import (
     union,
     union_of,
 )
-from dyknow_reasoning.execution.standing.verdict_log import StartCounts, VerdictLog
+from dyknow_reasoning.execution.standing.verdicts import (
+    Failure,
+    Failures,
+    StartCounts,
+    VerdictLog,
+)
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
@@ -63,20 +64,19 @@ class StandingMonitor:
     ) -> None:
         self._failures = Failures()
         self._times = StateTimes()
-        self.instances = [
+        found = [
             FormulaInstance(
                 each.binding, each.atoms, each.node, formula_id, order, kinds, batch_key=None
             )
             for order, each in enumerate(instances)
             if each.node is not TRUE
         ]
-        templates = {node: Template(node) for node in {each.node for each in self.instances}}
+        templates = {node: Template(node) for node in {each.node for each in found}}
         self._templates = list(templates.values())
-        self._starts = [
-            open_starts(each, templates[each.node], self._times) for each in self.instances
-        ]
-        self._read = joint_reader(self.instances)
-        self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
+        self._starts = [open_starts(each, templates[each.node], self._times) for each in found]
+        self._readers = [each.reader for each in self._starts]
+        # The truth of the atoms of each instance at the latest state, as bits; -1 if unknown.
+        self._symbols = [-1] * len(self._starts)
         self._node_limit = node_limit
         self._keeps_failures = self._gap_follows = False
         # Of each instance, `wakes_at` of its starts.
@@ -143,7 +143,7 @@ class StandingMonitor:
         Raises:
             ReasoningError: for values that cannot be used, or too many undecided starts.
         """
-        symbols = self._read(values)
+        symbols = [read(values) for read in self._readers]
         is_quiet = now < self._wakes_at and len(self._times.kept) < self._most_kept
         if is_quiet and symbols == self._symbols:
             self._times.append(now)
@@ -178,7 +178,7 @@ class StandingMonitor:
             found = union(found, joined)
         return found
 
-    def _step(self, symbols: tuple[int, ...], now: int, values: Values) -> bool:
+    def _step(self, symbols: list[int], now: int, values: Values) -> bool:
         number = len(self._times)
         self._record_failing(number)
         changed = False
@@ -212,29 +212,15 @@ class StandingMonitor:
             self._wakes_at = min(self._wakes_at, *fading)
         return changed
 
-    def _due(self, symbols: tuple[int, ...], now: int) -> Sequence[int]:
+    def _due(self, symbols: list[int], now: int) -> list[int]:
         """Return the indices of the instances that must be progressed over a state."""
-        if len(symbols) == 1:
-            return range(len(symbols))
-        before = self._symbols
-        due = [
-            index
-            for index, (new, old) in enumerate(zip(symbols, before, strict=True))
-            if new != old
-        ]
-        if now >= self._wakes_at:
-            due += [
-                index
-                for index, end in enumerate(self._ends)
-                if now >= end and symbols[index] == before[index]
-            ]
-            due.sort()
-        return due
+        each = enumerate(zip(symbols, self._symbols, self._ends, strict=True))
+        return [index for index, (new, old, end) in each if new != old or now >= end]
 
     def _cross_gap(self, gap: Gap, values: Values) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
         self._gap_follows = False
-        self._symbols = (-1,) * len(self._starts)
+        self._symbols = [-1] * len(self._starts)
         decided = [(each, found) for each in self._starts for found in each.cross_gap(gap)]
         return self._apply(decided, gap.before, values)
 
@@ -307,8 +293,25 @@ class StandingMonitor:
             each.join(end)
 
     def _limit_memory(self) -> None:
-        if limit_automata(self._templates, self._starts, self._node_limit):
-            self._symbols = (-1,) * len(self._starts)
+        """Limit the memory of automata that have grown, and of times.
+
+        Raises:
+            ReasoningError: if more than `node_limit` remains of an instance, or of too many starts.
+        """
+        for template in self._templates:
+            automaton = template.automaton
+            if not automaton.has_grown:
+                continue
+            automaton.has_grown = False
+            used = [each for each in self._starts if each.template is template]
+            if automaton.max_size > self._node_limit:
+                for each in used:
+                    each.check_size(self._node_limit)
+            if automaton.is_full:
+                automaton.forget({location for each in used for location in each.locations})
+                for each in used:
+                    each.forget()
+                self._symbols = [-1] * len(self._starts)
         if len(self._times.kept) > self._most_kept:
             self._clean_up()
 
