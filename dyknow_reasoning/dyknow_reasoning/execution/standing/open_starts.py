@@ -99,16 +99,14 @@ class OpenStarts:
         self._fresh = self._initial
         self._symbol = -1
         self._joined = len(times)
-        # What is known of the states with each truth of the atoms: the group of the start state,
-        # and for how long that group stays the same, with times that count from its oldest start.
-        self._known_fresh: dict[int, Group] = {}
+        # For each truth of the atoms, how long the group of the start state stays the same, with
+        # times that count from its oldest start.
         self._known_validity: dict[int, Validity] = {}
 
     def forget(self) -> None:
         """Forget the results that are kept of the automaton; the next state needs a step."""
         self.join(len(self._times))
         self.resume(self.groups)
-        self._known_fresh.clear()
         self._known_validity.clear()
 
     @property
@@ -314,14 +312,10 @@ class OpenStarts:
 
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, and find out how long the following ones do the same."""
-        if len(self._known_fresh) > _MAX_KNOWN:
-            self._known_fresh.clear()
+        if len(self._known_validity) > _MAX_KNOWN:
             self._known_validity.clear()
-        fresh = self._known_fresh.get(self._symbol)
-        if fresh is None:
-            move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
-            fresh = self._known_fresh[self._symbol] = self._initial.moved(move, OWN)
-        self._fresh = fresh
+        move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
+        self._fresh = fresh = self._initial.moved(move, OWN)
         self._joined = number + 1
         self.fades_at = self.wakes_at = inf
         if fresh.location.verdict is None:
