@@ -13,8 +13,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
 from dyknow_reasoning.execution.automata.templates import Template
-from dyknow_reasoning.progression.atoms import predicate
-from dyknow_reasoning.progression.nodes import Sides, slots
+from dyknow_reasoning.progression.nodes import Sides
 
 
 class SingleInstance:
@@ -26,7 +25,6 @@ class SingleInstance:
 
     __slots__ = (
         '_origins',
-        '_predicates',
         '_readers',
         'clocks',
         'instance',
@@ -39,7 +37,7 @@ class SingleInstance:
     )
 
     def __init__(self, state: InstanceState) -> None:
-        self.instance = instance = state.instance
+        self.instance = state.instance
         self.template: Template = state.template
         self.mask: int
         self.read: Reader
@@ -48,7 +46,6 @@ class SingleInstance:
         self.location = state.location
         self.clocks: Times = state.times
         self._origins: Mapping[Sides, int] = state.window_origins
-        self._predicates = [predicate(atom, instance.kinds) for atom in instance.atoms]
         self._readers: dict[int, Reader] = {}
         self._read_for(self.location)
 
@@ -101,6 +98,5 @@ class SingleInstance:
         self.mask = mask = location.node.mask
         if mask not in self._readers:
             instance = self.instance
-            predicates = {slot: self._predicates[slot] for slot in slots(mask)}
-            self._readers[mask] = quick_reader(instance.atoms, instance.kinds, predicates)
+            self._readers[mask] = quick_reader(instance.atoms, instance.kinds, mask)
         self.read = self._readers[mask]

@@ -22,7 +22,8 @@ from dyknow_reasoning.language.terms import (
     TextLiteral,
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
-from dyknow_reasoning.progression.atoms import Predicate, Values, field_name, kind_of
+from dyknow_reasoning.progression.atoms import Predicate, Values, field_name, kind_of, predicate
+from dyknow_reasoning.progression.nodes import slots
 
 Reader: TypeAlias = Callable[[Values], int]
 """The truth of atoms as bits; raises ReasoningError if the values are unusable."""
@@ -51,16 +52,15 @@ def careful_reader(predicates: Mapping[int, Predicate]) -> Reader:
     return read
 
 
-def quick_reader(
-    atoms: Sequence[Atom], kinds: Kinds, predicates: Mapping[int, Predicate]
-) -> Reader:
+def quick_reader(atoms: Sequence[Atom], kinds: Kinds, mask: int) -> Reader:
     """Return a reader of generated code, which calls predicates where needed.
 
     Args:
         atoms: the atoms of all slots.
         kinds: the kinds of the features.
-        predicates: the predicates of the slots to read.
+        mask: the slots to read, as bits.
     """
+    predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(mask)}
     if len(predicates) > _MAX_SLOTS:
         return careful_reader(predicates)
     return _ReaderCode(kinds).reader(atoms, predicates)
@@ -79,7 +79,7 @@ class _ReaderCode:
         self._fields: dict[tuple[str, Kind], str] = {}
 
     def reader(self, atoms: Sequence[Atom], predicates: Mapping[int, Predicate]) -> Reader:
-        """Return the reader; the arguments are those of `quick_reader`."""
+        """Return the reader of some atoms, given the predicates of their slots."""
         bits = []
         for slot, holds in predicates.items():
             text = self._atom(atoms[slot]) or f'{self._name(holds)}(values)'

@@ -16,7 +16,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.execution.vectors.batch_keys import MAX_BATCH_SLOTS, atom_form
 from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.atoms import Values, field_name, fields, predicate
+from dyknow_reasoning.progression.atoms import Values, field_name, fields
 from dyknow_reasoning.progression.gaps import (
     Gap,
     apart,
@@ -70,15 +70,13 @@ class _Operands:
 
     def __init__(self, atoms: Sequence[Atom], left: Node, right: Node, kinds: Kinds) -> None:
         self._atoms, self._kinds = atoms, kinds
-        self._predicates = {
-            slot: predicate(atoms[slot], kinds) for slot in slots(left.mask | right.mask)
-        }
+        self._mask = left.mask | right.mask
         self.sides = Sides(left, right)
 
     @cached_property
     def read(self) -> Reader:
         """Reads the truth of the atoms from the values of a state."""
-        return quick_reader(self._atoms, self._kinds, self._predicates)
+        return quick_reader(self._atoms, self._kinds, self._mask)
 
 
 class Register:

@@ -58,9 +58,8 @@ from dyknow_reasoning.execution.standing.runs import (
     split,
     union,
 )
-from dyknow_reasoning.progression.atoms import predicate
 from dyknow_reasoning.progression.gaps import Gap, Half
-from dyknow_reasoning.progression.nodes import bounds_of, slots
+from dyknow_reasoning.progression.nodes import bounds_of
 from dyknow_reasoning.progression.residual import growth_error
 
 _MAX_KNOWN: Final = 4096
@@ -79,9 +78,7 @@ class OpenStarts:
     def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
         self.instance = instance
         self.template = template
-        atoms, kinds = instance.atoms, instance.kinds
-        predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(instance.node.mask)}
-        self.reader = quick_reader(atoms, kinds, predicates)
+        self.reader = quick_reader(instance.atoms, instance.kinds, instance.node.mask)
         """Returns the truth of the atoms at a state, for `step`."""
         self.wakes_at: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
