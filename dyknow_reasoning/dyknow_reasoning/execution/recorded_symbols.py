@@ -163,7 +163,7 @@ class SymbolSequence:
         return found
 
     def next_change(self, index: int, end: int) -> int:
-        """Return the index of the next state whose symbol is not that of the state before it.
+        """Return the index of the next state whose symbol differs from the state before it.
 
         Return the end if it comes first.
         """

@@ -140,7 +140,7 @@ class Register:
         return self.depth, operator, operands.left, operands.right, forms
 
     def begin_with(self, memory: PastMemory) -> None:
-        """Take over what a memory of the operator remembers."""
+        """Replace the memory of the operator."""
         self.memory, self._branches = memory, ((self._whole, memory),)
 
     def tried(self, memory: PastMemory, time: int, values: Values) -> bool:

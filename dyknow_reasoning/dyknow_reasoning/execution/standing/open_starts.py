@@ -393,10 +393,10 @@ class OpenStarts:
 class RememberingStarts(OpenStarts):
     """The undecided start states of an instance in which a past operator is over a future one.
 
-    What such an operator looks back to is not decided when a state is seen (see
-    `progression.memories`). It is the same from all start states, so it is progressed once for all:
-    each state begins at a location that is the formula with the memories of all states before it.
-    So each state needs a step. Example, `p -> once[0, 2 s] eventually[0, 1 s] q` with a state each
+    A state does not decide the operands of such an operator at once (see `progression.memories`).
+    Their remainders are the same for all start states, so they are progressed once for all: each
+    state begins at a location that is the formula with the memories of all states before it. So
+    each state needs a step. Example, `p -> once[0, 2 s] eventually[0, 1 s] q` with a state each
     second, each number of a memory being that of a state, and ev(5) what remains of the operand,
     `eventually[to 5 s] q`:
 
@@ -406,7 +406,7 @@ class RememberingStarts(OpenStarts):
         2 and 3: not p, not q      1: true, 3: ev(4)       true
         4: p, not q                4: ev(5)                ev(5)
 
-    The arguments are those of `OpenStarts`.
+    Arguments as in `OpenStarts`.
     """
 
     def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
