@@ -170,7 +170,6 @@ def recorded(
     objects: int,
     *,
     regular: bool,
-    every_state: bool = False,
 ) -> float:
     """Return the nanoseconds for a state and an object in a recording of columns."""
     states = 2000
@@ -181,7 +180,7 @@ def recorded(
         for number, phase in enumerate(phases)
     }
     times = times_of(2 * states, regular=regular)
-    group = group_of(text, objects, every_state=every_state)
+    group = group_of(text, objects)
     assert not group.progress_many(times[:states], columns)
     begin = process_time()
     assert not group.progress_many(times[states:], columns)
@@ -374,9 +373,8 @@ def every_state() -> Iterator[tuple[str, str, float]]:
     for seconds in (5, 50, 500):
         for part, (cost, runs) in enumerate(open_runs(seconds), 1):
             yield f'window of {seconds} s, quarter {part}, {runs} open runs', 'us a state', cost
-    for name, text in (('every state', response), ('once', RESPONSE)):
-        cost = recorded(text, 'Alt', SAWTOOTH, 100, regular=True, every_state=text is response)
-        yield f'response, 100 instances in a recording, {name}', 'ns each', cost
+    cost = recorded(RESPONSE, 'Alt', SAWTOOTH, 100, regular=True)
+    yield 'response, 100 instances in a recording', 'ns each', cost
 
 
 def growth() -> Iterator[tuple[str, str, float]]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from dyknow_common import ExitCode, Margin, Symbol, Verdict
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
+from dyknow_reasoning.execution import InstanceMonitor, Recording
 from dyknow_reasoning.explanation.remainders import Remainders
 from dyknow_reasoning.group_results import GroupResults, merged
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
@@ -235,14 +235,11 @@ class FormulaGroup:
             self._margins.progress(valid_time, values)
         if monitor.histories.registers or monitor.histories.memories:
             values = monitor.histories.extended(valid_time, values)
-        quick_step, standing = monitor.quick_step, self.standing
-        is_done = quick_step and not self._results.known and quick_step(valid_time, values)
-        if is_done and not standing.formulas:
-            return []
         try:
-            outcomes: Outcomes = {} if is_done else monitor.progress(valid_time, values)
+            outcomes = monitor.progress(valid_time, values)
         except ReasoningError as error:
             return self.fail(error, valid_time)
+        standing = self.standing
         if standing.formulas and (failures := standing.progress(valid_time, values)):
             outcomes = {**outcomes, **failures}
         if outcomes or self._results.known:

@@ -16,9 +16,7 @@ from dyknow_reasoning.execution import (
     Recording,
     StandingMonitor,
     StartCounts,
-    Step,
     VerdictLog,
-    progress_recording,
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import text_of
@@ -102,8 +100,6 @@ class StandingFormula:
         margins: StandingMargin | None = None,
     ) -> None:
         self.monitor = StandingMonitor(formula_id, instances, named.kinds, node_limit)
-        self.quick_step: Step | None = None
-        """Does the same as `progress`, and returns True, if look-ups suffice; else no effect."""
         self.margins = margins
         self._next_cleanup = _CLEANUP_STATES
         self._formula, self._counts = named.formula, counts
@@ -126,9 +122,7 @@ class StandingFormula:
             raise self._error
         if self.margins is not None:
             self._forget_margins(self.margins)
-        has_changed = self.monitor.progress(valid_time, values)
-        self.quick_step = self.monitor.quick_step if self.margins is None else None
-        return has_changed
+        return self.monitor.progress(valid_time, values)
 
     def progress_many(self, recording: Recording) -> tuple[bool, tuple[int, ReasoningError] | None]:
         """Progress over a recording.
@@ -137,16 +131,20 @@ class StandingFormula:
             True if an episode has begun or ended, and the index of the state at which the formula
             fails, with the error.
         """
-        self.quick_step = None
         if self._error is not None:
             return False, (0, self._error)
         if self.margins is not None:
             self._forget_margins(self.margins)
-        return progress_recording(self.monitor, recording)
+        has_changed = False
+        for index, state in enumerate(recording.rows(recording.columns.keys())):
+            try:
+                has_changed |= self.monitor.progress(*state)
+            except ReasoningError as error:
+                return has_changed, (index, error)
+        return has_changed, None
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
-        self.quick_step = None
         if self._looks_back and self.monitor.states:
             self._error = ReasoningError(
                 'operators of the past look back on states that are missing, so the formula cannot '
@@ -289,8 +287,6 @@ class StandingFormulas:
         failures: dict[int, ReasoningError] = {}
         for formula_id, each in self.formulas.items():
             try:
-                if (quick_step := each.quick_step) and quick_step(valid_time, values):
-                    continue
                 if each.progress(valid_time, values):
                     self._changed.add(formula_id)
             except ReasoningError as error:

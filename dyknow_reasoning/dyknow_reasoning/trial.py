@@ -17,59 +17,30 @@ A group (`FormulaGroup`) progresses formulas over states that have happened; it 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias, cast
 
 from dyknow_common import PositionedError, shortened
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution import Histories
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
-from dyknow_reasoning.language.formula import (
-    Always,
-    And,
-    CountBound,
-    CountOf,
-    Equivalent,
-    Forall,
-    Formula,
-    FutureFormula,
-    Implies,
-    Not,
-    Or,
-    PastFormula,
-    parts,
-    walk,
-)
+from dyknow_reasoning.language.formula import Always, Forall, Formula, FutureFormula, walk
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
-from dyknow_reasoning.language.terms import Truth
-from dyknow_reasoning.language.type_checking import Kinds, check_types
+from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.progression.atoms import Values, predicate
-from dyknow_reasoning.progression.instances import Domains, ground
-from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is_dual, memory_of
+from dyknow_reasoning.progression.bounds import Chronology
+from dyknow_reasoning.progression.instances import Domains, instances_of
+from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import holds_at, slots
+from dyknow_reasoning.progression.past_operators import PastMemory
 from dyknow_reasoning.progression.sizes import (
     FormulaLimits,
     check_size,
     formula_size,
     object_counts,
 )
-
-_Truth: TypeAlias = Callable[[Sequence[PastMemory], int, Values], bool]
-"""The truth of a formula at a state; moves the memories of its past operators to the state."""
-
-_CONNECTIVES: Mapping[type, Callable[[bool, bool], bool]] = {
-    And: lambda left, right: left and right,
-    Or: lambda left, right: left or right,
-    Implies: lambda left, right: not left or right,
-    Equivalent: lambda left, right: left is right,
-}
-_COUNTS: Mapping[CountBound, Callable[[int, int], bool]] = {
-    CountBound.AT_LEAST: lambda count, number: count >= number,
-    CountBound.AT_MOST: lambda count, number: count <= number,
-    CountBound.EXACTLY: lambda count, number: count == number,
-}
 
 
 def asked_of_each_state(formula: Formula) -> Formula:
@@ -126,10 +97,18 @@ class TrialFormula:
         formula = check_trial(text)
         check_units_are_known(formula)
         check_size(formula_size(formula, object_counts(domains, limits)), limits)
-        self._kinds: Kinds = check_types(formula, text)
+        kinds = check_types(formula, text)
+        asked = asked_of_each_state(formula)
+        self._histories = Histories(limits.node_limit)
+        instances = instances_of(asked, domains, NodeStore(Chronology()))
+        self._instances = [
+            (
+                each.node,
+                [(slot, predicate(each.atoms[slot], kinds)) for slot in slots(each.node.mask)],
+            )
+            for each in self._histories.attach(0, asked, instances, kinds)
+        ]
         self._memories: list[PastMemory] = []
-        self._truth = self._compiled(ground(asked_of_each_state(formula), {}, domains))
-        self._proposed: list[PastMemory] = self._memories
         self._latest: int | None = None
         self._time = 0
 
@@ -145,46 +124,16 @@ class TrialFormula:
         """
         if self._latest is not None and time <= self._latest:
             raise ReasoningError(f'the state at {time} ns is not later than the one before')
+        state, memories = self._histories.tried(time, values)
+        symbols = [
+            (node, sum(1 << slot for slot, is_true in atoms if is_true(state)))
+            for node, atoms in self._instances
+        ]
         # Until it ends without an error, there is nothing to accept.
-        memories = [each.of_row(0) for each in self._memories]
-        found = self._truth(memories, time, values)
-        self._proposed, self._time = memories, time
-        return found
+        self._memories, self._time = memories, time
+        return all(holds_at(*each) for each in symbols)
 
     def accept(self) -> None:
         """Add the state of the latest call of `holds` to the history."""
-        self._memories, self._latest = self._proposed, self._time
-
-    def _compiled(self, formula: Formula) -> _Truth:
-        """Return the function of a ground formula; all of its parts are read at each state."""
-        match formula:
-            case Truth(value):
-                return lambda _memories, _time, _values: value
-            case Not(body):
-                inner = self._compiled(body)
-                return lambda *state: not inner(*state)
-            case And() | Or() | Implies() | Equivalent():
-                join = _CONNECTIVES[type(formula)]
-                left, right = self._compiled(formula.left), self._compiled(formula.right)
-                return lambda *state: join(left(*state), right(*state))
-            case CountOf(bound, number, members):
-                compare, each = _COUNTS[bound], [self._compiled(member) for member in members]
-                return lambda *state: compare(sum([part(*state) for part in each]), number)
-            case _ if isinstance(formula, PastFormula):
-                return self._remembered(formula)
-            case _:
-                read = predicate(cast('Any', formula), self._kinds)
-                return lambda _memories, _time, values: read(values)
-
-    def _remembered(self, formula: PastFormula) -> _Truth:
-        """Return the function of a past operator; its memory follows its operands' memories."""
-        sides = [self._compiled(cast('Formula', part)) for part in parts(formula)]
-        place, is_negated = len(self._memories), is_dual(formula)
-        self._memories.append(memory_of(formula))
-
-        def truth(memories: Sequence[PastMemory], time: int, values: Values) -> bool:
-            *lefts, right = [side(memories, time, values) for side in sides]
-            lasts = ALL_ROWS if all(lefts) else 0
-            return memories[place].step(time, lasts, int(right != is_negated)) != is_negated
-
-        return truth
+        self._histories.accept(self._memories)
+        self._latest = self._time

@@ -13,7 +13,7 @@ from test_progression import traces
 
 from dyknow_common import ExitCode, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaResult, ReasoningError, formula_group
-from dyknow_reasoning.execution import fast_path, instance_pool
+from dyknow_reasoning.execution import instance_pool
 from dyknow_reasoning.language.formula import Formula
 
 ARRIVALS = st.lists(st.tuples(st.integers(0, 9), formulas(3)), min_size=1, max_size=6)
@@ -48,7 +48,6 @@ def test_each_formula_is_as_in_a_group_of_its_own(
     spans: dict[int, tuple[Formula, int, int]] = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
-        patch.setattr(fast_path, '_MIN_STATES', 1)
         for index, (time, values) in enumerate(trace):
             for number, (begin, formula) in enumerate(arrivals):
                 if begin == index:

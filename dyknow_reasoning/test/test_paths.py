@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from reasoning_reference import formulas, random_cases
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
-from dyknow_reasoning.execution import fast_path, instance_pool
+from dyknow_reasoning.execution import instance_pool
 from dyknow_reasoning.execution.automata import automaton, configurations
 from dyknow_reasoning.execution.past import register_groups
 from dyknow_reasoning.language.formula import Formula
@@ -66,7 +66,6 @@ PATHS = list(product((one_by_one, at_once), (1, 1000), (0, 1 << 14), (8, 1 << 16
 
 def set_limits(patch: pytest.MonkeyPatch, batch: int, configurations_: int, nodes: int) -> None:
     patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
-    patch.setattr(fast_path, '_MIN_STATES', 1)
     patch.setattr(register_groups, 'MIN_REGISTERS', batch)
     patch.setattr(configurations, '_MAX_CONFIGURATIONS', configurations_)
     patch.setattr(automaton, '_MAX_NODES', nodes)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from random import Random
 
 from dyknow_reasoning.execution.standing.runs import Run, StateTimes, split, union
@@ -39,7 +38,8 @@ def test_unions_are_those_of_sets() -> None:
 def test_splits_are_those_of_times() -> None:
     random = Random(2)  # noqa: S311 - no secret
     times = StateTimes()
-    times.extend(range(0, 130, 10))
+    for each in range(0, 130, 10):
+        times.append(each)
     for _ in range(CASES):
         numbers = set(random.sample(range(12), random.randint(0, 7)))
         time = random.randint(-5, 125)
@@ -48,20 +48,3 @@ def test_splits_are_those_of_times() -> None:
         assert older == runs_of({each for each in numbers if 10 * each < time})
         assert younger == runs_of({each for each in numbers if 10 * each >= time})
         assert before == runs_of(numbers)
-
-
-def test_times_at_a_period_are_those_of_single_states() -> None:
-    for states, kept in ((0, 3), (1, 3), (3, 3), (4, 3), (50, 3)):
-        times, expected = StateTimes(), StateTimes()
-        for each in (times, expected):
-            each.extend([5, 8])
-        times.repeat(7, states, kept=kept)
-        expected.extend(8 + 7 * number for number in range(1, states + 1))
-        times.append(1000)
-        expected.append(1000)
-        assert len(times) == len(expected) == states + 3
-        first = 0 if states <= kept else len(times) - kept - 1
-        latest = [times[number] for number in range(first, len(times))]
-        assert latest == [expected[number] for number in range(first, len(times))]
-        assert all(before < after for before, after in pairwise(latest))
-        assert times.number_at(1000) == len(times) - 1

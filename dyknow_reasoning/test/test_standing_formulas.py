@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
 
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.execution.standing import standing_monitor
 
 SECOND = 1_000_000_000
@@ -166,6 +168,21 @@ def test_too_many_runs_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     (result,) = results
     assert 'more than 100' in str(result.error)
     assert 'give its operators shorter intervals' in str(result.error)
+
+
+def test_the_node_limit_is_that_of_single_evaluations() -> None:
+    group = FormulaGroup(FormulaLimits(node_limit=56))
+    text = 'always[0, 9 ns] (p -> eventually[0, 5 ns] (q and always[0, 2 ns] (r or p)))'
+    group.add_formula('it', text, every_state=True)
+    group.begin({})
+    random = Random(1)  # noqa: S311 - no secret
+    for time in range(100):
+        values = {name: random.random() < 0.7 for name in 'pqr'}
+        if results := group.progress(time, values):
+            break
+    [result] = results
+    assert time == 9
+    assert "59 nodes, more than 56 (the limit 'node_limit'): " in str(result.error)
 
 
 def test_operators_of_the_past_look_back_to_all_states() -> None:

@@ -11,7 +11,6 @@ import pytest
 from reasoning_reference import random_cases
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
-from dyknow_reasoning.execution.standing import recorded_states
 
 CASES = random_cases(65)
 OBJECTS = ['a', 'b']
@@ -45,10 +44,9 @@ def told(group: FormulaGroup) -> Any:
 
 
 @pytest.mark.timeout(7200)
-def test_recordings_are_progressed_as_states_are(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recordings_are_progressed_as_states_are() -> None:
     random = Random(1)  # noqa: S311 - no secret
     for _ in range(CASES):
-        monkeypatch.setattr(recorded_states, '_MAX_SYMBOLS', random.choice([1, 20, 1 << 18]))
         limits = FormulaLimits(node_limit=random.choice([40, 10_000]))
         groups = FormulaGroup(limits), FormulaGroup(limits)
         texts = [(random.choice(FORMULAS), random.random() < 0.7) for _ in range(3)]

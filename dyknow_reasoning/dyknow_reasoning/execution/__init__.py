@@ -4,9 +4,9 @@
 ways to progress give identical results; the monitor chooses the fastest one:
 
 - `automata`: each step of progression is computed once, and stored in a timed automaton.
-- `single_instance`: individual instances, state by state.
+- `single_instance`: individual instances, state by state; those that change nothing are skipped.
 - `vectors`: many instances that are alike, as numpy vectors.
-- `fast_path`: states at which every instance needs one table look-up only.
+- `block_progression`: individual instances over many states of a recording.
 - `recorded_symbols`: the atoms of many states at once.
 - `past`: the registers of past operators, whose values are atoms of the states.
 - `standing`: formulas that are asked at every state.
@@ -19,14 +19,11 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
-from dyknow_reasoning.execution.fast_path import Step
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.standing.failures import Failure
-from dyknow_reasoning.execution.standing.recorded_states import progress_recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
-from dyknow_reasoning.execution.standing.verdict_log import StartCounts, VerdictLog
+from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
 
 __all__ = [
     'KEPT_FAILURES',
@@ -41,7 +38,5 @@ __all__ = [
     'Recording',
     'StandingMonitor',
     'StartCounts',
-    'Step',
     'VerdictLog',
-    'progress_recording',
 ]

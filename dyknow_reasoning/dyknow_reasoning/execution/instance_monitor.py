@@ -17,7 +17,6 @@ from dyknow_reasoning.execution.automata.instance_states import (
 from dyknow_reasoning.execution.automata.sampling import SamplingRegularity
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.block_progression import BlockProgression
-from dyknow_reasoning.execution.fast_path import FastPath, Step
 from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory
@@ -56,8 +55,9 @@ class InstanceMonitor:
     def __init__(self, node_limit: int) -> None:
         self._node_limit = node_limit
         self._shared_vectors = SharedVectors()
-        self.histories = Histories(self._shared_vectors, node_limit)
-        self._latest: int | None = None
+        self.histories = Histories(node_limit, self._shared_vectors)
+        self.latest: int | None = None
+        """The valid time of the latest state, in nanoseconds; None before the first state."""
         self._gap_follows = False
         self._sampling = SamplingRegularity()
         self._aggregation = VerdictAggregation()
@@ -65,20 +65,10 @@ class InstanceMonitor:
         # The instances that begin with the next state.
         self._new: list[InstanceState] = []
         self._pool = InstancePool(self._shared_vectors)
-        self._fast_path = FastPath()
-        # Progresses all instances over a state like `progress`, and returns True. It returns False,
-        # and has no effect, if that needs more than a table look-up for each instance.
-        self.quick_step: Step | None = None
-        # True if look-ups alone may progress all instances over a state like the latest.
-        self._needs_look_ups_only = False
+        # The time before which a state like the latest one changes nothing.
+        self._wakes_at = -inf
         # True if a formula may be near the node limit.
         self._is_large = False
-
-    @property
-    def latest(self) -> int | None:
-        """The valid time of the latest state, in nanoseconds; None before the first state."""
-        self._leave_fast_path()
-        return self._latest
 
     def add(self, formula_id: int, instances: Sequence[Instance], kinds: Kinds) -> None:
         """Add a formula, which begins with the next state.
@@ -88,7 +78,7 @@ class InstanceMonitor:
             instances: its instances; those that need no state are ignored.
             kinds: the kinds of its features.
         """
-        self._leave_fast_path()
+        self._wakes_at = -inf
         for order, each in enumerate(instances):
             node = each.node
             if type(node) is Constant:
@@ -112,7 +102,7 @@ class InstanceMonitor:
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
-        self._gap_follows = self.latest is not None
+        self._gap_follows, self._wakes_at = self.latest is not None, -inf
         self.histories.gap()
 
     def progress(self, valid_time: int, values: Values) -> Outcomes:
@@ -127,14 +117,13 @@ class InstanceMonitor:
         Raises:
             ReasoningError: if the valid time is not later than the latest state's.
         """
-        if self.quick_step:
-            self._leave_fast_path()
-        latest = valid_time if self._latest is None else self._latest
+        latest = valid_time if self.latest is None else self.latest
         elapsed = valid_time - latest
-        if elapsed <= 0 and self._latest is not None:
+        if elapsed <= 0 and self.latest is not None:
             raise late_state(valid_time, latest)
-        if not self._aggregation:
-            self._latest, self.quick_step = valid_time, self._pass
+        is_quiet = valid_time < self._wakes_at and self._repeats_latest(values)
+        if is_quiet or not self._aggregation:
+            self.latest = valid_time
             return _NO_OUTCOMES
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
         crossed = self._cross_gap(Gap(latest, valid_time)) if self._gap_follows else _NO_OUTCOMES
@@ -149,8 +138,6 @@ class InstanceMonitor:
             self.remove(unreadable)
             failures = {**failures, **unreadable}
         outcomes = self._step(symbols, valid_time, elapsed)
-        if self._needs_look_ups_only:
-            self.quick_step = self._fast_path.enter(self._pool, elapsed, valid_time)
         if outcomes or failures or crossed:
             return {**crossed, **_by_id({**failures, **outcomes})}
         return _NO_OUTCOMES
@@ -167,10 +154,9 @@ class InstanceMonitor:
         steps = recording.steps(self.latest)
         index, size, count = 0, _FIRST_STATES, len(recording)
         while index < count and self._aggregation:
-            self._leave_fast_path()
             end = min(index + min(size, self._pool.most_states), count)
             reached, outcomes = index, dict[int, Outcomes]()
-            if not (self._latest is None or self._gap_follows or self._new or self._is_large):
+            if not (self.latest is None or self._gap_follows or self._new or self._is_large):
                 self._dissolve(recording, count - index)
                 symbols = RecordedSymbols(recording, range(index, end))
                 reached, outcomes = self._progress_block(recording, steps, symbols)
@@ -182,14 +168,17 @@ class InstanceMonitor:
             # Where blocks cannot be completed, smaller ones waste less work.
             size = min(2 * size, _MOST_STATES) if reached == end else max(size // 8, _FEWEST_STATES)
             index = reached
-        self._leave_fast_path()
-        self._latest = recording.time(-1) if count else self._latest
+        self._wakes_at = -inf
+        self.latest = recording.time(-1) if count else self.latest
 
-    def _pass(self, valid_time: int, _values: Values) -> bool:
-        """Take a state that no instance needs; a `quick_step`."""
-        if self._latest is None or valid_time <= self._latest:
+    def _repeats_latest(self, values: Values) -> bool:
+        """Return True if the truth of all atoms is that at the latest state."""
+        try:
+            for each in self._pool.singles:
+                if each.read(values) != each.symbol:
+                    return False
+        except ReasoningError:
             return False
-        self._latest = valid_time
         return True
 
     def _refused(self) -> Mapping[int, Outcome]:
@@ -226,8 +215,8 @@ class InstanceMonitor:
             outcomes, irrelevant = self._aggregation.apply(each)
             self._remove(outcomes, irrelevant)
             found[index] = _by_id(outcomes)
-        self._latest = recording.time(end - 1)
-        if failures := self._check_limits(self._latest):
+        self.latest = recording.time(end - 1)
+        if failures := self._check_limits(self.latest):
             found[end - 1] = _by_id({**found.get(end - 1, {}), **failures})
         return end, found
 
@@ -255,7 +244,7 @@ class InstanceMonitor:
 
     def _dissolve(self, recording: Recording, states: int) -> None:
         """Progress the instances of batches individually if that is faster, or times are large."""
-        latest = self._latest or 0
+        latest = self.latest or 0
         if recording.times.dtype == object:
             self._pool.dissolve(latest, inf)
         elif states >= _MIN_INSTANCES:
@@ -265,28 +254,25 @@ class InstanceMonitor:
         """Progress all instances by the truth of their atoms; remove formulas with outcomes."""
         pool = self._pool
         singles, batches = symbols
-        regular = elapsed == 0 or self._sampling.observe(elapsed)
         verdicts: list[InstanceVerdict] = []
+        wakes_at: float = -inf if batches else inf
         for single, symbol in zip(pool.singles, singles):  # noqa: B905 - strict is slower
-            verdict = single.step(symbol & single.mask, now, elapsed, regular=regular)
+            verdict = single.step(symbol & single.mask, now, elapsed)
             if verdict:
                 verdicts.append(verdict)
+            elif single.wakes_at < wakes_at:
+                wakes_at = single.wakes_at
+        self._wakes_at = wakes_at
+        regular = bool(batches) and (elapsed == 0 or self._sampling.observe(elapsed))
         for batch, array in zip(pool.batches, batches, strict=True) if batches else ():
             verdicts += batch.step(array, now, elapsed, regular=regular)
-        self._latest = now
+        self.latest = now
         outcomes = _NO_OUTCOMES
         if verdicts:
             outcomes, irrelevant = self._aggregation.apply(verdicts)
             self._remove(outcomes, irrelevant)
         if failures := self._check_limits(now):
             outcomes = {**outcomes, **failures}
-        self._needs_look_ups_only = (
-            regular
-            and not self._is_large
-            and bool(pool.singles)
-            and not pool.batches
-            and all(single.configuration for single in pool.singles)
-        )
         return outcomes
 
     def _cross_gap(self, gap: Gap) -> Outcomes:
@@ -352,14 +338,9 @@ class InstanceMonitor:
         self._is_large = any(template.is_large for template in self._templates.values())
 
     def _remove(self, formulas: Collection[int], instances: Iterable[FormulaInstance] = ()) -> None:
-        self._leave_fast_path()
+        self._wakes_at = -inf
         self._pool.remove(formulas, instances)
         self._new = [each for each in self._new if each.instance.formula_id not in formulas]
-
-    def _leave_fast_path(self) -> None:
-        self.quick_step = None
-        latest = self._fast_path.leave()
-        self._latest = self._latest if latest is None else latest
 
     def _check_limits(self, now: int) -> Mapping[int, Outcome]:
         """Limit memory; return the errors of formulas that are too large, which are removed."""
@@ -379,7 +360,7 @@ class InstanceMonitor:
     def _check_sizes(self, now: int) -> Mapping[int, Outcome]:
         """Remove the formulas that exceed the node limit; return their errors."""
         failures: dict[int, Outcome] = {}
-        for formula_id, size in self._pool.sizes(now).items():
+        for formula_id, size in self._pool.sizes().items():
             if size > self._node_limit:
                 states = [
                     each

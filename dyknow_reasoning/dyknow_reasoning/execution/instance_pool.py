@@ -61,7 +61,7 @@ class InstancePool:
     def states(self, latest: int) -> Iterator[InstanceState]:
         """Return the states of the instances."""
         for single in self.singles:
-            yield single.state(latest)
+            yield single.state
         for batch in self.batches:
             yield from batch.states(latest)
 
@@ -82,7 +82,7 @@ class InstancePool:
                 and abs(latest) <= MAX_VECTOR_TIME
                 and len(found) + len(singles[key]) >= _MIN_BATCH_SIZE
             ):
-                others = (single.state(latest) for single in singles.pop(key))
+                others = (single.state for single in singles.pop(key))
                 batches[key] = Batch([*others, *found])
             else:
                 singles[key] += map(SingleInstance, found)
@@ -134,20 +134,18 @@ class InstancePool:
             self.fields.load(values)
         return [batch.symbols() for batch in self.batches]
 
-    def sizes(self, latest: int) -> Mapping[int, int]:
+    def sizes(self) -> Mapping[int, int]:
         """Return the number of nodes that the instances of each formula have together."""
         sizes: Counter[int] = Counter()
         for single in self.singles:
-            location, _ = single.position(latest)
-            sizes[single.instance.formula_id] += location.node.size
+            sizes[single.instance.formula_id] += single.location.node.size
         for batch in self.batches:
             sizes.update(batch.sizes())
         return sizes
 
     def leave_configurations(self, template: Template, latest: int) -> set[Location]:
         """Stop using the configurations of a template; return the locations of its instances."""
-        singles = (each for each in self.singles if each.template is template)
-        locations = {single.leave_configurations(latest) for single in singles}
+        locations = {each.location for each in self.singles if each.template is template}
         for batch in self.batches:
             if batch.template is template:
                 locations |= batch.leave_configurations(latest)

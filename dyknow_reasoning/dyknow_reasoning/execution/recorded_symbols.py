@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
-from typing import Any, TypeAlias, cast
+from typing import Any, cast
 
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
 from dyknow_reasoning.execution.instance_pool import InstancePool
 from dyknow_reasoning.execution.recording import Recording
@@ -31,14 +30,7 @@ from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import field_name, fields, predicate
 from dyknow_reasoning.progression.nodes import slots
 
-_MAX_TABLE_BITS = 12
-
-Deadlines: TypeAlias = tuple[tuple[int, int], ...]
-"""Clocks of a location, and the nanoseconds after each."""
-
-Jump: TypeAlias = tuple[Sequence[int], Deadlines]
-"""The indices at which states that may change a location begin and end, in turn. The others change
-nothing before the deadlines. The last index is the end of all states."""
+_FEW_BITS = 12
 
 
 class RecordedSymbols:
@@ -152,10 +144,9 @@ class SymbolSequence:
 
     def __init__(self, symbols: Array, mask: int) -> None:
         self.symbols = symbols
+        self.has_few_symbols = mask.bit_length() <= _FEW_BITS
+        """True if `next_other` may be called."""
         self._width = 1 << mask.bit_length()
-        self._has_table = mask.bit_length() <= _MAX_TABLE_BITS
-        self.jumps: dict[Location, Jump] = {}
-        """For locations that instances with these symbols have been at."""
         self._edges: dict[frozenset[int], list[int]] = {}
 
     @cached_property
@@ -171,51 +162,34 @@ class SymbolSequence:
         found: Array = (self.symbols >> slot & 1).astype(bool)
         return found
 
-    @cached_property
-    def _changes(self) -> list[int]:
-        """The indices of the states whose symbol differs from the state before, and the end."""
-        return self._indices(self.symbols[1:] != self.symbols[:-1], 1)
+    def next_change(self, index: int, end: int) -> int:
+        """Return the index of the next state whose symbol differs from the state before it.
 
-    def next_other(self, index: int, end: int, known: frozenset[int]) -> int:
-        """Return the index of the next state whose symbol is not one of the known; else the end.
-
-        If there are many atoms, it may return the symbol of an earlier state.
+        Return the end if it comes first.
         """
-        if self._has_table:
-            edges = self._edges_of(known)
-            at = bisect_right(edges, index)
-            if at % 2:
-                return index
-        elif self.values[index] in known:
-            edges = self._changes
-            at = bisect_right(edges, index)
-        else:
-            return index
-        found = edges[at]
+        found = self._changes[bisect_left(self._changes, index)]
         return found if found < end else end  # Faster than min().
 
-    def keep_jump(self, location: Location, known: frozenset[int], deadlines: Deadlines) -> None:
-        """Keep a jump from a location, if there are few atoms.
-
-        Args:
-            location: the location.
-            known: symbols that change nothing there.
-            deadlines: before these.
-        """
-        if self._has_table:
-            self.jumps[location] = self._edges_of(known), deadlines
-
-    def _edges_of(self, known: frozenset[int]) -> list[int]:
-        """Return the indices at which states with other symbols begin and end, in turn."""
+    def next_other(self, index: int, end: int, known: frozenset[int]) -> int:
+        """Return the index of the next state whose symbol is none of some, or the end."""
         edges = self._edges.get(known)
         if edges is None:
             is_other = np.ones(self._width, bool)
             is_other[list(known)] = False
             changes = np.diff(is_other.take(self.symbols), prepend=False)
-            edges = self._edges[known] = self._indices(changes)
-        return edges
+            edges = self._edges[known] = self._starts(changes)
+        at = bisect_right(edges, index)
+        if at % 2:
+            return index
+        found = edges[at]
+        return found if found < end else end
 
-    def _indices(self, chosen: Array, first: int = 0) -> list[int]:
-        found: list[int] = (np.flatnonzero(chosen) + first).tolist()
+    @cached_property
+    def _changes(self) -> list[int]:
+        return self._starts(np.diff(self.symbols, prepend=self.symbols[:1]))
+
+    def _starts(self, changes: Array) -> list[int]:
+        """Return the indices at which something changes, and the end of all states."""
+        found: list[int] = np.flatnonzero(changes).tolist()
         found.append(len(self.symbols))
         return found

@@ -201,6 +201,26 @@ def pending_parts(node: Node) -> list[Node]:
     return sorted(found, key=attrgetter('depth'))
 
 
+def holds_at(node: Node, symbol: int) -> bool:
+    """Return the truth of a formula without temporal operators at a state.
+
+    Args:
+        node: the formula.
+        symbol: the truth of its atoms, as bits.
+    """
+    match node:
+        case Constant():
+            return node.value
+        case Literal():
+            return bool(symbol >> node.slot & 1) == node.positive
+        case Junction():
+            return (all if node.universal else any)(holds_at(each, symbol) for each in node.parts)
+        case AtLeast():
+            return sum(holds_at(each, symbol) for each in node.parts) >= node.count
+        case _:  # pragma: no cover - there are no others
+            raise AssertionError(node)
+
+
 def members(node: Node) -> tuple[Node, ...]:
     """Return the parts of a node that have seen states: all but the sides of operators."""
     match node:

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from math import inf
 from operator import itemgetter
 from typing import Any, TypeAlias
 
@@ -72,12 +73,14 @@ class Move:
         select: picks these from a tuple of times.
         is_alike: True if the target is undecided, and has the atoms and the open windows without an
             end of the location before, which is not fresh.
+        is_idle: True if it changes nothing: it leads to the location before, with the same clocks.
     """
 
     target: Location
     kept: tuple[int, ...]
     select: Callable[[tuple[Any, ...]], tuple[Any, ...]]
     is_alike: bool
+    is_idle: bool
 
 
 @dataclass(eq=False, slots=True)
@@ -199,13 +202,37 @@ class Automaton:
             target = self._locations[node] = _location(node, len(kept), is_fresh=is_fresh)
             self.max_size = max(self.max_size, node.size)
         is_alike = not before.is_fresh and _are_alike(before, target)
-        return Move(target, kept, _selection(kept), is_alike)
+        is_idle = target is before and (not kept or kept[-1] < before.clocks)
+        return Move(target, kept, _selection(kept), is_alike, is_idle)
 
 
 def _location(node: Node, clocks: int, *, is_fresh: bool) -> Location:
     verdict = node.value if type(node) is Constant else None
     unbounded = tuple(dict.fromkeys(map(sides, node.unbounded)))
     return Location(node, clocks, verdict, unbounded, is_fresh)
+
+
+def wake_time(location: Location, symbol: int, times: Times) -> float:
+    """Return the time before which states with the same truth of the atoms change nothing.
+
+    Args:
+        location: at which the present state changes nothing.
+        symbol: the truth of the atoms.
+        times: the clocks, and the time of the present state, in nanoseconds.
+    """
+    found: float = inf
+    decision, now = location.moves.get(symbol), location.clocks
+    while type(decision) is Guard:
+        later, earlier, more_than = decision.later, decision.earlier, decision.more_than
+        if times[later] - times[earlier] > more_than:
+            if earlier == now:
+                found = min(found, times[later] - more_than)
+            decision = decision.yes
+        else:
+            if later == now:
+                found = min(found, times[earlier] + more_than + 1)
+            decision = decision.no
+    return found
 
 
 def _followed(decisions: Mapping[int, Decision], symbol: int, times: Times) -> Move | None:

@@ -22,7 +22,8 @@ from dyknow_reasoning.language.terms import (
     TextLiteral,
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
-from dyknow_reasoning.progression.atoms import Predicate, Values, field_name, kind_of
+from dyknow_reasoning.progression.atoms import Predicate, Values, field_name, kind_of, predicate
+from dyknow_reasoning.progression.nodes import slots
 
 Reader: TypeAlias = Callable[[Values], int]
 """The truth of atoms as bits; raises ReasoningError if the values are unusable."""
@@ -32,7 +33,7 @@ _UNUSUAL: Mapping[Kind, str] = {
     Kind.BOOLEAN: '{0} is not True and {0} is not False',
     Kind.STRING: 'type({0}) is not str',
 }
-MAX_GENERATED = 256
+_MAX_SLOTS = 256
 """The most atoms of an instance for which code is generated, as Python compiles it recursively."""
 _OPERATORS = {'=': '==', '<': '<', '<=': '<='}
 
@@ -51,106 +52,78 @@ def careful_reader(predicates: Mapping[int, Predicate]) -> Reader:
     return read
 
 
-def quick_reader(
-    atoms: Sequence[Atom], kinds: Kinds, predicates: Mapping[int, Predicate]
-) -> Reader:
+def quick_reader(atoms: Sequence[Atom], kinds: Kinds, mask: int) -> Reader:
     """Return a reader of generated code, which calls predicates where needed.
 
     Args:
         atoms: the atoms of all slots.
         kinds: the kinds of the features.
-        predicates: the predicates of the slots to read.
+        mask: the slots to read, as bits.
     """
-    careful = careful_reader(predicates)
-    if len(predicates) > MAX_GENERATED:
-        return careful
-    source = ReaderCode()
-    symbol = source.symbol(atoms, kinds, predicates)
-    if not source.reads_fields:
-        return careful
-    return cast('Reader', source.reader(symbol, careful))
+    predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(mask)}
+    if len(predicates) > _MAX_SLOTS:
+        return careful_reader(predicates)
+    return _ReaderCode(kinds).reader(atoms, predicates)
 
 
-class ReaderCode:
-    """Generates the code of a function that reads the values of a state."""
+class _ReaderCode:
+    """Generates the code of a reader.
 
-    def __init__(self) -> None:
-        self.names: dict[str, Any] = {}
+    Args:
+        kinds: the kinds of the features.
+    """
+
+    def __init__(self, kinds: Kinds) -> None:
+        self._kinds = kinds
+        self._names: dict[str, Any] = {}
         self._fields: dict[tuple[str, Kind], str] = {}
 
-    @property
-    def reads_fields(self) -> bool:
-        """True if the code reads any field itself."""
-        return bool(self._fields)
-
-    @property
-    def reads(self) -> str:
-        """A statement that takes the fields from the values."""
-        pairs = self._fields.items()
-        return '; '.join(f'{name} = values[{text!r}]' for (text, _), name in pairs) or 'pass'
-
-    @property
-    def unusual(self) -> str:
-        """An expression that is true if a field holds a value that the code cannot handle."""
-        tests = (_UNUSUAL[kind].format(name) for (_, kind), name in self._fields.items())
-        return ' or '.join(tests) or 'False'
-
-    def symbol(
-        self, atoms: Sequence[Atom], kinds: Kinds, predicates: Mapping[int, Predicate]
-    ) -> str:
-        """Return an expression for the truth of atoms as bits; the arguments of `quick_reader`."""
+    def reader(self, atoms: Sequence[Atom], predicates: Mapping[int, Predicate]) -> Reader:
+        """Return the reader of some atoms, given the predicates of their slots."""
         bits = []
         for slot, holds in predicates.items():
-            text = self.atom(atoms[slot], kinds) or f'{self.name(holds)}(values)'
+            text = self._atom(atoms[slot]) or f'{self._name(holds)}(values)'
             bits.append(f'({text}) << {slot}' if slot else f'({text})')
-        return ' | '.join(bits) or '0'
+        careful = careful_reader(predicates)
+        fields = self._fields.items()
+        if not fields:
+            return careful
+        reads = '; '.join(f'{name} = values[{text!r}]' for (text, _), name in fields)
+        unusual = ' or '.join(_UNUSUAL[kind].format(name) for (_, kind), name in fields)
+        names = {**self._names, 'careful': careful}
+        exec(  # noqa: S102 - built from checked parts
+            f"""
+def read(values):
+    try: {reads}
+    except KeyError: return careful(values)
+    if {unusual}: return careful(values)
+    return {' | '.join(bits)}
+""",
+            names,
+        )
+        return cast('Reader', names['read'])
 
-    def name(self, thing: object) -> str:
+    def _name(self, thing: object) -> str:
         """Return a name by which the code can refer to an object."""
-        name = f'name_{len(self.names)}'
-        self.names[name] = thing
+        name = f'name_{len(self._names)}'
+        self._names[name] = thing
         return name
 
-    def reader(self, result: str, careful: Callable[[Values], Any]) -> Any:
-        """Return the function of a state whose value is an expression of the fields.
-
-        Args:
-            result: the expression.
-            careful: is called instead for values that the code cannot handle.
-        """
-        self.names['careful'] = careful
-        return self.run(
-            f"""
-def make():
-    def read(values):
-        try: {self.reads}
-        except KeyError: return careful(values)
-        if {self.unusual}: return careful(values)
-        return {result}
-    return read
-"""
-        )
-
-    def run(self, code: str) -> Any:
-        """Run code that defines a function `make`, and return the result of that function."""
-        exec(code, self.names)  # noqa: S102 - built from checked parts
-        return self.names['make']()
-
-    def atom(self, atom: Atom, kinds: Kinds) -> str | None:
-        """Return the code of an atom; None if a predicate must evaluate it."""
+    def _atom(self, atom: Atom) -> str | None:
+        """Return an expression for an atom; None if a predicate must evaluate it."""
         if not isinstance(atom, Comparison):
             return self._field(atom, Kind.BOOLEAN)
-        sides = {_kind(side, kinds) for side in (atom.left, atom.right)}
+        sides = {_kind(side, self._kinds) for side in (atom.left, atom.right)}
         if sides not in ({Kind.NUMBER}, {Kind.STRING}):
             return None
-        left, right = (self._term(side, kinds) for side in (atom.left, atom.right))
+        left, right = self._term(atom.left), self._term(atom.right)
         return f'{left} {_OPERATORS[atom.operator]} {right}'
 
-    def _term(self, term: Term, kinds: Kinds) -> str:
-        kind = _kind(term, kinds)
+    def _term(self, term: Term) -> str:
+        kind = _kind(term, self._kinds)
         if isinstance(term, Feature | FieldReference) and kind:
             return self._field(term, kind)
-        return self.name(term.value if isinstance(term, Number | TextLiteral) else None)
+        return self._name(term.value if isinstance(term, Number | TextLiteral) else None)
 
     def _field(self, term: Feature | FieldReference | PastAtom, kind: Kind) -> str:
         return self._fields.setdefault((field_name(term), kind), f'value_{len(self._fields)}')

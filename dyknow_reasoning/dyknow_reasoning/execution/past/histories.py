@@ -28,6 +28,7 @@ from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.progression.instances import Instance, past_operands
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import slots
+from dyknow_reasoning.progression.past_operators import PastMemory
 
 _History = dict[tuple[PastFormula, Hashable], Register]
 
@@ -36,12 +37,12 @@ class Histories:
     """The registers of a group.
 
     Args:
-        shared: the vectors that its formulas read, too.
         node_limit: the most nodes that an instance may remember.
+        shared: the vectors that its formulas read, too.
     """
 
-    def __init__(self, shared: SharedVectors, node_limit: int) -> None:
-        self._shared = shared
+    def __init__(self, node_limit: int, shared: SharedVectors | None = None) -> None:
+        self._shared = SharedVectors() if shared is None else shared
         self._node_limit = node_limit
         self._store = NodeStore(Chronology())
         self._numbers = count(1)
@@ -166,6 +167,27 @@ class Histories:
             columns.update(each.columns(found))
         self._latest = recording.time(-1)
         return found
+
+    def tried(self, time: int, values: Values) -> tuple[Values, list[PastMemory]]:
+        """Return a proposed state with the fields of registers, and their memories after it.
+
+        There is no trace of the state, unless these are accepted.
+
+        Raises:
+            ReasoningError: if an operand of a past operator has no truth.
+        """
+        found: dict[str, Any] = dict(values)
+        memories = []
+        for each in self.registers.values():
+            memory = each.memory.of_row(0)
+            found[each.field] = each.tried(memory, time, found)
+            memories.append(memory)
+        return found, memories
+
+    def accept(self, memories: Iterable[PastMemory]) -> None:
+        """Add the state to the histories after which the registers have some memories."""
+        for register, memory in zip(self.registers.values(), memories, strict=False):
+            register.begin_with(memory)
 
     def _begin(self, time: int) -> None:
         """Take the gap before a state, and what begins or ends with it."""

@@ -19,7 +19,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import Columns
 from dyknow_reasoning.language.formula import Formula, PastFormula, parts
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.atoms import Values, predicate
+from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, unknowable
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import Node, slots
@@ -37,10 +37,9 @@ class OperandHistory:
     """
 
     def __init__(self, instance: Instance, kinds: Kinds, reach: float, node_limit: int) -> None:
-        atoms = instance.atoms
-        predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(instance.node.mask)}
-        self._read = quick_reader(atoms, kinds, predicates)
-        self._names = {name for slot in predicates for name in field_names(atoms[slot])}
+        atoms, mask = instance.atoms, instance.node.mask
+        self._read = quick_reader(atoms, kinds, mask)
+        self._names = {name for slot in slots(mask) for name in field_names(atoms[slot])}
         self._reach, self._node_limit = reach, node_limit
         self._automaton = Automaton(instance.node)
         self._location: Location = self._automaton.initial

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, MutableMapping, Sequence
+from collections.abc import MutableMapping, Sequence
 from functools import cached_property
-from typing import Any, Final, TypeAlias, cast
+from typing import Any, Final
 
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.readers import (
-    MAX_GENERATED,
-    Reader,
-    ReaderCode,
-    quick_reader,
-)
+from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.execution.vectors.batch_keys import MAX_BATCH_SLOTS, atom_form
 from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.atoms import field_name, fields, predicate
+from dyknow_reasoning.progression.atoms import Values, field_name, fields
 from dyknow_reasoning.progression.gaps import (
     Gap,
     apart,
@@ -33,17 +28,11 @@ from dyknow_reasoning.progression.instances import PastOperands
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     TRUE,
-    AtLeast,
-    Constant,
-    Junction,
-    Literal,
     Node,
+    holds_at,
     slots,
 )
 from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is_dual, memory_of
-
-Step: TypeAlias = Callable[[int, MutableMapping[str, Any]], None]
-"""Takes the valid time of a state, and adds fields to its values."""
 
 _MAX_KEPT: Final = 1 << 8
 """The most symbols whose truth is kept."""
@@ -62,8 +51,8 @@ class Sides(dict[int, tuple[int, int]]):
         self._left, self._right = left, right
 
     def __missing__(self, symbol: int) -> tuple[int, int]:
-        left = ALL_ROWS if _holds(self._left, symbol) else 0
-        found = left, int(_holds(self._right, symbol))
+        left = ALL_ROWS if holds_at(self._left, symbol) else 0
+        found = left, int(holds_at(self._right, symbol))
         if len(self) < _MAX_KEPT:
             self[symbol] = found
         return found
@@ -81,40 +70,13 @@ class _Operands:
 
     def __init__(self, atoms: Sequence[Atom], left: Node, right: Node, kinds: Kinds) -> None:
         self._atoms, self._kinds = atoms, kinds
-        self._predicates = {
-            slot: predicate(atoms[slot], kinds) for slot in slots(left.mask | right.mask)
-        }
+        self._mask = left.mask | right.mask
         self.sides = Sides(left, right)
 
     @cached_property
     def read(self) -> Reader:
         """Reads the truth of the atoms from the values of a state."""
-        return quick_reader(self._atoms, self._kinds, self._predicates)
-
-    def step_of(self, register: Register, careful: Step) -> Step:
-        """Return generated code that takes a state for a register while nothing is unusual."""
-        if len(self._predicates) > MAX_GENERATED:
-            return careful
-        source = ReaderCode()
-        symbol = source.symbol(self._atoms, self._kinds, self._predicates)
-        names = {'careful': careful, 'remember': register.memory.step, 'sides': self.sides}
-        source.names |= {**names, 'ReasoningError': ReasoningError}
-        return cast(
-            'Step',
-            source.run(
-                f"""
-def make():
-    def step(time, values):
-        try:
-            {source.reads}
-            if {source.unusual}: return careful(time, values)
-            left, right = sides[{symbol}]
-        except (KeyError, ReasoningError): return careful(time, values)
-        values[{register.field!r}] = remember(time, left, right) != {register.is_negated}
-    return step
-"""
-            ),
-        )
+        return quick_reader(self._atoms, self._kinds, self._mask)
 
 
 class Register:
@@ -150,15 +112,12 @@ class Register:
         """The nesting depth of past operators."""
         self._store, self._inner = store, inner
         self.memory = memory_of(atom.formula)
-        whole = _Operands(operands.atoms, operands.left, operands.right, kinds)
-        self.sides = whole.sides
+        self._whole = _Operands(operands.atoms, operands.left, operands.right, kinds)
+        self.sides = self._whole.sides
         # After a gap there are two: for the least and for the most favourable missing states.
-        self._branches: tuple[tuple[_Operands, PastMemory], ...] = ((whole, self.memory),)
+        self._branches: tuple[tuple[_Operands, PastMemory], ...] = ((self._whole, self.memory),)
         # The latest error of an operand, while the operator depends on it.
         self._error: ReasoningError | None = None
-        self._quick_step: Step = self._first_step
-        self.step: Step = self._first_step
-        """Takes the time and the values of a state, and sets the fields of the register."""
 
     @property
     def mask(self) -> int:
@@ -181,15 +140,27 @@ class Register:
         return self.depth, operator, operands.left, operands.right, forms
 
     def begin_with(self, memory: PastMemory) -> None:
-        """Take over what a group remembers, before the first step of the register itself."""
-        [(operands, _)] = self._branches
-        self.memory, self._branches = memory, ((operands, memory),)
+        """Replace the memory of the operator."""
+        self.memory, self._branches = memory, ((self._whole, memory),)
 
-    def _first_step(self, time: int, values: MutableMapping[str, Any]) -> None:
-        """Take a state, and generate the code that takes the next ones."""
-        [(operands, _)] = self._branches
-        self.step = self._quick_step = operands.step_of(self, self._step_carefully)
-        self.step(time, values)
+    def tried(self, memory: PastMemory, time: int, values: Values) -> bool:
+        """Return the truth of the operator at a state, which a memory takes.
+
+        Raises:
+            ReasoningError: if an operand has no truth; the memory does not take the state then.
+        """
+        left, right = self.sides[self._whole.read(values)]
+        return memory.step(time, left, right) != self.is_negated
+
+    def step(self, time: int, values: MutableMapping[str, Any]) -> None:
+        """Take a state, and set the fields of the register."""
+        if not self.is_plain:
+            self._step_carefully(time, values)
+            return
+        try:
+            values[self.field] = self.tried(self.memory, time, values)
+        except ReasoningError as error:
+            self._lose(error, time, values)
 
     def columns(self, recording: Recording) -> Columns:
         """Return the fields of the register at the states of a recording."""
@@ -211,7 +182,6 @@ class Register:
         if len(self._branches) == 1:
             memories = self.memory, self.memory.of_row(0)
             self._branches = tuple(zip(self._bounded_operands(), memories, strict=True))
-            self.step = self._step_carefully
         left_holds = self.operands.left is TRUE
         for (_, memory), most in zip(self._branches, (False, True), strict=True):
             memory.miss_states(gap, left_holds=left_holds, most=most)
@@ -233,7 +203,6 @@ class Register:
         """Take a state while a gap or an error has an effect."""
         if not self.memory.needs_lost(time):
             self._error = None
-            self.step = self._quick_step if self.is_plain else self._step_carefully
         try:
             sides = [each.sides[each.read(values)] for each, _ in self._branches]
         except ReasoningError as error:
@@ -254,7 +223,7 @@ class Register:
 
     def _lose(self, error: ReasoningError, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state whose operands have no truth."""
-        self._error, self.step = error, self._step_carefully
+        self._error = error
         for _, memory in self._branches:
             memory.lose(time)
         values.update(dict.fromkeys(self.fields, error))
@@ -273,20 +242,6 @@ class Register:
             for name, column in found.items():
                 column.append(values[name])
         return {name: _vector(column) for name, column in found.items()}
-
-
-def _holds(node: Node, symbol: int) -> bool:
-    match node:
-        case Constant(value=value):
-            return value
-        case Literal(slot=slot, positive=positive):
-            return bool(symbol >> slot & 1) == positive
-        case Junction(universal=universal, parts=parts):
-            return (all if universal else any)(_holds(part, symbol) for part in parts)
-        case AtLeast(count=count, parts=parts):
-            return sum(_holds(part, symbol) for part in parts) >= int(count)
-        case _:  # pragma: no cover - operands have no windows
-            raise AssertionError(node)
 
 
 def field_names(atom: Atom) -> list[str]:

@@ -18,7 +18,7 @@ Example, `p -> eventually[0, 5 s] q`, with a state each second:
 
 While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
 groups what the one before did: nothing. Then the states only join the group of the latest start,
-or are decided at once as the latest one was. Such states need no call, until `joins_until`. Nor do
+or are decided at once as the latest one was. Such states need no call, until `wakes_at`. Nor do
 states at which the only change is that the oldest starts leave their group for one and the same
 other group, or that the formula becomes true from them: these starts *fade*, and are moved or
 dropped later (see `fading`).
@@ -38,6 +38,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
+from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.standing.fading import Future
 from dyknow_reasoning.execution.standing.groups import (
@@ -59,6 +60,7 @@ from dyknow_reasoning.execution.standing.runs import (
 )
 from dyknow_reasoning.progression.gaps import Gap, Half
 from dyknow_reasoning.progression.nodes import bounds_of
+from dyknow_reasoning.progression.residual import growth_error
 
 _MAX_KNOWN: Final = 4096
 """The most truths of the atoms for which results are kept."""
@@ -76,7 +78,9 @@ class OpenStarts:
     def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
         self.instance = instance
         self.template = template
-        self.joins_until: float = -inf
+        self.reader = quick_reader(instance.atoms, instance.kinds, instance.node.mask)
+        """Returns the truth of the atoms at a state, for `step`."""
+        self.wakes_at: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
         self.can_fade = True
         """True if `fades_at` may be later than the state that decides."""
@@ -92,16 +96,14 @@ class OpenStarts:
         self._fresh = self._initial
         self._symbol = -1
         self._joined = len(times)
-        # What is known of the states with each truth of the atoms: the group of the start state,
-        # and for how long that group stays the same, with times that count from its oldest start.
-        self._known_fresh: dict[int, Group] = {}
+        # For each truth of the atoms, how long the group of the start state stays the same, with
+        # times that count from its oldest start.
         self._known_validity: dict[int, Validity] = {}
 
     def forget(self) -> None:
         """Forget the results that are kept of the automaton; the next state needs a step."""
         self.join(len(self._times))
         self.resume(self.groups)
-        self._known_fresh.clear()
         self._known_validity.clear()
 
     @property
@@ -117,6 +119,16 @@ class OpenStarts:
     def runs(self, half: Half) -> Iterator[list[Run]]:
         """Yield the undecided start states of the groups of a half; call `join` before."""
         return (runs for group, runs in self.groups.items() if group.half is half)
+
+    def check_size(self, node_limit: int) -> None:
+        """Check that no more than some nodes remain of the instance.
+
+        Raises:
+            ReasoningError: if more do.
+        """
+        largest = max((each.node for each in self.locations), key=lambda node: node.size)
+        if largest.size > node_limit:
+            raise growth_error(largest.size, node_limit, largest, self.instance.atoms)
 
     def run_count(self) -> int:
         """Return the number of runs that are kept."""
@@ -217,7 +229,7 @@ class OpenStarts:
         self.groups = groups
         self._joined = len(self._times)
         self._idle, self._symbol = {}, -1
-        self.joins_until, self.fades_at = -inf, inf
+        self.wakes_at, self.fades_at = -inf, inf
         self._fresh = self._initial
 
     def cross_gap(self, gap: Gap) -> list[DecidedStarts]:
@@ -297,26 +309,22 @@ class OpenStarts:
 
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, and find out how long the following ones do the same."""
-        if len(self._known_fresh) > _MAX_KNOWN:
-            self._known_fresh.clear()
+        if len(self._known_validity) > _MAX_KNOWN:
             self._known_validity.clear()
-        fresh = self._known_fresh.get(self._symbol)
-        if fresh is None:
-            move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
-            fresh = self._known_fresh[self._symbol] = self._initial.moved(move, OWN)
-        self._fresh = fresh
+        move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
+        self._fresh = fresh = self._initial.moved(move, OWN)
         self._joined = number + 1
-        self.fades_at = self.joins_until = inf
+        self.fades_at = self.wakes_at = inf
         if fresh.location.verdict is None:
             add_latest(self.groups.setdefault(fresh, []), Run(number, number, now, now))
         idle = self._idle
         for group, runs in self.groups.items():
             validity = idle.get(group) or self._validity(group, runs, now + 1)
             if validity is None:
-                self.joins_until = -inf
+                self.wakes_at = -inf
                 return
             if validity is not ALWAYS:
-                self.joins_until = min(self.joins_until, validity.until)
+                self.wakes_at = min(self.wakes_at, validity.until)
                 self.fades_at = min(self.fades_at, runs[0].begin + validity.fades)
             idle[group] = validity
 
@@ -380,3 +388,50 @@ class OpenStarts:
                 return known
             for part in parts:
                 automaton.move(location, symbol, (*group.times_of(part.runs[0].begin), now))
+
+
+class RememberingStarts(OpenStarts):
+    """The undecided start states of an instance in which a past operator is over a future one.
+
+    A state does not decide the operands of such an operator at once (see `progression.memories`).
+    Their remainders are the same for all start states, so they are progressed once for all: each
+    state begins at a location that is the formula with the memories of all states before it. So
+    each state needs a step. Example, `p -> once[0, 2 s] eventually[0, 1 s] q` with a state each
+    second, each number of a memory being that of a state, and ev(5) what remains of the operand,
+    `eventually[to 5 s] q`:
+
+        state                      memory after it         what remains from the state on
+        0: not p, not q            0: ev(1)                true
+        1: p, q                    0: true, 1: true        true
+        2 and 3: not p, not q      1: true, 3: ev(4)       true
+        4: p, not q                4: ev(5)                ev(5)
+
+    Arguments as in `OpenStarts`.
+    """
+
+    def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
+        super().__init__(instance, template, times)
+        # Where the next state begins.
+        self._memory = self._initial
+
+    @property
+    def locations(self) -> list[Location]:
+        """The locations in use."""
+        return [self._memory.location, *super().locations]
+
+    def _begin(self, number: int, now: int) -> None:
+        """Begin at the latest state, which the memory of the next one includes."""
+        automaton, before = self.template.automaton, self._memory
+        step = before.location, self._symbol, (*before.times_of(now), now)
+        self._initial = before
+        self._fresh = before.moved(automaton.move(*step), OWN)
+        self._memory = before.moved(automaton.remember(*step), now)
+        self._joined = number
+        self.wakes_at, self.fades_at = -inf, inf
+        self.join(number + 1)
+
+
+def open_starts(instance: FormulaInstance, template: Template, times: StateTimes) -> OpenStarts:
+    """Return the undecided start states of an instance before the next state."""
+    kind = RememberingStarts if instance.node.looks_back else OpenStarts
+    return kind(instance, template, times)

@@ -120,25 +120,6 @@ class StateTimes:
         """Return the number of the first kept state that is valid at a time or later."""
         return self._first + bisect_left(self.kept, time)
 
-    def extend(self, times: Iterable[int]) -> None:
-        """Append the valid times of the next states."""
-        self.kept.extend(times)
-
-    def repeat(self, period: int, states: int, *, kept: int) -> None:
-        """Append the valid times of states that come at a period.
-
-        Args:
-            period: in nanoseconds.
-            states: how many there are.
-            kept: if there are more, the times of all states but this number are forgotten.
-        """
-        latest = self.kept[-1] + states * period
-        if states > kept:
-            self._first = len(self) + states - kept
-            self.kept.clear()
-            states = kept
-        self.kept.extend(range(latest - (states - 1) * period, latest + 1, period))
-
     def forget(self, before: int) -> None:
         """Forget the times of the states before the one of a number."""
         del self.kept[: max(before - self._first, 0)]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain, takewhile
 from math import inf
-from typing import Final, TypeAlias
+from typing import Final
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.instance_states import (
@@ -13,13 +13,8 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
 )
 from dyknow_reasoning.execution.automata.templates import Template
-from dyknow_reasoning.execution.fast_path import Step
-from dyknow_reasoning.execution.standing.failures import Failure, Failures
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
-from dyknow_reasoning.execution.standing.joint_reader import joint_reader
-from dyknow_reasoning.execution.standing.limits import limit_automata
-from dyknow_reasoning.execution.standing.open_starts import OpenStarts
-from dyknow_reasoning.execution.standing.remembering_starts import open_starts
+from dyknow_reasoning.execution.standing.open_starts import OpenStarts, open_starts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
@@ -30,8 +25,12 @@ from dyknow_reasoning.execution.standing.runs import (
     union,
     union_of,
 )
-from dyknow_reasoning.execution.standing.tabulated_starts import TabulatedStarts
-from dyknow_reasoning.execution.standing.verdict_log import StartCounts, VerdictLog
+from dyknow_reasoning.execution.standing.verdicts import (
+    Failure,
+    Failures,
+    StartCounts,
+    VerdictLog,
+)
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
@@ -46,9 +45,6 @@ KEPT_FAILURES: Final = 10
 
 _CLEANUP_STATES: Final = 4096
 """The period in which what is no longer needed is dropped."""
-
-_ValuesOf: TypeAlias = Callable[[], Values]
-"""Returns the values of a state, which few states need."""
 
 
 class StandingMonitor:
@@ -68,27 +64,25 @@ class StandingMonitor:
     ) -> None:
         self._failures = Failures()
         self._times = StateTimes()
-        self.instances = [
+        found = [
             FormulaInstance(
                 each.binding, each.atoms, each.node, formula_id, order, kinds, batch_key=None
             )
             for order, each in enumerate(instances)
             if each.node is not TRUE
         ]
-        templates = {node: Template(node) for node in {each.node for each in self.instances}}
+        templates = {node: Template(node) for node in {each.node for each in found}}
         self._templates = list(templates.values())
-        self._starts = [
-            open_starts(each, templates[each.node], self._times) for each in self.instances
-        ]
-        self._read = joint_reader(self.instances)
-        self._symbols: tuple[int, ...] = (-1,) * len(self._starts)
+        self._starts = [open_starts(each, templates[each.node], self._times) for each in found]
+        self._readers = [each.reader for each in self._starts]
+        # The truth of the atoms of each instance at the latest state, as bits; -1 if unknown.
+        self._symbols = [-1] * len(self._starts)
         self._node_limit = node_limit
-        self._tabulated = TabulatedStarts(self._starts, self._times, node_limit)
         self._keeps_failures = self._gap_follows = False
-        # Of each instance, `joins_until` of its starts.
+        # Of each instance, `wakes_at` of its starts.
         self._ends: list[float] = [-inf] * len(self._starts)
-        # The time before which states with the same truth of the atoms need no step.
-        self._joins_until: float = -inf
+        # The earliest of these: states before that repeat the truth of the atoms need no step.
+        self._wakes_at: float = -inf
         self._log: VerdictLog | None = None
         self._fails_at_once: set[int] = set()
         # The first instance that is false at once from the latest state on, and since which state.
@@ -119,24 +113,8 @@ class StandingMonitor:
         return difference(self._undecided(), self._failures.runs)
 
     @property
-    def quick_step(self) -> Step | None:
-        """Does the same as `progress`, and returns True, for most states; else it has no effect."""
-        if self._tabulated.is_active or len(self._starts) > 1:  # Many atoms are read once only.
-            return self._tabulated.quick_step
-        return self._join
-
-    def _join(self, now: int, values: Values) -> bool:
-        """Take a state that needs no step, as it is like the one before; a `quick_step`."""
-        may_join = now < self._joins_until and len(self._times.kept) < self._most_kept
-        if may_join and self._read(values) == self._symbols:
-            self._times.append(now)
-            return True
-        return False
-
-    @property
     def states(self) -> int:
         """The number of states so far."""
-        self._tabulated.synchronize()
         return len(self._times)
 
     @property
@@ -165,37 +143,16 @@ class StandingMonitor:
         Raises:
             ReasoningError: for values that cannot be used, or too many undecided starts.
         """
-        has_changed = self.take(self._read(values), now, lambda: values)
-        if self._tabulated.is_active:
-            self._tabulated.generate()
-        return has_changed
-
-    def take(self, symbols: tuple[int, ...], now: int, values: _ValuesOf) -> bool:
-        """Progress over a state with known atoms; return as `progress`.
-
-        Args:
-            symbols: the truth of the atoms of each instance, as bits.
-            now: the valid time of the state, in nanoseconds, later than the latest one.
-            values: of its features.
-
-        Raises:
-            ReasoningError: for too many undecided starts.
-        """
-        is_clean = len(self._times.kept) < self._most_kept
-        if self._tabulated.is_active:
-            if is_clean and self._tabulated.step(now, symbols):
-                return False
-            self._leave_tabulated(is_expensive=is_clean)
-        if symbols == self._symbols and now < self._joins_until and is_clean:
+        symbols = [read(values) for read in self._readers]
+        is_quiet = now < self._wakes_at and len(self._times.kept) < self._most_kept
+        if is_quiet and symbols == self._symbols:
             self._times.append(now)
             return False
         return self._step(symbols, now, values)
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
-        if self._tabulated.is_active:
-            self._leave_tabulated()
-        self._joins_until = -inf
+        self._wakes_at = -inf
         self._gap_follows = len(self._times) > 0
 
     def counts(self) -> StartCounts:
@@ -221,7 +178,7 @@ class StandingMonitor:
             found = union(found, joined)
         return found
 
-    def _step(self, symbols: tuple[int, ...], now: int, values: _ValuesOf) -> bool:
+    def _step(self, symbols: list[int], now: int, values: Values) -> bool:
         number = len(self._times)
         self._record_failing(number)
         changed = False
@@ -229,11 +186,10 @@ class StandingMonitor:
             changed = self._cross_gap(Gap(self._times[number - 1], now), values)
         self._times.append(now)
         decided: list[tuple[OpenStarts, DecidedStarts]] = []
-        due = self._due(symbols, now)
-        for index in due:
+        for index in self._due(symbols, now):
             starts = self._starts[index]
             decided += [(starts, found) for found in starts.step(symbols[index])]
-            self._ends[index] = starts.joins_until
+            self._ends[index] = starts.wakes_at
             if starts.fails_at_once:
                 self._fails_at_once.add(index)
             else:
@@ -250,44 +206,21 @@ class StandingMonitor:
             self._failing_since = number + 1
         self._limit_memory()
         changed |= self._end_failures()
-        self._joins_until = min(self._ends, default=inf)
+        self._wakes_at = min(self._ends, default=inf)
         if self._failures.waiting:
             fading = (each.fades_at for each in self._starts)
-            self._joins_until = min(self._joins_until, *fading)
-        elif not self._fails_at_once and not self._log:
-            next_attempt = self._tabulated.stepped(len(due))
-            self._joins_until = min(self._joins_until, next_attempt)
+            self._wakes_at = min(self._wakes_at, *fading)
         return changed
 
-    def _leave_tabulated(self, *, is_expensive: bool = True) -> None:
-        """Let the starts take the next states."""
-        self._tabulated.leave(is_expensive=is_expensive)
-        self._symbols = (-1,) * len(self._starts)
-        self._joins_until = -inf
-
-    def _due(self, symbols: tuple[int, ...], now: int) -> Sequence[int]:
+    def _due(self, symbols: list[int], now: int) -> list[int]:
         """Return the indices of the instances that must be progressed over a state."""
-        if len(symbols) == 1:
-            return range(len(symbols))
-        before = self._symbols
-        due = [
-            index
-            for index, (new, old) in enumerate(zip(symbols, before, strict=True))
-            if new != old
-        ]
-        if now >= self._joins_until:
-            due += [
-                index
-                for index, end in enumerate(self._ends)
-                if now >= end and symbols[index] == before[index]
-            ]
-            due.sort()
-        return due
+        each = enumerate(zip(symbols, self._symbols, self._ends, strict=True))
+        return [index for index, (new, old, end) in each if new != old or now >= end]
 
-    def _cross_gap(self, gap: Gap, values: _ValuesOf) -> bool:
+    def _cross_gap(self, gap: Gap, values: Values) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
         self._gap_follows = False
-        self._symbols = (-1,) * len(self._starts)
+        self._symbols = [-1] * len(self._starts)
         decided = [(each, found) for each in self._starts for found in each.cross_gap(gap)]
         return self._apply(decided, gap.before, values)
 
@@ -295,7 +228,7 @@ class StandingMonitor:
         self,
         decided: Iterable[tuple[OpenStarts, DecidedStarts]],
         now: int,
-        values: _ValuesOf,
+        values: Values,
     ) -> bool:
         changed = False
         for starts, found in decided:
@@ -307,7 +240,7 @@ class StandingMonitor:
                 changed |= self._fail(starts, found, now, values)
         return changed
 
-    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: _ValuesOf) -> bool:
+    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: Values) -> bool:
         """Record starts from which an instance is false; return True if a failure has begun."""
         began = False
         for run in found.runs:
@@ -315,7 +248,7 @@ class StandingMonitor:
                 continue
             single = found._replace(runs=(run,))
             verdict = starts.verdict(single)
-            began |= self._failures.add(Failure(run, verdict, now, values()))
+            began |= self._failures.add(Failure(run, verdict, now, values))
         return began
 
     def _record_failing(self, end: int) -> None:
@@ -354,16 +287,31 @@ class StandingMonitor:
         return False
 
     def _settle(self) -> None:
-        self._tabulated.restore()
         end = len(self._times)
         self._record_failing(end)
         for each in self._starts:
             each.join(end)
 
     def _limit_memory(self) -> None:
-        if limit_automata(self._templates, self._starts, self._node_limit):
-            self._tabulated.forget()
-            self._symbols = (-1,) * len(self._starts)
+        """Limit the memory of automata that have grown, and of times.
+
+        Raises:
+            ReasoningError: if more than `node_limit` remains of an instance, or of too many starts.
+        """
+        for template in self._templates:
+            automaton = template.automaton
+            if not automaton.has_grown:
+                continue
+            automaton.has_grown = False
+            used = [each for each in self._starts if each.template is template]
+            if automaton.max_size > self._node_limit:
+                for each in used:
+                    each.check_size(self._node_limit)
+            if automaton.is_full:
+                automaton.forget({location for each in used for location in each.locations})
+                for each in used:
+                    each.forget()
+                self._symbols = [-1] * len(self._starts)
         if len(self._times.kept) > self._most_kept:
             self._clean_up()
 

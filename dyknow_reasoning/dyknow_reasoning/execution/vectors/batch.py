@@ -95,7 +95,14 @@ class Batch:
     def step(
         self, symbols: Array, now: int, elapsed: int, *, regular: bool
     ) -> list[InstanceVerdict]:
-        """Progress the instances over a state; arguments as in `SingleInstance.step`."""
+        """Progress the instances over a state; return the verdicts.
+
+        Args:
+            symbols: the truth of the atoms of each instance, as bits.
+            now: the valid time of the state, in nanoseconds.
+            elapsed: nanoseconds since the previous state.
+            regular: True if steps of time repeat.
+        """
         previous = now - elapsed
         vectors = self._vectors_for(previous, regular=regular)
         decided = vectors.step(symbols, now, elapsed)
