@@ -65,6 +65,11 @@ def decided(text: str, **values: Any) -> FormulaResult:
         ('bit(x, y)', {'x': (1 << 60) + 2.0**0 - 1, 'y': 60.0}, 1),
         ('bit(x, 64)', {'x': 1 << 64}, 1),
         ('abs(min(x, -x)) * 2', {'x': 3}, 6),
+        ('x^2', {'x': -3}, 9),
+        ('-x^2', {'x': 3}, -9),
+        ('x^-1^2', {'x': 4}, 0.25),
+        ('2 * x^y', {'x': 9, 'y': 0.5}, 6),
+        ('pow(x, 2)', {'x': math.inf}, math.inf),
     ],
 )
 def test_values(term: str, values: dict[str, float], expected: float) -> None:
@@ -102,6 +107,22 @@ def test_values(term: str, values: dict[str, float], expected: float) -> None:
             )
             for flags, place in ((1.5, 0), (-1, 0), (1, -1))
         ),
+        *(
+            (
+                f'x^{exponent}',
+                {'x': base},
+                (
+                    f"'pow(x, {exponent})' is pow({base}, {exponent}): zero has no negative power, "
+                    'and a negative number no power that is not whole'
+                ),
+            )
+            for base, exponent in ((0, -1), (-8.0, 0.5))
+        ),
+        (
+            'x^9999999999',
+            {'x': 10},
+            "'pow(x, 9999999999)' is pow(10, 9999999999): the result is too large",
+        ),
         (
             'hypot(x, 1)',
             {'x': 10**400},
@@ -138,6 +159,8 @@ CALLS = [
     'atan2(A, B)',
     'mod(A, B)',
     'bit(A, 1)',
+    'A^B',
+    'A^2',
     'min(A, B) * A',
 ]
 ANY = st.one_of(

@@ -17,6 +17,7 @@ _OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
     'angle_difference': ('two operands', 2, 2),
     'mod': ('two operands', 2, 2),
     'bit': ('two operands', 2, 2),
+    'pow': ('two operands', 2, 2),
     'min': ('two operands or more', 2, None),
     'max': ('two operands or more', 2, None),
     'hypot': ('two operands or more', 2, None),

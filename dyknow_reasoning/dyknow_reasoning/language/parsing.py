@@ -246,6 +246,9 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         symbol = '*' if operator.type == 'TIMES' else str(operator)
         return terms.Arithmetic(symbol, _term(left), _term(right), position=left.position)
 
+    def power(self, base: Formula | Term, exponent: Formula | Term) -> Term:
+        return terms.Function('pow', (_term(base), _term(exponent)), position=base.position)
+
     def negative(self, minus: Token, operand: Formula | Term) -> Term:
         if isinstance(operand, terms.Number | terms.Quantity):
             return replace(operand, value=-operand.value, position=TextPosition.of(minus))

@@ -31,7 +31,7 @@ def call_function(name: str, values: Sequence[_Number]) -> _Number:
     try:
         result = _FUNCTIONS[name](*values)
     except (ValueError, ArithmeticError) as error:
-        reason = _REASONS.get(name) if isinstance(error, ValueError) else None
+        reason = _REASONS.get(name) if isinstance(error, ValueError) else _RANGES.get(str(error))
         raise ReasoningError(reason or str(error)) from None
     if isinstance(result, float) and math.isnan(result):
         raise ReasoningError('not a number')
@@ -104,6 +104,7 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., _Number]]] = {
     'angle_difference': _angle_difference,
     'mod': _modulo,
     'bit': _bit,
+    'pow': math.pow,
 }
 
 _VECTOR_FUNCTIONS: Final[Mapping[str, Callable[[Sequence[Any]], _Array]]] = {
@@ -118,4 +119,8 @@ _REASONS: Final = {
     **dict.fromkeys(('sin', 'cos', 'angle_difference'), 'an infinite angle has no direction'),
     'mod': 'there is no remainder of a division by zero',
     'bit': 'only whole numbers that are not negative have bits, and places',
+    'pow': 'zero has no negative power, and a negative number no power that is not whole',
 }
+
+_RANGES: Final = {'math range error': 'the result is too large'}
+"""Errors of Python that name no reason."""
