@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -170,6 +171,31 @@ ANY = st.one_of(
 )
 
 
+def results_on_all_paths(
+    texts: Sequence[str], columns: Mapping[str, list[Any]]
+) -> list[list[FormulaResult]]:
+    """The results of formulas over columns: by states and by vectors, for one and for many."""
+    found = []
+    (size,) = set(map(len, columns.values()))
+    for batch, many in product((1, 1000), (False, True)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
+            group = FormulaGroup()
+            for text in texts:
+                group.add_formula(text, text)
+            group.begin({})
+            if many:
+                arrays = {name: np.array(column) for name, column in columns.items()}
+                results = group.progress_many(range(size), arrays)
+            else:
+                results = []
+                for index in range(size):
+                    state = {name: column[index] for name, column in columns.items()}
+                    results += group.progress(index, state)
+            found.append([plain(each) for each in results])
+    return found
+
+
 @pytest.mark.timeout(3600)
 @settings(max_examples=random_cases(20), deadline=None)
 @given(
@@ -193,29 +219,12 @@ def test_all_paths_agree_to_the_bit(
         f'always {call.replace("A", f"A[{name}]").replace("B", f"B[{name}]")} = C[{name}]'
         for name in NAMES
     ]
-    found = []
-    for batch, many in product((1, 1000), (False, True)):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
-            group = FormulaGroup()
-            for text in texts:
-                group.add_formula(text, text)
-            group.begin({})
-            columns = {
-                f'{key}[{name}]': [{**state, 'C': result}[key] for state, result in exact]
-                for name in NAMES
-                for key in 'ABC'
-            }
-            times = range(len(exact))
-            if many:
-                arrays = {name: np.array(column) for name, column in columns.items()}
-                results = group.progress_many(times, arrays)
-            else:
-                results = []
-                for index in times:
-                    state = {name: column[index] for name, column in columns.items()}
-                    results += group.progress(index, state)
-            found.append([plain(each) for each in results])
+    columns = {
+        f'{key}[{name}]': [{**state, 'C': result}[key] for state, result in exact]
+        for name in NAMES
+        for key in 'ABC'
+    }
+    found = results_on_all_paths(texts, columns)
     assert all(each == found[0] for each in found)
     assert not [each for each in found[0] if each.verdict is Verdict.FALSE]
 

@@ -20,7 +20,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common.values import Value
+from dyknow_common.values import TEXT_COMPARISONS, Value
 
 AGGREGATES: Final = ('min', 'max', 'mean', 'sum', 'count', 'any', 'all')
 """Functions of many values."""
@@ -54,7 +54,7 @@ _STEP: Final = re.compile(
 )
 _FUNCTION: Final = re.compile(rf'({"|".join((*AGGREGATES, *CONVERSIONS, INDEX))})\s*\(\s*')
 _CONDITION: Final = re.compile(
-    rf"""\s*(?P<operator>!=|<=|>=|=|<|>)\s*
+    rf"""\s*(?P<operator>!=|<=|>=|=|<|>|{'|'.join(TEXT_COMPARISONS).replace(' ', '[ ]')})\s*
     (?P<value>{_QUOTED}|true|false|-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*\Z""",
     re.VERBOSE,
 )
@@ -127,6 +127,13 @@ class ElementCondition:
     operator: str
     value: Value
 
+    @property
+    def fault(self) -> str:
+        """The reason why no element can be compared so; empty if one can."""
+        if self.operator in TEXT_COMPARISONS and not isinstance(self.value, str):
+            return f"'{self.operator}' takes a text in quotes, not {value_text(self.value)}"
+        return ''
+
     def __str__(self) -> str:
         return f' {self.operator} {value_text(self.value)}'
 
@@ -152,7 +159,7 @@ class ComputedField:
             return f"'{self.function}' is no function of fields (there are: {known})"
         if self.condition is not None and self.function not in CONDITIONED:
             return f"'{self.function}' takes no condition; {', '.join(CONDITIONED)} do"
-        return ''
+        return '' if self.condition is None else self.condition.fault
 
     def __str__(self) -> str:
         return f'{self.function}({self.path}{"" if self.condition is None else self.condition})'
@@ -239,7 +246,7 @@ def _conditioned(function: str, text: str) -> ComputedField | None:
     if not steps or found is None or value is None:
         return None
     condition = ElementCondition(found['operator'], value)
-    return ComputedField(function, MessagePath(steps), condition)
+    return None if condition.fault else ComputedField(function, MessagePath(steps), condition)
 
 
 def _path(text: str) -> MessagePath | None:

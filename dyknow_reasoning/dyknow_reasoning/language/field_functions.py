@@ -10,6 +10,7 @@ from typing import Any
 from lark import Token
 
 from dyknow_common import (
+    TEXT_COMPARISONS,
     ComputedField,
     ElementCondition,
     MessagePath,
@@ -87,6 +88,8 @@ def with_numbers(node: Any) -> Any:
     node = with_changed_parts(node, with_numbers)
     match node:
         case Comparison('=' | '!=', left, right) if not (_is_number(left) or _is_number(right)):
+            return node
+        case Comparison(operator) if operator in TEXT_COMPARISONS:
             return node
         case Comparison() | Arithmetic() | Function():
             return with_changed_parts(node, _as_number)

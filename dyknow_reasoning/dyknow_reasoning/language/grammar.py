@@ -41,6 +41,8 @@ _CORRECTIONS: Final = {
     **dict.fromkeys(('W', 'WU', 'weak_until'), 'unless'),
     **dict.fromkeys(('R', 'releases'), 'release'),
     'UNTIL': 'until',
+    **dict.fromkeys(('includes', 'has', 'CONTAINS'), 'contains'),
+    **dict.fromkeys(('startswith', 'starts_with', 'begins'), 'starts with'),
     '==': '=',
     '=<': '<=',
     '<>': '!=',

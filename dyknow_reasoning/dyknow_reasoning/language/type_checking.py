@@ -14,7 +14,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeAlias
 
-from dyknow_common import ComputedField, PositionedError, TextPosition, parse_field
+from dyknow_common import (
+    TEXT_COMPARISONS,
+    ComputedField,
+    PositionedError,
+    TextPosition,
+    parse_field,
+)
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language import terms
 from dyknow_reasoning.language.formula import (
@@ -108,7 +114,7 @@ class _TypeChecker:
         self._infer_use(formula)
         comparisons: dict[str, list[syntax.Comparison]] = defaultdict(list)
         for node in walk(formula):
-            if isinstance(node, syntax.Comparison):
+            if isinstance(node, syntax.Comparison) and node.operator not in TEXT_COMPARISONS:
                 self._infer_equality(node)
                 for side in (node.left, node.right):
                     if isinstance(side, terms.Feature | terms.FieldReference):
@@ -128,6 +134,9 @@ class _TypeChecker:
             case syntax.Comparison('=' | '!=', left, right):
                 for side in (left, right):
                     self._infer_numbers(side)
+            case syntax.Comparison(symbol, left, right) if symbol in TEXT_COMPARISONS:
+                for side in (left, right):
+                    self._require(side, Kind.STRING, f"as an operand of '{symbol}'")
             case syntax.Comparison() | terms.Arithmetic() | terms.Function():
                 self._infer_numbers(node)
             case _:

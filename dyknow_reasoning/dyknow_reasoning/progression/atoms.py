@@ -59,8 +59,15 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
     '>=': '<',
     '<=': '>',
     '>': '<=',
+    'contains': 'does not contain',
+    'does not contain': 'contains',
+    'starts with': 'does not start with',
+    'does not start with': 'starts with',
 }
 """The negation of each comparison operator."""
+
+POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
+"""One comparison operator of each pair of opposites."""
 
 MIRRORED_COMPARISONS: Mapping[str, str] = {
     '=': '=',

@@ -50,7 +50,12 @@ from dyknow_reasoning.language.terms import (
     Truth,
     Variable,
 )
-from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
+from dyknow_reasoning.progression.atoms import (
+    NEGATED_COMPARISONS,
+    POSITIVE_COMPARISONS,
+    fields,
+    predicate,
+)
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
@@ -70,7 +75,7 @@ class Instance:
 
     Args:
         binding: the choice.
-        atoms: the atom of each slot; comparisons only with `=`, `<` and `<=`.
+        atoms: the atom of each slot; comparisons only with `POSITIVE_COMPARISONS`.
         node: the formula over these slots.
     """
 
@@ -282,7 +287,7 @@ class _Translator:
         if isinstance(left, Object) and isinstance(right, Object):
             return constant(value=(left == right) == (formula.operator == '='))
         # Opposite comparisons share an atom.
-        negative = formula.operator in {'!=', '>', '>='}
+        negative = formula.operator not in POSITIVE_COMPARISONS
         operator = NEGATED_COMPARISONS[formula.operator] if negative else formula.operator
         atom = Comparison(operator, left, right)
         known = _value_without_state(atom)

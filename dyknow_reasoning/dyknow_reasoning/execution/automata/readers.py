@@ -34,7 +34,13 @@ _UNUSUAL: Mapping[Kind, str] = {
 }
 MAX_GENERATED = 256
 """The most atoms of an instance for which code is generated, as Python compiles it recursively."""
-_OPERATORS = {'=': '==', '<': '<', '<=': '<='}
+_CODE = {
+    '=': '{0} == {1}',
+    '<': '{0} < {1}',
+    '<=': '{0} <= {1}',
+    'contains': '{1} in {0}',
+    'starts with': '{0}.startswith({1})',
+}
 
 
 def careful_reader(predicates: Mapping[int, Predicate]) -> Reader:
@@ -144,7 +150,7 @@ def make():
         if sides not in ({Kind.NUMBER}, {Kind.STRING}):
             return None
         left, right = (self._term(side, kinds) for side in (atom.left, atom.right))
-        return f'{left} {_OPERATORS[atom.operator]} {right}'
+        return _CODE[atom.operator].format(left, right)
 
     def _term(self, term: Term, kinds: Kinds) -> str:
         kind = _kind(term, kinds)

@@ -15,7 +15,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from dyknow_common import COMPARISONS
+from dyknow_common import COMPARISONS, TEXT_COMPARISONS
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
     Arithmetic,
@@ -169,6 +169,8 @@ class FieldVectors:
             field = self._field(atoms, Kind.BOOLEAN)
             return lambda: field.values
         compare: Callable[[Any, Any], Any] = COMPARISONS[atom.operator]
+        if atom.operator in TEXT_COMPARISONS:
+            compare = np.vectorize(compare, otypes=[bool])
         left = self._terms([each.left for each in atoms if isinstance(each, Comparison)], kinds)
         right = self._terms([each.right for each in atoms if isinstance(each, Comparison)], kinds)
         if has_unknown_kind(atom, kinds):
