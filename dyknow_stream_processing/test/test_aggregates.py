@@ -121,6 +121,19 @@ def test_conditions_of_texts(
     check(f'{function}(a {comparison} "{value}")', ValueType.STRING, elements, elements)
 
 
+@given(st.lists(st.integers(-9, 9)), st.integers(-6, 6))
+def test_single_elements(elements: list[int], index: int) -> None:
+    found = dict(enumerate(elements)) | {
+        place - len(elements): each for place, each in enumerate(elements)
+    }
+    for each in (elements, array('i', elements), np.array(elements, int)):
+        if index in found:
+            assert read(f'a[{index}]', ValueType.INT, each) == found[index]
+        else:
+            with pytest.raises(NoValueError, match=rf"^'a' has .*, not one at \[{index}\]$"):
+                read(f'a[{index}]', ValueType.INT, each)
+
+
 @given(numbers(), FIELDS)
 def test_arrays_of_numbers(drawn: tuple[str, list[Any]], text: str) -> None:
     code, elements = drawn

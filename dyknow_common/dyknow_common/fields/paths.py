@@ -1,7 +1,7 @@
 """Texts that name a value in a message, as all languages write them.
 
     pose.position.z                         a member of a member
-    ranges[3]                               an element of an array
+    ranges[3], ranges[-1]                   an element of an array, the last one
     position[name = "elbow"]                the element where the parallel array `name` has "elbow"
     status[name = "lidar"].level            a member of the first struct whose `name` is "lidar"
     min(ranges[90:270])                     an aggregate of the elements 90 to 269
@@ -46,7 +46,7 @@ _QUOTED: Final = r'"(?:[^"\\\x00-\x1f]|\\.)*"'
 _INDEX: Final = f'(?:0|[1-9][0-9]{{,{_MAX_DIGITS}}})'
 _STEP: Final = re.compile(
     rf"""(?P<name>{_NAME})(?:\[(?:
-        (?P<index>{_INDEX})
+        (?P<index>{_INDEX}|-(?!0){_INDEX})
         | \s*(?:(?P<start>{_INDEX})\s*)?(?P<colon>:)\s*(?:(?P<stop>{_INDEX})\s*)?
         | \s*(?P<key>{_NAME}(?:\.{_NAME})*)\s*=\s*(?P<value>{_QUOTED}|-?{_INDEX}|true|false)\s*
     )\])?""",
@@ -111,6 +111,15 @@ class MessagePath:
     def is_keyed(self) -> bool:
         """True if it leads through a struct that is found by a key."""
         return any(isinstance(step.selector, ElementKey) for step in self.steps[:-1])
+
+    @property
+    def is_direct(self) -> bool:
+        """True if no element depends on the content or the length of its array."""
+        return not any(
+            isinstance(step.selector, ElementKey)
+            or (isinstance(step.selector, int) and step.selector < 0)
+            for step in self.steps
+        )
 
     def before(self, number: int) -> str:
         """Return the text up to a step, without the selector of the step."""
