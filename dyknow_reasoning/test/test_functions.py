@@ -172,7 +172,9 @@ ANY = st.one_of(
 
 
 def results_on_all_paths(
-    texts: Sequence[str], columns: Mapping[str, list[Any]]
+    texts: Sequence[str],
+    columns: Mapping[str, list[Any]],
+    domains: Mapping[str, Sequence[str]] | None = None,
 ) -> list[list[FormulaResult]]:
     """The results of formulas over columns: by states and by vectors, for one and for many."""
     found = []
@@ -183,7 +185,7 @@ def results_on_all_paths(
             group = FormulaGroup()
             for text in texts:
                 group.add_formula(text, text)
-            group.begin({})
+            group.begin(domains or {})
             if many:
                 arrays = {name: np.array(column) for name, column in columns.items()}
                 results = group.progress_many(range(size), arrays)

@@ -19,6 +19,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
+    Aggregate,
     Arithmetic,
     Feature,
     Function,
@@ -103,7 +104,7 @@ def _replaced(node: Any, bound: _Bound, *, is_operand: bool) -> Any:
                     node.position,
                 )
             return replace(value, position=node.position)
-    are_operands = isinstance(node, Comparison | Arithmetic | Function)
+    are_operands = isinstance(node, Comparison | Arithmetic | Function | Aggregate)
     return with_changed_parts(node, lambda part: _replaced(part, bound, is_operand=are_operands))
 
 

@@ -28,6 +28,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
+    Aggregate,
     Arithmetic,
     FieldReference,
     Function,
@@ -105,6 +106,6 @@ def _as_number(term: Term) -> Term:
 
 def _is_number(term: Term) -> bool:
     if not isinstance(term, FieldReference):
-        return isinstance(term, Number | Arithmetic | Function)
+        return isinstance(term, Number | Arithmetic | Function | Aggregate)
     field = parse_field(term.path)
     return isinstance(field, ComputedField) and field.gives_number

@@ -30,6 +30,9 @@ FIELD_FUNCTIONS: Final = frozenset({*AGGREGATES, *CONVERSIONS})
 
 _NAMES: Final = (*_OPERANDS, *sorted(FIELD_FUNCTIONS - _OPERANDS.keys()))
 
+OBJECT_FUNCTIONS: Final = ('max', 'min', 'sum', 'count')
+"""The functions of values of all objects of a sort."""
+
 
 def check_call(name: Token, operands: int) -> None:
     """Check that a function has this number of operands.

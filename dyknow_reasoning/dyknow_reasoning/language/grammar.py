@@ -22,6 +22,7 @@ _SPELLINGS: Final = {
     '_LET': _FORMULA,
     'COUNT': _FORMULA,
     '_OF': "'of'",
+    '_FOR': "'for'",
 }
 
 _CORRECTIONS: Final = {

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import DyKnowError, PositionedError, UnitConversion, unit_conversion
@@ -30,6 +30,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
+    Aggregate,
     Arithmetic,
     Feature,
     FieldReference,
@@ -157,7 +158,7 @@ class _Conversion:
             raise PositionedError(f'{message}; convert one by a factor', term.position)
         return term
 
-    def _measured(self, term: Term) -> _Measured:
+    def _measured(self, term: Term) -> _Measured:  # noqa: PLR0911 - one for each kind
         match term:
             case Quantity():
                 return term, term.unit
@@ -170,6 +171,11 @@ class _Conversion:
                 return self._product(term)
             case Function():
                 return self._function(term)
+            case Aggregate(function='count'):
+                return with_changed_parts(term, lambda body: _converted(body, self)), None
+            case Aggregate():
+                ((body, unit),) = self.alike((term.body,))
+                return replace(term, body=body), unit
             case _:
                 return term, None
 

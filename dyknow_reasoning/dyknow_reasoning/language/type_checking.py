@@ -31,8 +31,6 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.terms import Term
 
-_QUANTIFIERS = syntax.Forall | syntax.Exists | syntax.Count
-
 
 class Kind(StrEnum):
     """The kind of a term's value."""
@@ -80,7 +78,7 @@ class _TypeChecker:
     def check_names(self, formula: Formula) -> None:
         """Check that a name stands for one thing: a feature, a sort, a variable or an object."""
         nodes = list(walk(formula))
-        quantifiers = [node for node in nodes if isinstance(node, _QUANTIFIERS)]
+        quantifiers = [node for node in nodes if isinstance(node, terms.Quantifier)]
         variables = {node.variable for node in quantifiers}
         sorts = {node.sort for node in quantifiers}
         objects = {node.name for node in nodes if isinstance(node, terms.Object)}
@@ -95,7 +93,7 @@ class _TypeChecker:
 
     def check_variables(self, node: Formula | Term, bound: Mapping[str, TextPosition]) -> None:
         """Check that no quantifier binds a variable again."""
-        if isinstance(node, _QUANTIFIERS):
+        if isinstance(node, terms.Quantifier):
             if node.variable in bound:
                 raise PositionedError(
                     f"the variable '{node.variable}' is bound already, "
@@ -149,6 +147,11 @@ class _TypeChecker:
                 operands: tuple[Term, ...] = (left, right)
             case terms.Function(symbol, operands):
                 pass
+            case terms.Aggregate(function='count', body=body):
+                self._infer_use(body)
+                return
+            case terms.Aggregate(function=symbol, body=body):
+                operands = (body,)
             case _:
                 return
         for each in operands:
@@ -164,7 +167,13 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
-            case terms.Number() | terms.Quantity() | terms.Arithmetic() | terms.Function():
+            case (
+                terms.Number()
+                | terms.Quantity()
+                | terms.Arithmetic()
+                | terms.Function()
+                | terms.Aggregate()
+            ):
                 return Kind.NUMBER
             case terms.TextLiteral():
                 return Kind.STRING
@@ -221,9 +230,7 @@ def _check_feature(node: terms.Feature, variables: set[str], objects: set[str]) 
         )
 
 
-def _check_sorts(
-    quantifiers: Sequence[syntax.Forall | syntax.Exists | syntax.Count], nodes: list[Formula | Term]
-) -> None:
+def _check_sorts(quantifiers: Sequence[terms.Quantifier], nodes: list[Formula | Term]) -> None:
     """Check that each variable without a sort is an argument of a feature, which has one."""
     arguments = {
         each.name for node in nodes if isinstance(node, terms.Feature) for each in node.arguments

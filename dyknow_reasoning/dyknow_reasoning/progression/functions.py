@@ -7,6 +7,7 @@ The others differ between the two, so vectors apply the function of Python to ea
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from typing import Any, Final, TypeAlias
@@ -55,9 +56,11 @@ def call_function_on_vectors(name: str, vectors: Sequence[Any]) -> _Array:
 
 def _value_or_nan(name: str, values: Sequence[_Number]) -> _Number:
     try:
-        return _FUNCTIONS[name](*values)
+        found = _FUNCTIONS[name](*values)
     except (ValueError, ArithmeticError):
         return math.nan
+    # The vector holds floats, which would round a larger integer.
+    return math.nan if isinstance(found, int) and abs(found) >= EXACT else found
 
 
 def _angle_difference(first: _Number, second: _Number) -> float:
@@ -96,6 +99,8 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., _Number]]] = {
     'abs': abs,
     'min': _extreme(min),
     'max': _extreme(max),
+    'sum': lambda *values: reduce(operator.add, values),
+    'count': lambda *truths: sum(truths),
     'sqrt': math.sqrt,
     'hypot': math.hypot,
     'sin': math.sin,

@@ -197,7 +197,7 @@ class FieldVectors:
     def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
         return self.vector(tuple(map(field_name, terms)), kind)
 
-    def _terms(self, terms: Sequence[Term], kinds: Kinds) -> Callable[[], Any]:
+    def _terms(self, terms: Sequence[Any], kinds: Kinds) -> Callable[[], Any]:
         match terms[0]:
             case Number() | TextLiteral() | Truth():
                 constant = _constant([term.value for term in terms if isinstance(term, _CONSTANTS)])
@@ -212,6 +212,8 @@ class FieldVectors:
                 columns = zip(*(call.arguments for call in calls), strict=True)
                 operands = [self._terms(column, kinds) for column in columns]
                 return lambda: _called(name, [operand() for operand in operands])
+            case Comparison():
+                return self.truths(terms, kinds)
             case Feature() | FieldReference() as term:
                 field = self._field(terms, kind_of(term, kinds))
                 return lambda: field.values
