@@ -22,7 +22,7 @@ _SPELLINGS: Final = {
     '_LET': _FORMULA,
     'COUNT': _FORMULA,
     '_OF': "'of'",
-    '_FOR': "'for'",
+    '_FOR': _OPERATOR,
 }
 
 _CORRECTIONS: Final = {
