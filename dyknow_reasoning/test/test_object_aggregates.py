@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from reasoning_reference import random_cases
 from test_functions import NAMES, results_on_all_paths
 
-from dyknow_common import Verdict
+from dyknow_common import LanguageError, Verdict
 from dyknow_reasoning import (
     FormulaGroup,
     FormulaLimits,
@@ -155,6 +155,25 @@ def test_margins() -> None:
 def test_canonical_texts(text: str, canonical: str) -> None:
     assert str(parse_formula(text)) == canonical
     assert parse_formula(canonical) == parse_formula(text)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('let on = 5 in count(on for r in R) < 2', 'the constant .on. is 5, not a formula'),
+        ('count(u for r in R) < 2 and P[u]', "'u' is an object elsewhere"),
+        ('count(P[r] and On[r] for r in R) < 2', 'no comparison and no boolean feature'),
+        ('max(P[r] < 2 for r in R) < 2', 'is a formula, not a value'),
+        ('abs(P[r] for r in R) < 2', "'abs' takes no 'for'; max, min, sum, count do"),
+        ('forall r in R: max(P[r] for r in R) < 2', "the variable 'r' is bound already"),
+        ('count(P[r] for r in R) < max(P[r] for r in R)', "'P.r.' is a"),
+        ('max(P[r] for r in R) = "x"', 'it must be a number'),
+        ('max(2 for r) < 2', "the sort of 'r' is unknown"),
+    ],
+)
+def test_wrong_aggregates(text: str, message: str) -> None:
+    with pytest.raises(LanguageError, match=message):
+        FormulaGroup().add_formula('it', text)
 
 
 def test_symbols_and_sizes() -> None:

@@ -12,14 +12,12 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
-    Aggregate,
-    Arithmetic,
     Feature,
-    Function,
     Object,
     Quantifier,
     Term,
     Variable,
+    holds_terms,
 )
 
 _Names = frozenset[str]
@@ -67,7 +65,7 @@ def _resolved(node: Any, objects: _Names, bound: _Names, *, is_operand: bool) ->
             return Variable(name, position=node.position)
         case Quantifier():
             bound |= {node.variable}
-    are_operands = isinstance(node, Comparison | Arithmetic | Function | Aggregate)
+    are_operands = holds_terms(node)
     return with_changed_parts(
         node, lambda part: _resolved(part, objects, bound, is_operand=are_operands)
     )

@@ -220,6 +220,12 @@ Term: TypeAlias = (
 """An operand of a comparison."""
 
 
+def holds_terms(node: Any) -> bool:
+    """Return True if the parts of a node are terms, not formulas."""
+    is_aggregate = isinstance(node, Aggregate) and node.function != 'count'
+    return is_aggregate or isinstance(node, Operation | Function)
+
+
 def operand_text(node: Any) -> str:
     """Return the canonical text of a node within another: in brackets if it is compound."""
     is_leaf = isinstance(node, Term) and not isinstance(node, Arithmetic)
