@@ -43,6 +43,7 @@ PATHS = {
         'all(ranges >= 0.3)',
         'count(ranges != 0.5)',
         'ranges[1]',
+        'ranges[-1]',
         'range_max',
     ],
     'sensor_msgs/msg/JointState': [
@@ -50,6 +51,9 @@ PATHS = {
         'velocity[name = "imu"]',
         'name[name = "arm \\"left\\""]',
         'any(name = "imu")',
+        'count(name contains "m")',
+        'position[-2]',
+        'name[-1]',
         'count(name)',
         'mean(effort[:2])',
     ],
@@ -68,9 +72,20 @@ PATHS = {
         'any(status.level >= 2)',
         'count(status.values.key = "imu")',
         'status[1].values[key = "imu"].value',
+        'status[-1].values[-1].key',
+        'count(status[-2].values)',
+        'all(status.name does not start with "l")',
     ],
-    'geometry_msgs/msg/PoseArray': ['max(poses.position.x)', 'count(poses)'],
-    'sensor_msgs/msg/PointCloud': ['sum(channels.values)', 'max(channels[name = "imu"].values)'],
+    'geometry_msgs/msg/PoseArray': [
+        'max(poses.position.x)',
+        'count(poses)',
+        'poses[-1].position.x',
+    ],
+    'sensor_msgs/msg/PointCloud': [
+        'sum(channels.values)',
+        'max(channels[name = "imu"].values)',
+        'channels[-1].values[-3]',
+    ],
 }
 
 

@@ -98,7 +98,7 @@ from dyknow_common.text_files import (
     replace_text,
 )
 from dyknow_common.units import UnitConversion, check_unit, unit_conversion
-from dyknow_common.values import COMPARISONS, Value, ValueType
+from dyknow_common.values import COMPARISONS, TEXT_COMPARISONS, Value, ValueType
 from dyknow_common.verdict import Margin, Verdict
 
 __all__ = [
@@ -124,6 +124,7 @@ __all__ = [
     'NO_CONSTRAINTS',
     'SECOND_NS',
     'SSL_WORDS',
+    'TEXT_COMPARISONS',
     'UNIX_TIMES',
     'ArrayElements',
     'ArraySlice',

@@ -284,7 +284,7 @@ def _has_arrays(lasts: Iterable[float | None]) -> bool:
 
 
 def _check_bound(array: str, index: int, last: float | None) -> None:
-    if last is not None and index > last:
+    if last is not None and (index if index >= 0 else -index - 1) > last:
         raise _AbsenceError(f"the last element of '{array}' is [{last:.0f}]")
 
 

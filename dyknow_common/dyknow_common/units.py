@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
 
-# pint evaluates the numbers in a unit. Only small exponents are passed on, one each.
-_EXPONENT: Final = re.compile(r'(\^|\*\*)\s*-?\d{1,2}(?!\s*(\^|\*|\d))|\b1\b')
+# pint evaluates the numbers in a unit. Only small exponents and roots are passed on, one each.
+_EXPONENT: Final = re.compile(r'(\^|\*\*)\s*(0\.5|-?\d{1,2})(?!\s*(\^|\*|\d))|\b1\b')
 _UNIT_WITHOUT_NUMBERS: Final = re.compile(r'[^\W\d]?([^\W\d]|[ */().%°-])*')
 _MAX_LENGTH: Final = 100
 _SIMILARITY: Final = 0.75

@@ -10,6 +10,14 @@ from typing import Any, Final
 Value = bool | int | float | str
 """A value of a field."""
 
+TEXT_COMPARISONS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
+    'contains': operator.contains,
+    'does not contain': lambda text, part: part not in text,
+    'starts with': str.startswith,
+    'does not start with': lambda text, start: not text.startswith(start),
+}
+"""The functions of the comparisons of texts alone."""
+
 COMPARISONS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
     '=': operator.eq,
     '!=': operator.ne,
@@ -17,8 +25,9 @@ COMPARISONS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
     '<=': operator.le,
     '>': operator.gt,
     '>=': operator.ge,
+    **TEXT_COMPARISONS,
 }
-"""The functions of the comparisons; of numpy arrays, they give an array."""
+"""The functions of the comparisons; those of numbers give an array of numpy arrays."""
 
 
 class ValueType(StrEnum):

@@ -45,6 +45,8 @@ def test_paths_that_are_listed(path: str, listed: str) -> None:
     ('path', 'why'),
     [
         ('a[3]', "': the last element of 'a' is [2]"),
+        ('a[-4]', "': the last element of 'a' is [2]"),
+        ('a[-0]', '(it has: a[0..2],'),
         ('m.v[9].w[2]', "': the last element of 'm.v[9].w' is [1]"),
         ('a', 'it is not a single value; ask for a[0]'),
         ('m', 'it is not a single value; ask for m.v[0].y, m.v[0].w[0] or m.t'),
@@ -70,11 +72,11 @@ def test_what_is_asked_for_instead_is_there() -> None:
             assert listed_as(FIELDS, each), each
 
 
-@given(st.integers(0, 50), st.none() | st.integers(1, 50))
+@given(st.integers(-50, 50), st.none() | st.integers(1, 50))
 def test_an_element_is_listed_if_the_array_can_have_it(index: int, size: int | None) -> None:
     listed = all_elements('a.b', size)
     found = listed_as([listed], f'a.b[{index}]')
-    assert found == (listed if size is None or index < size else None)
+    assert found == (listed if size is None or -size <= index < size else None)
 
 
 TYPES: dict[str, ValueType | None] = {
@@ -96,6 +98,8 @@ TYPES: dict[str, ValueType | None] = {
     [
         ('min(ranges)', 'ranges[0..]', ValueType.FLOAT),
         ('count(ranges[90:270] < 0.3)', 'ranges[0..]', ValueType.INT),
+        ('ranges[-1]', 'ranges[0..]', ValueType.FLOAT),
+        ('status[-2].name', 'status[0..].name', ValueType.STRING),
         ('max(matrix[3:9])', 'matrix[0..8]', ValueType.FLOAT),
         ('mean(status.level)', 'status[0..].level', ValueType.FLOAT),
         ('sum(status.level)', 'status[0..].level', ValueType.INT),
@@ -141,7 +145,7 @@ def test_values_in_arrays_that_are_not(path: str, why: str) -> None:
     assert absence('it', TYPES, path).startswith(f"it has no field '{path}'{why}")
 
 
-@given(st.from_regex(GRAMMAR.pattern('FIELD'), fullmatch=True, alphabet='ab1_ .[]:="\\'))
+@given(st.from_regex(GRAMMAR.pattern('FIELD'), fullmatch=True, alphabet='ab1_ .[]:="\\-'))
 def test_every_path_of_the_grammar_is_taken_apart(text: str) -> None:
     path = parse_field(text)
     assert isinstance(path, MessagePath)

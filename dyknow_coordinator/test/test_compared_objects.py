@@ -65,6 +65,10 @@ def test_objects_with_one_name_each(formula: str) -> None:
             "'truck != r' compares names, but 'rover1' and 'truck' are one object",
         ),
         (
+            'count(truck = r for r in Rover) < 2',
+            "'truck = r' compares names, but 'rover1' and 'truck' are one object",
+        ),
+        (
             'exists u in UAV: ((scout = u) and (always (Altitude[u] < 30)))',
             "'scout = u' is ambiguous: there are robot2:scout, uav:scout",
         ),

@@ -75,6 +75,14 @@ def test_sorts_in_a_canonical_text() -> None:
     )
 
 
+def test_sorts_of_aggregates() -> None:
+    text = 'max(P[u] for u) < sum(P[v] for v in S) and (forall w: P[w] < min(Q[w, x] for x))'
+    assert with_sorts(text, {'u': 'UAV', 'v': 'T', 'w': 'W', 'x': 'X'}) == (
+        'max(P[u] for u in UAV) < sum(P[v] for v in S) and '
+        '(forall w in W: P[w] < min(Q[w, x] for x in X))'
+    )
+
+
 def test_sorts_of_counts() -> None:
     text = '(at least 2 u: P[u]) and (exactly 10 v: (at most 1 w in S: Q[v, w]))'
     assert with_sorts(text, {'u': 'UAV', 'v': 'T'}) == (

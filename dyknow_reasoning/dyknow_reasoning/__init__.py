@@ -33,6 +33,7 @@ from dyknow_reasoning.language.terms import (
     FieldReference,
     Function,
     Number,
+    Quantifier,
     Term,
     Variable,
 )
@@ -79,6 +80,7 @@ __all__ = [
     'Once',
     'PastFormula',
     'Previous',
+    'Quantifier',
     'ReasoningError',
     'RecordedState',
     'Since',

@@ -174,7 +174,7 @@ def test_references_to_elements_of_arrays() -> None:
     assert parse_formula('"/cloud".points[12].x[3]') == FieldReference('/cloud', 'points[12].x[3]')
     formula = parse_formula('Power[u] < "/scan".ranges[0] until[0, 5] scan.ranges[1] = 2')
     assert str(formula) == '(Power[u] < "/scan".ranges[0]) until[0 s, 5 ms] (scan.ranges[1] = 2)'
-    for text in ('scan.ranges[a] < 1', 'Power[0] < 1', 'scan.ranges[-1] < 1', 'scan.x[01] < 1'):
+    for text in ('scan.ranges[a] < 1', 'Power[0] < 1', 'scan.ranges[-0] < 1', 'scan.x[01] < 1'):
         with pytest.raises(LanguageError):
             parse_formula(text)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -65,6 +66,11 @@ def decided(text: str, **values: Any) -> FormulaResult:
         ('bit(x, y)', {'x': (1 << 60) + 2.0**0 - 1, 'y': 60.0}, 1),
         ('bit(x, 64)', {'x': 1 << 64}, 1),
         ('abs(min(x, -x)) * 2', {'x': 3}, 6),
+        ('x^2', {'x': -3}, 9),
+        ('-x^2', {'x': 3}, -9),
+        ('x^-1^2', {'x': 4}, 0.25),
+        ('2 * x^y', {'x': 9, 'y': 0.5}, 6),
+        ('pow(x, 2)', {'x': math.inf}, math.inf),
     ],
 )
 def test_values(term: str, values: dict[str, float], expected: float) -> None:
@@ -102,6 +108,22 @@ def test_values(term: str, values: dict[str, float], expected: float) -> None:
             )
             for flags, place in ((1.5, 0), (-1, 0), (1, -1))
         ),
+        *(
+            (
+                f'x^{exponent}',
+                {'x': base},
+                (
+                    f"'pow(x, {exponent})' is pow({base}, {exponent}): zero has no negative power, "
+                    'and a negative number no power that is not whole'
+                ),
+            )
+            for base, exponent in ((0, -1), (-8.0, 0.5))
+        ),
+        (
+            'x^9999999999',
+            {'x': 10},
+            "'pow(x, 9999999999)' is pow(10, 9999999999): the result is too large",
+        ),
         (
             'hypot(x, 1)',
             {'x': 10**400},
@@ -138,6 +160,8 @@ CALLS = [
     'atan2(A, B)',
     'mod(A, B)',
     'bit(A, 1)',
+    'A^B',
+    'A^2',
     'min(A, B) * A',
 ]
 ANY = st.one_of(
@@ -145,6 +169,33 @@ ANY = st.one_of(
     st.floats(-10, 10),
     st.sampled_from([math.pi, -math.pi, 3 * math.pi, -0.0, 0.0, math.inf]),
 )
+
+
+def results_on_all_paths(
+    texts: Sequence[str],
+    columns: Mapping[str, list[Any]],
+    domains: Mapping[str, Sequence[str]] | None = None,
+) -> list[list[FormulaResult]]:
+    """The results of formulas over columns: by states and by vectors, for one and for many."""
+    found = []
+    (size,) = set(map(len, columns.values()))
+    for batch, many in product((1, 1000), (False, True)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
+            group = FormulaGroup()
+            for text in texts:
+                group.add_formula(text, text)
+            group.begin(domains or {})
+            if many:
+                arrays = {name: np.array(column) for name, column in columns.items()}
+                results = group.progress_many(range(size), arrays)
+            else:
+                results = []
+                for index in range(size):
+                    state = {name: column[index] for name, column in columns.items()}
+                    results += group.progress(index, state)
+            found.append([plain(each) for each in results])
+    return found
 
 
 @pytest.mark.timeout(3600)
@@ -170,29 +221,12 @@ def test_all_paths_agree_to_the_bit(
         f'always {call.replace("A", f"A[{name}]").replace("B", f"B[{name}]")} = C[{name}]'
         for name in NAMES
     ]
-    found = []
-    for batch, many in product((1, 1000), (False, True)):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
-            group = FormulaGroup()
-            for text in texts:
-                group.add_formula(text, text)
-            group.begin({})
-            columns = {
-                f'{key}[{name}]': [{**state, 'C': result}[key] for state, result in exact]
-                for name in NAMES
-                for key in 'ABC'
-            }
-            times = range(len(exact))
-            if many:
-                arrays = {name: np.array(column) for name, column in columns.items()}
-                results = group.progress_many(times, arrays)
-            else:
-                results = []
-                for index in times:
-                    state = {name: column[index] for name, column in columns.items()}
-                    results += group.progress(index, state)
-            found.append([plain(each) for each in results])
+    columns = {
+        f'{key}[{name}]': [{**state, 'C': result}[key] for state, result in exact]
+        for name in NAMES
+        for key in 'ABC'
+    }
+    found = results_on_all_paths(texts, columns)
     assert all(each == found[0] for each in found)
     assert not [each for each in found[0] if each.verdict is Verdict.FALSE]
 

@@ -165,9 +165,9 @@ TERMS = st.recursive(
     lambda inner: (
         st.tuples(inner, st.sampled_from('+-*/'), inner).map(lambda parts: f'({" ".join(parts)})')
         | st.tuples(st.sampled_from(['abs', 'sqrt']), inner).map('{0[0]}({0[1]})'.format)
-        | st.tuples(st.sampled_from(['min', 'max', 'hypot', 'angle_difference']), inner, inner).map(
-            '{0[0]}({0[1]}, {0[2]})'.format
-        )
+        | st.tuples(
+            st.sampled_from(['min', 'max', 'hypot', 'angle_difference', 'pow']), inner, inner
+        ).map('{0[0]}({0[1]}, {0[2]})'.format)
     ),
     max_leaves=5,
 )

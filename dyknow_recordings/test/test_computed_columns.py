@@ -66,6 +66,28 @@ def test_aggregates_of_random_messages(drawn: Drawn, data: st.DataObject) -> Non
                 assert found == expected or abs(found - expected) <= 1e-6 * abs(expected)
 
 
+@given(messages(), st.data())
+def test_last_elements_of_random_messages(drawn: Drawn, data: st.DataObject) -> None:
+    made, decoded, serialised = drawn
+    layout = TypeLayout(definition(made))
+    single = [each for each in layout.fields if each.count('[') == 1]
+    paths = [re.sub(r'\[[^\]]*\]', f'[{data.draw(st.integers(-3, -1))}]', path) for path in single]
+    paths = [path for path in paths if listed_as(layout.fields, path)]
+    fields, faults = CdrReader(layout, paths).read(stored(serialised))
+    assert faults == {}
+    for path in paths:
+        start, _, rest = path.partition('[')
+        index, _, end = rest.partition(']')
+        for row, message in enumerate(decoded):
+            every = all_values(message, made)
+            found = [each for each in every if shape(each) == start + end]
+            if -int(index) > len(found):
+                assert row in fields.absent[path]
+                continue
+            wanted, value = every[found[int(index)]], fields.values[path].tolist()[row]
+            assert value == wanted or (value != value and wanted != wanted)  # noqa: PLR0124 - NaN
+
+
 TEXT = """string[] name
 float64[] position
 Part[] parts

@@ -122,6 +122,22 @@ def test_booleans_texts_missing_values_and_arithmetic() -> None:
     np.testing.assert_array_equal(signal(found, '(2 * a) + b').values, [2.5, NAN, 8.5, 2.5])
 
 
+def test_counts_of_objects() -> None:
+    texts = [
+        'always count(a[r] > 2 for r in R) < 1',
+        'always count(b[r] for r in R) < 1',
+        'always count(m[r] starts with "x" for r in R) < 1',
+    ]
+    found = recorder(*texts, R=('u', 'v'))
+    columns = {'a[u]': [3, 1, None], 'a[v]': [3, 3, 3], 'b[u]': [True, True, False]}
+    columns |= {'b[v]': [True, False, False], 'm[u]': ['x', 'y', 'x'], 'm[v]': ['x', 'y', 'x']}
+    feed(found, [1, 2, 3], [2], **columns)
+    expected = ([2, 1, NAN], [2, 1, 0], [NAN, NAN, NAN])
+    for text, values in zip(texts, expected, strict=True):
+        name = text.removeprefix('always ').removesuffix(' < 1')
+        np.testing.assert_array_equal(signal(found, name).values, values)
+
+
 def test_texts_without_number_are_few() -> None:
     found = recorder('always state = "up"')
     found.states(list(range(1, 1001)), {'state': [str(n) for n in range(1000)]})

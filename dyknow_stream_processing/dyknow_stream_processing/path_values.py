@@ -159,7 +159,7 @@ def _same(value: Any) -> Any:
 def _element(name: str, index: int, place: str) -> Reader:
     def read(message: Any) -> Any:
         elements = getattr(message, name)
-        if index >= len(elements):
+        if not -len(elements) <= index < len(elements):
             raise _missing(place, elements, index)
         return elements[index]
 

@@ -30,6 +30,10 @@ OPERATORS = {
     '>': operator.gt,
     '>=': operator.ge,
 }
+TEXT_OPERATORS = {
+    'contains': lambda text, part: text.find(part) >= 0,
+    'does not start with': lambda text, part: text[: len(part)] != part,
+}
 EDGES = [0.5, -0.5, 2.0**53, float(2**63), -float(2**63), 0.1, 1e300, 3, 2**53 + 1, 2**64, -1]
 
 
@@ -59,7 +63,8 @@ def naive(field: ComputedField, elements: Sequence[Any]) -> Value | None:
     """Return an aggregate by its definition; None if there is none."""
     known = [each for each in elements if each == each]  # noqa: PLR0124 - NaN differs from itself
     if field.condition is not None:
-        compare, value = OPERATORS[field.condition.operator], field.condition.value
+        compare = {**OPERATORS, **TEXT_OPERATORS}[field.condition.operator]
+        value = field.condition.value
         found = [compare(each, value) for each in known]
         results: dict[str, Value] = {'count': sum(found), 'any': any(found), 'all': all(found)}
         return results[field.function]
@@ -102,6 +107,31 @@ def check(text: str, kind: ValueType, elements: Any, expected: Sequence[Any]) ->
     else:
         assert found == wanted
         assert type(found) is type(wanted)
+
+
+@given(
+    st.lists(st.text('ab', max_size=3)),
+    st.sampled_from(['count', 'any', 'all']),
+    st.sampled_from([*TEXT_OPERATORS, '=', '!=']),
+    st.text('ab', max_size=2),
+)
+def test_conditions_of_texts(
+    elements: list[str], function: str, comparison: str, value: str
+) -> None:
+    check(f'{function}(a {comparison} "{value}")', ValueType.STRING, elements, elements)
+
+
+@given(st.lists(st.integers(-9, 9)), st.integers(-6, 6))
+def test_single_elements(elements: list[int], index: int) -> None:
+    found = dict(enumerate(elements)) | {
+        place - len(elements): each for place, each in enumerate(elements)
+    }
+    for each in (elements, array('i', elements), np.array(elements, int)):
+        if index in found:
+            assert read(f'a[{index}]', ValueType.INT, each) == found[index]
+        else:
+            with pytest.raises(NoValueError, match=rf"^'a' has .*, not one at \[{index}\]$"):
+                read(f'a[{index}]', ValueType.INT, each)
 
 
 @given(numbers(), FIELDS)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from dyknow_common import (
     MAX_DURATION_NS,
     NO_CONSTRAINTS,
+    TEXT_COMPARISONS,
     LanguageError,
     StreamConstraints,
     ValueType,
@@ -110,7 +111,7 @@ references |= st.builds(
 selections = st.lists(st.builds(Selection, field_names, renamings), min_size=1, max_size=3)
 conditions = st.builds(
     Condition, field_names, st.sampled_from(['=', '!=', '<', '<=', '>', '>=']), values
-)
+) | st.builds(Condition, field_names, st.sampled_from([*TEXT_COMPARISONS]), texts)
 
 
 arguments = st.lists(

@@ -1,7 +1,7 @@
 """Texts that name a value in a message, as all languages write them.
 
     pose.position.z                         a member of a member
-    ranges[3]                               an element of an array
+    ranges[3], ranges[-1]                   an element of an array, the last one
     position[name = "elbow"]                the element where the parallel array `name` has "elbow"
     status[name = "lidar"].level            a member of the first struct whose `name` is "lidar"
     min(ranges[90:270])                     an aggregate of the elements 90 to 269
@@ -20,7 +20,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common.values import Value
+from dyknow_common.values import TEXT_COMPARISONS, Value
 
 AGGREGATES: Final = ('min', 'max', 'mean', 'sum', 'count', 'any', 'all')
 """Functions of many values."""
@@ -46,7 +46,7 @@ _QUOTED: Final = r'"(?:[^"\\\x00-\x1f]|\\.)*"'
 _INDEX: Final = f'(?:0|[1-9][0-9]{{,{_MAX_DIGITS}}})'
 _STEP: Final = re.compile(
     rf"""(?P<name>{_NAME})(?:\[(?:
-        (?P<index>{_INDEX})
+        (?P<index>{_INDEX}|-(?!0){_INDEX})
         | \s*(?:(?P<start>{_INDEX})\s*)?(?P<colon>:)\s*(?:(?P<stop>{_INDEX})\s*)?
         | \s*(?P<key>{_NAME}(?:\.{_NAME})*)\s*=\s*(?P<value>{_QUOTED}|-?{_INDEX}|true|false)\s*
     )\])?""",
@@ -54,7 +54,7 @@ _STEP: Final = re.compile(
 )
 _FUNCTION: Final = re.compile(rf'({"|".join((*AGGREGATES, *CONVERSIONS, INDEX))})\s*\(\s*')
 _CONDITION: Final = re.compile(
-    rf"""\s*(?P<operator>!=|<=|>=|=|<|>)\s*
+    rf"""\s*(?P<operator>!=|<=|>=|=|<|>|{'|'.join(TEXT_COMPARISONS).replace(' ', '[ ]')})\s*
     (?P<value>{_QUOTED}|true|false|-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*\Z""",
     re.VERBOSE,
 )
@@ -112,6 +112,15 @@ class MessagePath:
         """True if it leads through a struct that is found by a key."""
         return any(isinstance(step.selector, ElementKey) for step in self.steps[:-1])
 
+    @property
+    def is_direct(self) -> bool:
+        """True if no element depends on the content or the length of its array."""
+        return not any(
+            isinstance(step.selector, ElementKey)
+            or (isinstance(step.selector, int) and step.selector < 0)
+            for step in self.steps
+        )
+
     def before(self, number: int) -> str:
         """Return the text up to a step, without the selector of the step."""
         return '.'.join([*map(str, self.steps[:number]), self.steps[number].name])
@@ -126,6 +135,13 @@ class ElementCondition:
 
     operator: str
     value: Value
+
+    @property
+    def fault(self) -> str:
+        """The reason why no element can be compared so; empty if one can."""
+        if self.operator in TEXT_COMPARISONS and not isinstance(self.value, str):
+            return f"'{self.operator}' takes a text in quotes, not {value_text(self.value)}"
+        return ''
 
     def __str__(self) -> str:
         return f' {self.operator} {value_text(self.value)}'
@@ -152,7 +168,7 @@ class ComputedField:
             return f"'{self.function}' is no function of fields (there are: {known})"
         if self.condition is not None and self.function not in CONDITIONED:
             return f"'{self.function}' takes no condition; {', '.join(CONDITIONED)} do"
-        return ''
+        return '' if self.condition is None else self.condition.fault
 
     def __str__(self) -> str:
         return f'{self.function}({self.path}{"" if self.condition is None else self.condition})'
@@ -239,7 +255,7 @@ def _conditioned(function: str, text: str) -> ComputedField | None:
     if not steps or found is None or value is None:
         return None
     condition = ElementCondition(found['operator'], value)
-    return ComputedField(function, MessagePath(steps), condition)
+    return None if condition.fault else ComputedField(function, MessagePath(steps), condition)
 
 
 def _path(text: str) -> MessagePath | None:

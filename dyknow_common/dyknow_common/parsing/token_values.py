@@ -65,7 +65,7 @@ def number_value(token: Token) -> int | float:
 
 def comparison_value(token: Token) -> str:
     """Return a comparison in its ASCII spelling."""
-    return _ASCII_COMPARISONS.get(token, str(token))
+    return _ASCII_COMPARISONS.get(token, ' '.join(token.split()))
 
 
 def text_value(token: Token) -> str:

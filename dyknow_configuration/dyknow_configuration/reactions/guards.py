@@ -21,12 +21,10 @@ from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_configuration.robot import RequestedFormula, RequestedGuard
 from dyknow_reasoning import (
     Constants,
-    Count,
-    Exists,
     Feature,
-    Forall,
     Formula,
     FormulaGroup,
+    Quantifier,
     ReasoningError,
     Variable,
     check_trial,
@@ -201,7 +199,7 @@ def _check_variables(formula: Formula) -> None:
         if isinstance(each, Variable)
     }
     for node in nodes:
-        if isinstance(node, Forall | Exists | Count) and node.variable not in arguments:
+        if isinstance(node, Quantifier) and node.variable not in arguments:
             raise ReasoningError(
                 f"no feature is about the variable '{node.variable}'; leave its quantifier out"
             )

@@ -26,7 +26,7 @@ SYNONYM_QUERY: Final = """
 _NAME: Final = r"[A-Za-z_]\w*'*"
 _TEXT: Final = re.compile(r'"(?:\\.|[^"\\])*"')
 _QUANTIFIER: Final = re.compile(
-    rf'\b(?:forall|exists|(?:at least|at most|exactly) [0-9]+) ({_NAME}) in ({_NAME}):'
+    rf'\b(?:forall|exists|for|(?:at least|at most|exactly) [0-9]+) ({_NAME}) in ({_NAME})[:)]'
 )
 _COMPARISON: Final = re.compile(rf"(?<![\w.'])({_NAME}) !?= ({_NAME})(?![\w.'\[(])")
 

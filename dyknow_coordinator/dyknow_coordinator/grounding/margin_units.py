@@ -22,7 +22,7 @@ _TOKEN: Final = re.compile(
     r'"(?:\\.|[^"\\])*"\S*|\[[^\]]*\]|(?P<name>[A-Za-z_][\w.]*\'*)(?P<call>\()?'
 )
 
-_SAME_UNIT: Final = {'abs', 'hypot', 'max', 'min', 'mod'}
+_SAME_UNIT: Final = {'abs', 'hypot', 'max', 'min', 'mod', 'sum'}
 """The functions whose value has the unit of their arguments."""
 
 

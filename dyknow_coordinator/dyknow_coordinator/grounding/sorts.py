@@ -20,7 +20,8 @@ from dyknow_coordinator.grounding.declared_properties import QueryFunction, Rows
 # A text in quotes, or a quantifier without a sort.
 _UNSORTED: Final = re.compile(
     r'"(?:\\.|[^"\\])*"'
-    r'|\b(?:forall|exists|(?:at least|at most|exactly) [0-9]+) (?P<variable>[A-Za-z_]\w*\'*):'
+    r'|\b(?:forall|exists|for|(?:at least|at most|exactly) [0-9]+) '
+    r"(?P<variable>[A-Za-z_]\w*'*)[:)]"
 )
 
 
@@ -113,6 +114,6 @@ def with_sorts(formula: str, sorts: Mapping[str, str]) -> str:
 
     def completed(found: re.Match[str]) -> str:
         sort = sorts.get(found['variable'] or '')
-        return f'{found[0][:-1]} in {sort}:' if sort else found[0]
+        return f'{found[0][:-1]} in {sort}{found[0][-1]}' if sort else found[0]
 
     return _UNSORTED.sub(completed, formula)

@@ -16,14 +16,12 @@ from collections.abc import Iterator, Mapping
 
 from dyknow_common import SymbolKind, Value, quoted
 from dyknow_reasoning import (
-    Count,
     Domains,
-    Exists,
     Feature,
     FieldReference,
-    Forall,
     Formula,
     Kind,
+    Quantifier,
     ReasoningError,
     Term,
     TrialFormula,
@@ -123,7 +121,7 @@ def _fields(
             if isinstance(each, Variable)
         ]
         yield ''.join(f'forall {name} in {sorts[name]}: ' for name in variables), node
-    if isinstance(node, Forall | Exists | Count):
+    if isinstance(node, Quantifier):
         sorts = {**sorts, node.variable: node.sort}
     for part in parts(node):
         yield from _fields(part, sorts)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from dyknow_common import COMPARISONS, Value, format_time
+from dyknow_common import COMPARISONS, TEXT_COMPARISONS, Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, Histories, InstanceVerdict
 from dyknow_reasoning.explanation.choices import objects_text, scope_text
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
@@ -325,6 +325,9 @@ class _Explainer:
         # Values that differ must not look equal.
         shown = next((each for each in choices if _order(*each) == _order(*values)), values)
         first, second = map(_with_value, terms, shown)
+        if operator in TEXT_COMPARISONS:
+            verb = operator if holds else NEGATED_COMPARISONS[operator]
+            return f'{first} at {time} {verb} {second}'
         if isinstance(atom.left, _LITERALS):
             operator, first, second = MIRRORED_COMPARISONS[operator], second, first
         if operator in {'=', '!='}:

@@ -12,21 +12,19 @@ from typing import Any, Final, TypeAlias
 
 from dyknow_common import NOWHERE, PositionedError, TextPosition
 from dyknow_reasoning.language.formula import (
-    Comparison,
     Formula,
     Let,
     walk,
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
-    Arithmetic,
     Feature,
-    Function,
     Number,
     Object,
     Quantity,
     TextLiteral,
     Truth,
+    holds_terms,
 )
 
 Constant: TypeAlias = Number | Quantity | TextLiteral | Truth
@@ -103,7 +101,7 @@ def _replaced(node: Any, bound: _Bound, *, is_operand: bool) -> Any:
                     node.position,
                 )
             return replace(value, position=node.position)
-    are_operands = isinstance(node, Comparison | Arithmetic | Function)
+    are_operands = holds_terms(node)
     return with_changed_parts(node, lambda part: _replaced(part, bound, is_operand=are_operands))
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from lark import Token
 
 from dyknow_common import (
+    TEXT_COMPARISONS,
     ComputedField,
     ElementCondition,
     MessagePath,
@@ -27,6 +28,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
+    Aggregate,
     Arithmetic,
     FieldReference,
     Function,
@@ -88,6 +90,8 @@ def with_numbers(node: Any) -> Any:
     match node:
         case Comparison('=' | '!=', left, right) if not (_is_number(left) or _is_number(right)):
             return node
+        case Comparison(operator) if operator in TEXT_COMPARISONS:
+            return node
         case Comparison() | Arithmetic() | Function():
             return with_changed_parts(node, _as_number)
         case _:
@@ -102,6 +106,6 @@ def _as_number(term: Term) -> Term:
 
 def _is_number(term: Term) -> bool:
     if not isinstance(term, FieldReference):
-        return isinstance(term, Number | Arithmetic | Function)
+        return isinstance(term, Number | Arithmetic | Function | Aggregate)
     field = parse_field(term.path)
     return isinstance(field, ComputedField) and field.gives_number

@@ -22,6 +22,7 @@ from dyknow_reasoning.language.terms import (
     Number,
     Object,
     Operation,
+    Quantifier,
     ShownQuantity,
     Term,
     Truth,
@@ -83,36 +84,14 @@ class Equivalent(_Connective):
 
 
 @dataclass(frozen=True, slots=True)
-class _Quantifier(SyntaxNode):
-    variable: str
-    sort: str
-    body: Formula
-    symbol: ClassVar[str]
-
-    def __str__(self) -> str:
-        sort = f' in {self.sort}' if self.is_sorted else ''
-        return f'{self.words} {self.variable}{sort}: {operand_text(self.body)}'
-
-    @property
-    def words(self) -> str:
-        """The words before the variable."""
-        return self.symbol
-
-    @property
-    def is_sorted(self) -> bool:
-        """True if the text gives the sort; otherwise it is `?` and the variable."""
-        return not self.sort.startswith('?')
-
-
-@dataclass(frozen=True, slots=True)
-class Forall(_Quantifier):
+class Forall(Quantifier):
     """The body for every object of a sort."""
 
     symbol: ClassVar[str] = 'forall'
 
 
 @dataclass(frozen=True, slots=True)
-class Exists(_Quantifier):
+class Exists(Quantifier):
     """The body for at least one object of a sort."""
 
     symbol: ClassVar[str] = 'exists'
@@ -127,7 +106,7 @@ class CountBound(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Count(_Quantifier):
+class Count(Quantifier):
     """The body for at least, at most or exactly a number of the objects of a sort."""
 
     bound: CountBound
@@ -300,7 +279,7 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
-        case Not() | _Quantifier() | _Temporal() | _Prefixed() | Let():
+        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let():
             return (node.body,)
         case PastAtom():
             return (node.formula,)
@@ -317,7 +296,7 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
-        case Not() | _Quantifier() | _Temporal() | _Prefixed() | Let():
+        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let():
             return replace(node, body=change(node.body))
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))
@@ -331,6 +310,8 @@ def as_written(node: Any) -> Any:
     """Return a node with its converted numbers as they are in the text, for messages."""
     if isinstance(node, PastAtom):
         return as_written(node.formula)
+    if isinstance(node, Function) and node.aggregate:
+        return as_written(node.aggregate)
     if isinstance(node, Number):
         given = node.quantity
         return ShownQuantity(given.value, given.unit) if given else node

@@ -17,6 +17,7 @@ _OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
     'angle_difference': ('two operands', 2, 2),
     'mod': ('two operands', 2, 2),
     'bit': ('two operands', 2, 2),
+    'pow': ('two operands', 2, 2),
     'min': ('two operands or more', 2, None),
     'max': ('two operands or more', 2, None),
     'hypot': ('two operands or more', 2, None),
@@ -28,6 +29,9 @@ FIELD_FUNCTIONS: Final = frozenset({*AGGREGATES, *CONVERSIONS})
 """The functions that have one operand, a field of a stream."""
 
 _NAMES: Final = (*_OPERANDS, *sorted(FIELD_FUNCTIONS - _OPERANDS.keys()))
+
+OBJECT_FUNCTIONS: Final = ('max', 'min', 'sum', 'count')
+"""The functions of values of all objects of a sort."""
 
 
 def check_call(name: Token, operands: int) -> None:

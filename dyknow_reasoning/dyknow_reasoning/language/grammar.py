@@ -13,7 +13,7 @@ _SPELLINGS: Final = {
     **{word.upper(): _FORMULA for word in FORMULA_WORDS},
     **{f'_{word.upper()}': _OPERATOR for word in FORMULA_WORDS},
     **dict.fromkeys(('_IMPLIES', '_EQUIVALENT', '_HOLDS_UNTIL', 'COMPARISON'), _OPERATOR),
-    **dict.fromkeys(('PLUS', 'TIMES', 'DIVIDED_BY'), _OPERATOR),
+    **dict.fromkeys(('PLUS', 'TIMES', 'DIVIDED_BY', '_TO_THE'), _OPERATOR),
     **dict.fromkeys(('STRING', 'REFERENCE', 'QUOTED_REFERENCE', 'FUNCTION'), _FORMULA),
     'UNIT': 'a unit',
     'DURATION': 'a duration such as 5 s',
@@ -22,6 +22,7 @@ _SPELLINGS: Final = {
     '_LET': _FORMULA,
     'COUNT': _FORMULA,
     '_OF': "'of'",
+    '_FOR': _OPERATOR,
 }
 
 _CORRECTIONS: Final = {
@@ -41,6 +42,8 @@ _CORRECTIONS: Final = {
     **dict.fromkeys(('W', 'WU', 'weak_until'), 'unless'),
     **dict.fromkeys(('R', 'releases'), 'release'),
     'UNTIL': 'until',
+    **dict.fromkeys(('includes', 'has', 'CONTAINS'), 'contains'),
+    **dict.fromkeys(('startswith', 'starts_with', 'begins'), 'starts with'),
     '==': '=',
     '=<': '<=',
     '<>': '!=',
@@ -55,6 +58,7 @@ _ADVICE: Final = {
         "join comparisons with 'and': '0 < x and x < 5'"
     ),
     r'\bin\s*[\[(]': "write an interval of values as '0 <= x and x <= 5'",
+    r'\*\s*\*': "write a power as 'x^2'",
     r'\[\s*\]': "did you mean 'always' instead of '[]'?",
     r'[{}]': 'use round brackets',
 }

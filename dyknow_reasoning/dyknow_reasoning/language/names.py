@@ -7,20 +7,17 @@ from typing import Any
 
 from dyknow_reasoning.language.formula import (
     Comparison,
-    Count,
-    Exists,
-    Forall,
     Formula,
     walk,
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
-    Arithmetic,
     Feature,
-    Function,
     Object,
+    Quantifier,
     Term,
     Variable,
+    holds_terms,
 )
 
 _Names = frozenset[str]
@@ -39,7 +36,7 @@ def _object_names(formula: Formula) -> _Names:
     """Return the names of objects and variables, from their uses in the whole formula."""
     nodes = list(walk(formula))
     names = {node.name for node in nodes if isinstance(node, Object | Variable)}
-    names |= {node.variable for node in nodes if isinstance(node, Forall | Exists | Count)}
+    names |= {node.variable for node in nodes if isinstance(node, Quantifier)}
     compared: dict[str, set[str]] = defaultdict(set)
     for pair in map(_compared_names, nodes):
         for name in pair:
@@ -66,9 +63,9 @@ def _resolved(node: Any, objects: _Names, bound: _Names, *, is_operand: bool) ->
             return kind(name, position=node.position)
         case Object(name) if name in bound:
             return Variable(name, position=node.position)
-        case Forall() | Exists() | Count():
+        case Quantifier():
             bound |= {node.variable}
-    are_operands = isinstance(node, Comparison | Arithmetic | Function)
+    are_operands = holds_terms(node)
     return with_changed_parts(
         node, lambda part: _resolved(part, objects, bound, is_operand=are_operands)
     )

@@ -38,7 +38,12 @@ from dyknow_reasoning.language.field_functions import (
     with_numbers,
 )
 from dyknow_reasoning.language.formula import Formula
-from dyknow_reasoning.language.functions import FIELD_FUNCTIONS, check_call, not_a_function
+from dyknow_reasoning.language.functions import (
+    FIELD_FUNCTIONS,
+    OBJECT_FUNCTIONS,
+    check_call,
+    not_a_function,
+)
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
@@ -103,7 +108,13 @@ def _shown(node: Formula | Term) -> str:
 
 def _formula(node: Formula | Term) -> Formula:
     match node:
-        case terms.Number() | terms.Quantity() | terms.Arithmetic() | terms.Function():
+        case (
+            terms.Number()
+            | terms.Quantity()
+            | terms.Arithmetic()
+            | terms.Function()
+            | terms.Aggregate()
+        ):
             raise PositionedError(
                 f"'{_shown(node)}' is a number, not a formula; compare it with another",
                 node.position,
@@ -246,6 +257,9 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         symbol = '*' if operator.type == 'TIMES' else str(operator)
         return terms.Arithmetic(symbol, _term(left), _term(right), position=left.position)
 
+    def power(self, base: Formula | Term, exponent: Formula | Term) -> Term:
+        return terms.Function('pow', (_term(base), _term(exponent)), position=base.position)
+
     def negative(self, minus: Token, operand: Formula | Term) -> Term:
         if isinstance(operand, terms.Number | terms.Quantity):
             return replace(operand, value=-operand.value, position=TextPosition.of(minus))
@@ -262,6 +276,19 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
             return function_of_field(name, arguments[0])
         check_call(name, len(arguments))
         return terms.Function(str(name), tuple(map(_term, arguments)))
+
+    def aggregate(
+        self, name: Token, body: Formula | Term, variable: Token, sort: Token | None
+    ) -> Term:
+        if name not in OBJECT_FUNCTIONS:
+            message = f"'{name}' takes no 'for'; {', '.join(OBJECT_FUNCTIONS)} do"
+            raise PositionedError(message, TextPosition.of(name))
+        if name != 'count':
+            body = _term(body)
+        elif not isinstance(body, syntax.StateAtom):
+            message = f"'{_shown(body)}' is no comparison and no boolean feature, as 'count' needs"
+            raise PositionedError(message, body.position)
+        return terms.Aggregate(str(variable), str(sort or f'?{variable}'), body, str(name))
 
     def text(self, token: Token) -> Term:
         return terms.TextLiteral(re.sub(r'\\(.)', r'\1', token[1:-1]))

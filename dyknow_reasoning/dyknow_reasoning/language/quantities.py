@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import DyKnowError, PositionedError, UnitConversion, unit_conversion
@@ -30,6 +30,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
+    Aggregate,
     Arithmetic,
     Feature,
     FieldReference,
@@ -79,6 +80,9 @@ def check_units_are_known(formula: Formula) -> None:
 
 _RESULTS: Final = {'sin': None, 'cos': None, 'atan2': 'rad'}
 """The units of functions whose unit is not their first operand's; None: plain numbers."""
+
+_EXPONENTS: Final = frozenset({0.5, *range(-99, 100)})
+"""The exponents that a unit may have."""
 
 
 def _converted(node: Any, conversion: _Conversion) -> Any:
@@ -154,7 +158,7 @@ class _Conversion:
             raise PositionedError(f'{message}; convert one by a factor', term.position)
         return term
 
-    def _measured(self, term: Term) -> _Measured:
+    def _measured(self, term: Term) -> _Measured:  # noqa: PLR0911 - one for each kind
         match term:
             case Quantity():
                 return term, term.unit
@@ -167,6 +171,11 @@ class _Conversion:
                 return self._product(term)
             case Function():
                 return self._function(term)
+            case Aggregate(function='count'):
+                return with_changed_parts(term, lambda body: _converted(body, self)), None
+            case Aggregate():
+                ((body, unit),) = self.alike((term.body,))
+                return replace(term, body=body), unit
             case _:
                 return term, None
 
@@ -186,16 +195,28 @@ class _Conversion:
         return product, f'({first or "dimensionless"}){term.operator}({second})'
 
     def _function(self, term: Function) -> _Measured:
-        if term.name in {'sqrt', 'bit'}:
+        if term.name in {'sqrt', 'pow'}:
+            return self._power(term)
+        if term.name == 'bit':
             if any(unit is not None for _, unit in self.alike(term.arguments)):
-                message = f"the unit of '{term}' is not known; write plain numbers beside it"
-                raise PositionedError(message, term.position)
+                raise _unknown_unit(term)
             return term, None
         wanted = 'rad' if term.name in {'angle_difference', 'sin', 'cos'} else None
         measured = self.alike(term.arguments, wanted)
         arguments = tuple(argument for argument, _ in measured)
         unit = _RESULTS.get(term.name, measured[0][1])
         return Function(term.name, arguments, position=term.position), unit
+
+    def _power(self, term: Function) -> _Measured:
+        base, exponent = (*term.arguments, Number(0.5))[:2]
+        ((argument, unit),), (_, other) = self.alike((base,)), self._measured(exponent)
+        if unit is None and other is None:
+            return term, None
+        if not isinstance(exponent, Number) or exponent.value not in _EXPONENTS:
+            raise _unknown_unit(term)
+        arguments = (argument, *term.arguments[1:])
+        found = f'({unit or "dimensionless"})^{exponent.value:g}'
+        return Function(term.name, arguments, position=term.position), found
 
     def _unit_of(self, term: Feature | FieldReference) -> str:
         name = term.name if isinstance(term, Feature) else str(term)
@@ -208,6 +229,11 @@ class _Conversion:
         else:
             reason, correction = f"the unit of '{name}' is not known", _NO_UNITS
         raise PositionedError(f'{reason}; {correction.format(name=name)}', term.position)
+
+
+def _unknown_unit(term: Function) -> PositionedError:
+    message = f"the unit of '{term}' is not known; write plain numbers beside it"
+    return PositionedError(message, term.position)
 
 
 def _converted_value(value: float, conversion: UnitConversion) -> float:

@@ -6,9 +6,6 @@ from collections.abc import Iterator, Mapping
 
 from dyknow_common import Symbol, SymbolKind
 from dyknow_reasoning.language.formula import (
-    Count,
-    Exists,
-    Forall,
     Formula,
     parts,
 )
@@ -16,6 +13,7 @@ from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Object,
+    Quantifier,
     Term,
 )
 
@@ -31,7 +29,7 @@ def _symbols(node: Formula | Term, sorts: Mapping[str, str]) -> Iterator[Symbol]
             yield feature_symbol(node, sorts)
         case Object(name):
             yield Symbol(SymbolKind.OBJECT, name)
-        case Forall(variable, sort) | Exists(variable, sort) | Count(variable, sort):
+        case Quantifier(variable, sort):
             yield Symbol(SymbolKind.SORT, sort)
             sorts = {**sorts, variable: sort}
     for part in parts(node):

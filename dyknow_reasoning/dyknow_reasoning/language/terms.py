@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 from dyknow_common import ComputedField, SyntaxNode, parse_field
 from dyknow_reasoning.language.grammar import LANGUAGE
@@ -146,13 +146,62 @@ class Arithmetic(Operation):
 
 @dataclass(frozen=True, slots=True)
 class Function(SyntaxNode):
-    """A function of numbers, `hypot(x, y)`."""
+    """A function of numbers, `hypot(x, y)`; of `count`, the operands are atoms.
+
+    Args:
+        name: of the function.
+        arguments: the operands.
+        aggregate: whose operands for all objects these are; it is shown instead.
+    """
 
     name: str
     arguments: tuple[Term, ...]
+    aggregate: Aggregate | None = field(default=None, compare=False, kw_only=True)
 
     def __str__(self) -> str:
+        if self.aggregate is not None:
+            return str(self.aggregate)
         return f'{self.name}({", ".join(map(str, self.arguments))})'
+
+
+@dataclass(frozen=True, slots=True)
+class Quantifier(SyntaxNode):
+    """A formula or term about all objects of a sort."""
+
+    variable: str
+    sort: str
+    body: Any
+    symbol: ClassVar[str]
+
+    def __str__(self) -> str:
+        sort = f' in {self.sort}' if self.is_sorted else ''
+        return f'{self.words} {self.variable}{sort}: {operand_text(self.body)}'
+
+    @property
+    def words(self) -> str:
+        """The words before the variable."""
+        return self.symbol
+
+    @property
+    def is_sorted(self) -> bool:
+        """True if the text gives the sort; otherwise it is `?` and the variable."""
+        return not self.sort.startswith('?')
+
+
+@dataclass(frozen=True, slots=True)
+class Aggregate(Quantifier):
+    """A function of a number for each object of a sort, `max(Speed[r] for r in Robot)`.
+
+    Args:
+        function: of the values; of `count`, the body is a comparison or a boolean feature.
+    """
+
+    function: str
+    symbol: ClassVar[str] = 'for'
+
+    def __str__(self) -> str:
+        sort = f' in {self.sort}' if self.is_sorted else ''
+        return f'{self.function}({self.body} for {self.variable}{sort})'
 
 
 Term: TypeAlias = (
@@ -166,8 +215,15 @@ Term: TypeAlias = (
     | FieldReference
     | Arithmetic
     | Function
+    | Aggregate
 )
 """An operand of a comparison."""
+
+
+def holds_terms(node: Any) -> bool:
+    """Return True if the parts of a node are terms, not formulas."""
+    is_aggregate = isinstance(node, Aggregate) and node.function != 'count'
+    return is_aggregate or isinstance(node, Operation | Function)
 
 
 def operand_text(node: Any) -> str:

@@ -14,7 +14,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TypeAlias
 
-from dyknow_common import ComputedField, PositionedError, TextPosition, parse_field
+from dyknow_common import (
+    TEXT_COMPARISONS,
+    ComputedField,
+    PositionedError,
+    TextPosition,
+    parse_field,
+)
 from dyknow_reasoning.language import formula as syntax
 from dyknow_reasoning.language import terms
 from dyknow_reasoning.language.formula import (
@@ -24,8 +30,6 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.terms import Term
-
-_QUANTIFIERS = syntax.Forall | syntax.Exists | syntax.Count
 
 
 class Kind(StrEnum):
@@ -74,7 +78,7 @@ class _TypeChecker:
     def check_names(self, formula: Formula) -> None:
         """Check that a name stands for one thing: a feature, a sort, a variable or an object."""
         nodes = list(walk(formula))
-        quantifiers = [node for node in nodes if isinstance(node, _QUANTIFIERS)]
+        quantifiers = [node for node in nodes if isinstance(node, terms.Quantifier)]
         variables = {node.variable for node in quantifiers}
         sorts = {node.sort for node in quantifiers}
         objects = {node.name for node in nodes if isinstance(node, terms.Object)}
@@ -89,7 +93,7 @@ class _TypeChecker:
 
     def check_variables(self, node: Formula | Term, bound: Mapping[str, TextPosition]) -> None:
         """Check that no quantifier binds a variable again."""
-        if isinstance(node, _QUANTIFIERS):
+        if isinstance(node, terms.Quantifier):
             if node.variable in bound:
                 raise PositionedError(
                     f"the variable '{node.variable}' is bound already, "
@@ -108,7 +112,7 @@ class _TypeChecker:
         self._infer_use(formula)
         comparisons: dict[str, list[syntax.Comparison]] = defaultdict(list)
         for node in walk(formula):
-            if isinstance(node, syntax.Comparison):
+            if isinstance(node, syntax.Comparison) and node.operator not in TEXT_COMPARISONS:
                 self._infer_equality(node)
                 for side in (node.left, node.right):
                     if isinstance(side, terms.Feature | terms.FieldReference):
@@ -128,6 +132,9 @@ class _TypeChecker:
             case syntax.Comparison('=' | '!=', left, right):
                 for side in (left, right):
                     self._infer_numbers(side)
+            case syntax.Comparison(symbol, left, right) if symbol in TEXT_COMPARISONS:
+                for side in (left, right):
+                    self._require(side, Kind.STRING, f"as an operand of '{symbol}'")
             case syntax.Comparison() | terms.Arithmetic() | terms.Function():
                 self._infer_numbers(node)
             case _:
@@ -140,6 +147,11 @@ class _TypeChecker:
                 operands: tuple[Term, ...] = (left, right)
             case terms.Function(symbol, operands):
                 pass
+            case terms.Aggregate(function='count', body=body):
+                self._infer_use(body)
+                return
+            case terms.Aggregate(function=symbol, body=body):
+                operands = (body,)
             case _:
                 return
         for each in operands:
@@ -155,7 +167,13 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
-            case terms.Number() | terms.Quantity() | terms.Arithmetic() | terms.Function():
+            case (
+                terms.Number()
+                | terms.Quantity()
+                | terms.Arithmetic()
+                | terms.Function()
+                | terms.Aggregate()
+            ):
                 return Kind.NUMBER
             case terms.TextLiteral():
                 return Kind.STRING
@@ -212,9 +230,7 @@ def _check_feature(node: terms.Feature, variables: set[str], objects: set[str]) 
         )
 
 
-def _check_sorts(
-    quantifiers: Sequence[syntax.Forall | syntax.Exists | syntax.Count], nodes: list[Formula | Term]
-) -> None:
+def _check_sorts(quantifiers: Sequence[terms.Quantifier], nodes: list[Formula | Term]) -> None:
     """Check that each variable without a sort is an argument of a feature, which has one."""
     arguments = {
         each.name for node in nodes if isinstance(node, terms.Feature) for each in node.arguments

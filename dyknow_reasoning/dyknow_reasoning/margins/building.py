@@ -241,7 +241,7 @@ class MarginBuilder:
 
     def _signal(self, atom: StateAtom, binding: Binding, *, positive: bool) -> int:
         """Return the number of the margin of an atom, or of its negation."""
-        ground = ground_atom(atom, binding)
+        ground = ground_atom(atom, binding, self._domains)
         key = str(ground), positive
         if key not in self._signals:
             number = len(self.readers)

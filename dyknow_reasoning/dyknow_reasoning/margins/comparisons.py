@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from dyknow_common import COMPARISONS
+from dyknow_common import COMPARISONS, TEXT_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
@@ -47,7 +47,7 @@ def margin_reader(atom: Atom, kinds: Kinds, number: int, *, positive: bool) -> M
         number: the number of the atom, which is returned with its margin.
         positive: False for the margin of its negation.
     """
-    if not isinstance(atom, Comparison):
+    if not isinstance(atom, Comparison) or atom.operator in TEXT_COMPARISONS:
         return _truth(atom, kinds, positive=positive)
     operator = atom.operator if positive else NEGATED_COMPARISONS[atom.operator]
     left, right = atom.left, atom.right

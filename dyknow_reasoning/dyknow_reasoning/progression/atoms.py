@@ -59,8 +59,15 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
     '>=': '<',
     '<=': '>',
     '>': '<=',
+    'contains': 'does not contain',
+    'does not contain': 'contains',
+    'starts with': 'does not start with',
+    'does not start with': 'starts with',
 }
 """The negation of each comparison operator."""
+
+POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
+"""One comparison operator of each pair of opposites."""
 
 MIRRORED_COMPARISONS: Mapping[str, str] = {
     '=': '=',
@@ -83,7 +90,7 @@ def fields(node: Formula | Term) -> Iterator[Feature | FieldReference]:
     return (part for part in walk(node) if isinstance(part, Feature | FieldReference))
 
 
-def evaluate(term: Term, values: Values) -> Value:
+def evaluate(term: Term | Comparison, values: Values) -> Value:
     """Return the value of a term; the state must hold its features."""
     match term:
         case Number(value) | TextLiteral(value) | Truth(value):
@@ -91,6 +98,8 @@ def evaluate(term: Term, values: Values) -> Value:
         case Arithmetic(symbol, left, right):
             result: Value = CALCULATE[symbol](evaluate(left, values), evaluate(right, values))
             return result
+        case Comparison(symbol, left, right):
+            return COMPARISONS[symbol](evaluate(left, values), evaluate(right, values))
         case Function(name, arguments):
             operands: list[Any] = [evaluate(each, values) for each in arguments]
             return call_function(name, operands)
@@ -157,7 +166,7 @@ def _compare_same_kind(atom: Comparison, left: _Reader, right: _Reader) -> Predi
     return holds
 
 
-def _reader(term: Term, kinds: Kinds) -> _Reader:
+def _reader(term: Term | Comparison, kinds: Kinds) -> _Reader:
     match term:
         case Number(value) | TextLiteral(value) | Truth(value):
             return lambda _: value
@@ -165,6 +174,8 @@ def _reader(term: Term, kinds: Kinds) -> _Reader:
             return _calculation(term, kinds)
         case Function():
             return _call(term, kinds)
+        case Comparison():
+            return predicate(term, kinds)
         case Feature() | FieldReference():
             return _field(term, kind_of(term, kinds))
         case _:

@@ -7,6 +7,7 @@ The others differ between the two, so vectors apply the function of Python to ea
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from typing import Any, Final, TypeAlias
@@ -31,7 +32,7 @@ def call_function(name: str, values: Sequence[_Number]) -> _Number:
     try:
         result = _FUNCTIONS[name](*values)
     except (ValueError, ArithmeticError) as error:
-        reason = _REASONS.get(name) if isinstance(error, ValueError) else None
+        reason = _REASONS.get(name) if isinstance(error, ValueError) else _RANGES.get(str(error))
         raise ReasoningError(reason or str(error)) from None
     if isinstance(result, float) and math.isnan(result):
         raise ReasoningError('not a number')
@@ -55,9 +56,11 @@ def call_function_on_vectors(name: str, vectors: Sequence[Any]) -> _Array:
 
 def _value_or_nan(name: str, values: Sequence[_Number]) -> _Number:
     try:
-        return _FUNCTIONS[name](*values)
+        found = _FUNCTIONS[name](*values)
     except (ValueError, ArithmeticError):
         return math.nan
+    # The vector holds floats, which would round a larger integer.
+    return math.nan if isinstance(found, int) and abs(found) >= EXACT else found
 
 
 def _angle_difference(first: _Number, second: _Number) -> float:
@@ -96,6 +99,8 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., _Number]]] = {
     'abs': abs,
     'min': _extreme(min),
     'max': _extreme(max),
+    'sum': lambda *values: reduce(operator.add, values),
+    'count': lambda *truths: sum(truths),
     'sqrt': math.sqrt,
     'hypot': math.hypot,
     'sin': math.sin,
@@ -104,6 +109,7 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., _Number]]] = {
     'angle_difference': _angle_difference,
     'mod': _modulo,
     'bit': _bit,
+    'pow': math.pow,
 }
 
 _VECTOR_FUNCTIONS: Final[Mapping[str, Callable[[Sequence[Any]], _Array]]] = {
@@ -118,4 +124,8 @@ _REASONS: Final = {
     **dict.fromkeys(('sin', 'cos', 'angle_difference'), 'an infinite angle has no direction'),
     'mod': 'there is no remainder of a division by zero',
     'bit': 'only whole numbers that are not negative have bits, and places',
+    'pow': 'zero has no negative power, and a negative number no power that is not whole',
 }
+
+_RANGES: Final = {'math range error': 'the result is too large'}
+"""Errors of Python that name no reason."""

@@ -41,16 +41,23 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.language.terms import (
+    Aggregate,
     Arithmetic,
     Feature,
     FieldReference,
     Function,
+    Number,
     Object,
     Term,
     Truth,
     Variable,
 )
-from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, fields, predicate
+from dyknow_reasoning.progression.atoms import (
+    NEGATED_COMPARISONS,
+    POSITIVE_COMPARISONS,
+    fields,
+    predicate,
+)
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
@@ -70,7 +77,7 @@ class Instance:
 
     Args:
         binding: the choice.
-        atoms: the atom of each slot; comparisons only with `=`, `<` and `<=`.
+        atoms: the atom of each slot; comparisons only with `POSITIVE_COMPARISONS`.
         node: the formula over these slots.
     """
 
@@ -122,18 +129,20 @@ def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tupl
     ]
 
 
-def ground_atom(atom: StateAtom, binding: Binding) -> StateAtom:
-    """Return an atom with objects for its variables."""
-    if isinstance(atom, Comparison):
-        left, right = _substitute(atom.left, binding), _substitute(atom.right, binding)
-        return Comparison(atom.operator, left, right)
-    return cast('StateAtom', _substitute(atom, binding))
+def ground_atom(atom: StateAtom, binding: Binding, domains: Domains) -> StateAtom:
+    """Return an atom with objects for its variables, and the operands of its aggregates.
+
+    Raises:
+        ReasoningError: for a sort without a domain; for an extreme of no objects.
+    """
+    ground: StateAtom = _substitute(atom, binding, domains)
+    return ground
 
 
 def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[StateAtom]:
     match formula:
         case Feature() | FieldReference() | Comparison():
-            yield ground_atom(formula, binding)
+            yield ground_atom(formula, binding, domains)
         case (
             Forall(variable, sort, body)
             | Exists(variable, sort, body)
@@ -275,15 +284,15 @@ class _Translator:
                 return any_of((all_of((left, right)), neither))
 
     def _atom(self, formula: Atom, binding: Binding) -> Node:
-        if not isinstance(formula, Comparison):
-            feature = _substitute(cast('Term', formula), binding)
-            return self._literal(cast('Atom', feature), positive=True)
-        left, right = _substitute(formula.left, binding), _substitute(formula.right, binding)
+        found = _substitute(formula, binding, self._domains)
+        if not isinstance(found, Comparison):
+            return self._literal(found, positive=True)
+        left, right = found.left, found.right
         if isinstance(left, Object) and isinstance(right, Object):
-            return constant(value=(left == right) == (formula.operator == '='))
+            return constant(value=(left == right) == (found.operator == '='))
         # Opposite comparisons share an atom.
-        negative = formula.operator in {'!=', '>', '>='}
-        operator = NEGATED_COMPARISONS[formula.operator] if negative else formula.operator
+        negative = found.operator not in POSITIVE_COMPARISONS
+        operator = NEGATED_COMPARISONS[found.operator] if negative else found.operator
         atom = Comparison(operator, left, right)
         known = _value_without_state(atom)
         if known is not None:
@@ -343,7 +352,7 @@ def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
             members = [ground(body, {**binding, variable: name}, domains) for name in names]
             return CountOf(bound, number, tuple(members))
         case Feature() | FieldReference() | Comparison():
-            return ground_atom(formula, binding)
+            return ground_atom(formula, binding, domains)
         case _:
             return with_changed_parts(formula, lambda part: ground(part, binding, domains))
 
@@ -366,19 +375,41 @@ def _value_without_state(atom: Comparison) -> bool | None:
         return None  # A division by zero is an error at the first state.
 
 
-def _substitute(term: Term, binding: Binding) -> Term:
-    match term:
+def _substitute(node: Any, binding: Binding, domains: Domains) -> Any:
+    match node:
         case Variable(name):
             return Object(binding[name])
         case Feature(name, arguments):
             names = (binding.get(each.name, each.name) for each in arguments)
             return Feature(name, tuple(map(Object, names)))
-        case Arithmetic(operator, left, right):
-            return Arithmetic(operator, _substitute(left, binding), _substitute(right, binding))
+        case Aggregate(variable, sort, body):
+            chosen = ({**binding, variable: name} for name in objects_of(sort, domains))
+            shown = replace(node, body=_bound(body, binding))
+            return _aggregated(shown, [_substitute(body, each, domains) for each in chosen])
+        case Comparison(operator, left, right) | Arithmetic(operator, left, right):
+            sides = (_substitute(each, binding, domains) for each in (left, right))
+            return type(node)(operator, *sides)
         case Function(name, operands):
-            return Function(name, tuple(_substitute(each, binding) for each in operands))
+            return Function(name, tuple(_substitute(each, binding, domains) for each in operands))
         case _:
-            return term
+            return node
+
+
+def _aggregated(aggregate: Aggregate, operands: Sequence[Any]) -> Term:
+    if not operands and aggregate.function in {'min', 'max'}:
+        raise ReasoningError(f"'{aggregate}' has no value, as '{aggregate.sort}' has no objects")
+    if not operands:
+        return Number(0)
+    if len(operands) == 1 and aggregate.function != 'count':
+        return cast('Term', operands[0])
+    return Function(aggregate.function, tuple(operands), aggregate=aggregate)
+
+
+def _bound(node: Any, binding: Binding) -> Any:
+    """Return a term with objects for those of its variables that are bound, for its text."""
+    if isinstance(node, Variable) and node.name in binding:
+        return Object(binding[node.name])
+    return with_changed_parts(node, lambda part: _bound(part, binding))
 
 
 def objects_of(sort: str, domains: Domains) -> list[str]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import TypeAlias, cast
 
 from dyknow_common import MAX_FORMULA_PARTS
@@ -23,12 +22,13 @@ from dyknow_reasoning.language.formula import (
     Forall,
     Formula,
     parts,
-    walk,
 )
 from dyknow_reasoning.language.terms import (
+    Aggregate,
     Arithmetic,
     Feature,
     Function,
+    Term,
 )
 
 _LONGEST_NUMBER = 15
@@ -148,8 +148,7 @@ def amount(count: int) -> str:
 def _parts(formula: Formula, counts: Counts) -> int:
     match formula:
         case Comparison(_, left, right):
-            terms = chain(walk(left), walk(right))
-            return 1 + sum(isinstance(each, Arithmetic | Function) for each in terms)
+            return 1 + _operations(left, counts) + _operations(right, counts)
         case Feature():
             return 1
         case Forall(_, sort, body) | Exists(_, sort, body):
@@ -160,6 +159,13 @@ def _parts(formula: Formula, counts: Counts) -> int:
             return _sides(bound) * (1 + sum(_parts(each, counts) for each in members))
         case _:
             return 1 + sum(_parts(cast('Formula', part), counts) for part in parts(formula))
+
+
+def _operations(term: Formula | Term, counts: Counts) -> int:
+    inner = sum(_operations(each, counts) for each in parts(term))
+    if isinstance(term, Aggregate):
+        return 1 + counts.get(term.sort, 1) * (1 + inner)
+    return inner + isinstance(term, Arithmetic | Function)
 
 
 def _sides(bound: CountBound) -> int:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias, TypeVar
 
-from dyknow_common import COMPARISONS
+from dyknow_common import COMPARISONS, TEXT_COMPARISONS
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
     Number,
@@ -71,6 +71,8 @@ class Thresholds:
     def add(self, slot: int, atom: Atom) -> None:
         """Add the atom of a slot."""
         match atom:
+            case Comparison(operator) if operator in TEXT_COMPARISONS:
+                pass  # Nothing follows from them about values.
             case Comparison(operator, term, Number(value) | TextLiteral(value)):
                 self._known[slot] = _Threshold(term, operator, value)
             case Comparison(operator, Number(value) | TextLiteral(value), term):

@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from dyknow_common import COMPARISONS
 from dyknow_reasoning import (
     CALCULATE,
     Arithmetic,
@@ -227,8 +228,13 @@ class _Features:
         self._signals = signals
         self._columns = columns
 
-    def numbers(self, term: Term) -> Numbers:
+    def numbers(self, term: Term | Comparison) -> Numbers:
         match term:
+            # Texts have numbers here that say nothing about them.
+            case Comparison(operator, left, right) if Number in {type(left), type(right)}:
+                sides = self.numbers(left), self.numbers(right)
+                is_missing = np.isnan(sides[0]) | np.isnan(sides[1])
+                return np.where(is_missing, np.nan, COMPARISONS[operator](*sides))
             case Number(value):
                 return np.array(float(value))
             case Arithmetic(operator, left, right):

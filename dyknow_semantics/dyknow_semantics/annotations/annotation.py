@@ -24,7 +24,7 @@ _SPELLINGS: Final = {
     '_IN': "'in'",
     'UNIT': 'a unit such as [m]',
     'PATH': 'a field',
-    'COMPARISON': 'a comparison (= != < <= > >=)',
+    'COMPARISON': 'a comparison (= != < <= > >= contains)',
     'DURATION': 'a duration such as 100 ms',
 }
 

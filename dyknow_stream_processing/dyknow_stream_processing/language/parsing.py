@@ -13,6 +13,7 @@ from dyknow_common import (
     NOWHERE,
     ArrayElements,
     DyKnowError,
+    ElementCondition,
     FieldBuilder,
     PositionedError,
     StreamConstraints,
@@ -185,7 +186,10 @@ class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
         compared, name = literal_value(value), _field(field)
         if ValueType.of(compared) in {ValueType.INT, ValueType.FLOAT}:
             name = number_of(name)
-        return syntax.Condition(name, comparison_value(comparison), compared)
+        condition = ElementCondition(comparison_value(comparison), compared)
+        if condition.fault:
+            raise PositionedError(condition.fault, TextPosition.of(value))
+        return syntax.Condition(name, condition.operator, compared)
 
     def constraints(self, *settings: tuple[Token, Any]) -> _GivenConstraints:
         values = distinct_settings(settings)

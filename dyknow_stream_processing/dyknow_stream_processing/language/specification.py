@@ -30,7 +30,7 @@ LANGUAGE: Final = Language(
     __package__,
     'stream.lark',
     {
-        'COMPARISON': 'a comparison (= != < <= > >=)',
+        'COMPARISON': 'a comparison (= != < <= > >= contains)',
         'TYPE': f'a type ({", ".join(ValueType)})',
         'RENAMING': 'a new name',
         'CHOICE': 'approximation',
@@ -179,7 +179,7 @@ class Selection(SyntaxNode):
 
 @dataclass(frozen=True, slots=True)
 class Condition(SyntaxNode):
-    """A comparison (`= != < <= > >=`) of a field with a value, `altitude >= 10.5`."""
+    """A comparison (`= != < <= > >= contains`...) of a field with a value, `altitude >= 10.5`."""
 
     field: str
     operator: str

@@ -35,7 +35,13 @@ _UNUSUAL: Mapping[Kind, str] = {
 }
 _MAX_SLOTS = 256
 """The most atoms of an instance for which code is generated, as Python compiles it recursively."""
-_OPERATORS = {'=': '==', '<': '<', '<=': '<='}
+_CODE = {
+    '=': '{0} == {1}',
+    '<': '{0} < {1}',
+    '<=': '{0} <= {1}',
+    'contains': '{1} in {0}',
+    'starts with': '{0}.startswith({1})',
+}
 
 
 def careful_reader(predicates: Mapping[int, Predicate]) -> Reader:
@@ -117,7 +123,7 @@ def read(values):
         if sides not in ({Kind.NUMBER}, {Kind.STRING}):
             return None
         left, right = self._term(atom.left), self._term(atom.right)
-        return f'{left} {_OPERATORS[atom.operator]} {right}'
+        return _CODE[atom.operator].format(left, right)
 
     def _term(self, term: Term) -> str:
         kind = _kind(term, self._kinds)

@@ -15,7 +15,7 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from dyknow_common import COMPARISONS
+from dyknow_common import COMPARISONS, TEXT_COMPARISONS
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
     Arithmetic,
@@ -169,6 +169,8 @@ class FieldVectors:
             field = self._field(atoms, Kind.BOOLEAN)
             return lambda: field.values
         compare: Callable[[Any, Any], Any] = COMPARISONS[atom.operator]
+        if atom.operator in TEXT_COMPARISONS:
+            compare = np.vectorize(compare, otypes=[bool])
         left = self._terms([each.left for each in atoms if isinstance(each, Comparison)], kinds)
         right = self._terms([each.right for each in atoms if isinstance(each, Comparison)], kinds)
         if has_unknown_kind(atom, kinds):
@@ -195,7 +197,7 @@ class FieldVectors:
     def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
         return self.vector(tuple(map(field_name, terms)), kind)
 
-    def _terms(self, terms: Sequence[Term], kinds: Kinds) -> Callable[[], Any]:
+    def _terms(self, terms: Sequence[Any], kinds: Kinds) -> Callable[[], Any]:
         match terms[0]:
             case Number() | TextLiteral() | Truth():
                 constant = _constant([term.value for term in terms if isinstance(term, _CONSTANTS)])
@@ -210,6 +212,8 @@ class FieldVectors:
                 columns = zip(*(call.arguments for call in calls), strict=True)
                 operands = [self._terms(column, kinds) for column in columns]
                 return lambda: _called(name, [operand() for operand in operands])
+            case Comparison():
+                return self.truths(terms, kinds)
             case Feature() | FieldReference() as term:
                 field = self._field(terms, kind_of(term, kinds))
                 return lambda: field.values

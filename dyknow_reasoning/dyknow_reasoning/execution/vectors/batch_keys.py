@@ -44,7 +44,7 @@ def atom_form(atom: Atom, kinds: Kinds) -> Any:
     return None if is_constant or None in {left, right} else (atom.operator, left, right)
 
 
-def _term_form(term: Term, kinds: Kinds) -> Any:
+def _term_form(term: Term | Comparison, kinds: Kinds) -> Any:  # noqa: PLR0911 - one for each kind
     match term:
         case Number(value):
             return None if abs(value) >= EXACT else ('constant', type(value))
@@ -56,6 +56,8 @@ def _term_form(term: Term, kinds: Kinds) -> Any:
         case Function(name, arguments):
             operands = [_term_form(each, kinds) for each in arguments]
             return None if None in operands else (name, *operands)
+        case Comparison():
+            return atom_form(term, kinds)
         case Feature() | FieldReference():
             return ('field', kind_of(term, kinds))
         case _:

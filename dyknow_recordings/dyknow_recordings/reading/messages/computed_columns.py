@@ -76,11 +76,10 @@ def _reader(fields: FieldTypes, path: str) -> Callable[[Any], Any]:
 
 
 def is_computed(path: str) -> bool:
-    """Return True for a path that is found by a key or computed from an array."""
+    """Return True for a path that is read from whole messages."""
     field = parse_field(path)
     return isinstance(field, ComputedField | UnnestedArray) or (
-        isinstance(field, MessagePath)
-        and any(isinstance(step.selector, ElementKey) for step in field.steps)
+        isinstance(field, MessagePath) and not field.is_direct
     )
 
 

@@ -46,7 +46,7 @@ from rosidl_parser.definition import (
     NamespacedType,
 )
 
-from dyknow_common import ElementKey, MessagePath, parse_field
+from dyknow_common import MessagePath, parse_field
 from dyknow_common.ros import snake_case
 from dyknow_stream_processing.ros.messages.message_types import (
     check_fields,
@@ -236,11 +236,8 @@ def _read(class_: Any, paths: Iterable[str]) -> list[str]:
 
 
 def _is_direct(path: str) -> bool:
-    """Return True for a path whose steps are members and indices."""
     field = parse_field(path)
-    return isinstance(field, MessagePath) and not any(
-        isinstance(step.selector, ElementKey) for step in field.steps
-    )
+    return isinstance(field, MessagePath) and field.is_direct
 
 
 def _expression(class_: Any, path: str) -> tuple[str, bool]:
