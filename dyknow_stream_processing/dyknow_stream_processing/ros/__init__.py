@@ -7,11 +7,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
     scalar_fields,
     valid_time_reader,
 )
-from dyknow_stream_processing.ros.messages.message_values import (
-    FieldReader,
-    with_value,
-    without_element,
-)
+from dyknow_stream_processing.ros.messages.message_values import with_value, without_element
 from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleReader,
     SampleWriter,
@@ -20,6 +16,7 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     sample_to_message,
     sample_valid_time,
 )
+from dyknow_stream_processing.ros.messages.writing import FieldError, MessageWriter
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import (
@@ -39,7 +36,8 @@ from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 
 __all__ = [
     'PAUSES',
-    'FieldReader',
+    'FieldError',
+    'MessageWriter',
     'NodeTopics',
     'Publication',
     'SampleReader',

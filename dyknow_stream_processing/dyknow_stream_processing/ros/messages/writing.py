@@ -1,0 +1,379 @@
+"""Messages from values: the one decision on what fits a field.
+
+Sinks and generated code give values by their paths, `{'ranges[2]': 1.5}`; triggers and guards give
+trees, as YAML has them, `{'ranges': [0, 0, 1.5]}`. For both alike:
+
+- A boolean is no number, and a text neither. An int becomes a float where one is wanted.
+- A number lies within the range of its type; a float may be infinite or NaN.
+- A byte is an int from 0 to 255, and a `char` or `wchar` of IDL one character.
+- A text has neither NUL, at which rclpy would cut it, nor surrogates, which UTF-8 lacks.
+
+What is not given keeps its default value.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, Final, Generic, Protocol, TypeVar
+
+from rosidl_parser.definition import (
+    AbstractGenericString,
+    AbstractNestedType,
+    AbstractType,
+    AbstractWString,
+    Array,
+    NamespacedType,
+)
+
+from dyknow_common import (
+    ExitCode,
+    MessagePath,
+    Value,
+    absence,
+    listed_as,
+    parse_field,
+    shortened,
+)
+from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.ros.messages.message_types import (
+    field_types,
+    max_size,
+    nested_class,
+    scalar_fields,
+    type_name_of,
+)
+
+MAX_FILLED: Final = 10_000
+"""The elements of the arrays of a message that nobody gave, before ones that are given."""
+
+Step = str | int
+"""A field of a message, or the number of an element of an array."""
+
+Substitute = Callable[[str, Any], Any]
+"""Returns what stands for a value of a tree, given the name of its type, `float64`."""
+
+M = TypeVar('M')
+
+_MAX_BITS: Final = 500
+"""The bits of an integer that an error shows."""
+_UNSENDABLE: Final = re.compile('[\0\ud800-\udfff]')
+
+
+class FieldError(StreamError):
+    """A value that does not fit into a field, or a field that a message does not have.
+
+    Args:
+        path: from the message to the value; of an unknown field, to where it would be.
+        reason: names the value, the type and what the type holds.
+        code: NOT_FOUND for an unknown field.
+    """
+
+    def __init__(
+        self, path: tuple[Step, ...], reason: str, code: ExitCode = ExitCode.INVALID_ARGUMENT
+    ) -> None:
+        # The reason why a message lacks a field names the field.
+        named = path[:-1] if code is ExitCode.NOT_FOUND else path
+        steps = ''.join(f'[{step}]' if isinstance(step, int) else f'.{step}' for step in named)
+        super().__init__(f"field '{steps.removeprefix('.')}': {reason}" if named else reason, code)
+        self.path, self.reason = path, reason
+
+    def within(self, step: Step) -> FieldError:
+        """Return this error, seen from the message or array that has the field or element."""
+        return FieldError((step, *self.path), self.reason, self.code)
+
+
+class MessageWriter(Generic[M]):
+    """Writer of messages of a class.
+
+    Args:
+        class_: the class of the messages, requests or goals.
+    """
+
+    def __init__(self, class_: Callable[[], M]) -> None:
+        self._kind = _message(class_)
+
+    def paths(self, values: Mapping[str, Value]) -> M:
+        """Return a message with values at some paths; arrays grow to the highest index.
+
+        Raises:
+            FieldError: for an unknown path, a value that does not fit, or an index so high that
+                more than MAX_FILLED elements would be missing.
+        """
+        tree: dict[Step, Any] = {}
+        for path, value in values.items():
+            branch, steps = tree, _steps(self._kind, path)
+            for step, following in pairwise(steps):
+                if step not in branch:
+                    branch[step] = _Elements() if isinstance(following, int) else {}
+                branch = branch[step]
+            branch[steps[-1]] = value
+        return self._written(tree, None)
+
+    def tree(self, values: Mapping[str, Any], substitute: Substitute | None = None) -> M:
+        """Return a message with some fields, each a value, a list or a mapping of fields.
+
+        Args:
+            values: the fields.
+            substitute: returns what stands for a value; None: each value stands for itself.
+
+        Raises:
+            FieldError: for an unknown field, or a value that does not fit.
+        """
+        return self._written(values, substitute)
+
+    def _written(self, values: Mapping[Any, Any], substitute: Substitute | None) -> M:
+        message: M = self._kind.default()
+        self._kind.written(values, message, _Run(substitute))
+        return message
+
+
+class _Elements(dict[Step, Any]):
+    """Elements of an array by their indexes; the array keeps its others."""
+
+
+@dataclass(slots=True)
+class _Run:
+    """The writing of one message; `filled` counts the elements that nobody gave."""
+
+    substitute: Substitute | None
+    filled: int = 0
+
+
+class _Kind(Protocol):
+    """A type of fields: its name, what it holds in words, and its values."""
+
+    name: str
+    holds: str
+
+    def default(self) -> Any: ...
+
+    def written(self, value: Any, present: Any, run: _Run) -> Any:
+        """Return a value as a field holds it, given the one that it has."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Single:
+    """The type of a single value; `fitting` returns None for what does not fit."""
+
+    name: str
+    holds: str
+    initial: Any
+    fitting: Callable[[Any], Any]
+
+    def default(self) -> Any:
+        return self.initial
+
+    def written(self, value: Any, present: Any, run: _Run) -> Any:
+        del present, run
+        found = self.fitting(value)
+        if found is None:
+            raise _misfit(self, value)
+        return found
+
+
+class _Message:
+    """The type of a message."""
+
+    def __init__(self, class_: Callable[[], Any]) -> None:
+        self.default = class_
+        self.name = type_name_of(class_)
+        self.members = {name: _kind(each) for name, each in field_types(class_).items()}
+        self.holds = 'mappings from fields to values'
+
+    def written(self, value: Any, present: Any, run: _Run) -> Any:
+        if not isinstance(value, Mapping):
+            raise _misfit(self, value)
+        for name, each in value.items():
+            if name not in self.members:
+                lack = absence(self.name, self.members, str(name))
+                raise FieldError((str(name),), lack, ExitCode.NOT_FOUND)
+            found = _within(name, self.members[name], each, getattr(present, name), run)
+            setattr(present, name, found)
+        return present
+
+
+class _Array:
+    """The type of an array; `size` is the greatest one, None if there is no bound."""
+
+    def __init__(self, array_type: AbstractNestedType) -> None:
+        self.element, self.size = _kind(array_type.value_type), max_size(array_type)
+        self._is_fixed = isinstance(array_type, Array)
+        bound = '' if self._is_fixed else '<='
+        size = '' if self.size is None else self.size
+        self.name = f'{self.element.name}[{bound * (self.size is not None)}{size}]'
+        length = f' of length {"" if self._is_fixed else "0 to "}{size}'
+        self.holds = f'lists{length if self.size is not None else ""}'
+
+    def written(self, value: Any, present: Any, run: _Run) -> Any:
+        if isinstance(value, _Elements):
+            self._extend(present, value, run)
+            for index, each in value.items():
+                present[index] = _within(index, self.element, each, present[index], run)
+            return present
+        if not isinstance(value, list | tuple) or not self._takes(len(value)):
+            raise _misfit(self, value)
+        return [
+            _within(index, self.element, each, self.element.default(), run)
+            for index, each in enumerate(value)
+        ]
+
+    def _takes(self, length: int) -> bool:
+        if self.size is None:
+            return True
+        return length == self.size if self._is_fixed else length <= self.size
+
+    def _extend(self, array: Any, given: _Elements, run: _Run) -> None:
+        """Extend an array to the highest index given."""
+        begin, last = len(array), max(given)
+        if last < begin:
+            return
+        run.filled += last + 1 - begin - sum(index >= begin for index in given)
+        if run.filled > MAX_FILLED:
+            reason = (
+                f'give the elements before it; at most {MAX_FILLED} of a message may be missing'
+            )
+            raise FieldError((last,), reason)
+        array.extend(self.element.default() for _ in range(begin, last + 1))
+
+
+def _within(step: Step, kind: _Kind, value: Any, present: Any, run: _Run) -> Any:
+    """Return a value as a field or an element holds it; its errors name the step."""
+    try:
+        if run.substitute is not None:
+            value = run.substitute(kind.name, value)
+        return kind.written(value, present, run)
+    except FieldError as error:
+        raise error.within(step) from None
+
+
+def _misfit(kind: _Kind, value: Any) -> FieldError:
+    mend = ''
+    match value:
+        case bool() | None:
+            shown = json.dumps(value)
+        case str():
+            shown = json.dumps(shortened(value), ensure_ascii=False)
+        case int() if value.bit_length() > _MAX_BITS:
+            shown = f'an integer of {value.bit_length()} bits'
+        case Mapping():
+            shown = 'a mapping'
+        case list() | tuple():
+            shown = f'a list of length {len(value)}'
+        case _:
+            shown = shortened(value)
+    if getattr(kind, 'initial', None) == '':
+        found = _UNSENDABLE.search(value) if isinstance(value, str) else None
+        mend = f'; remove the character {found[0]!r}' if found else ''
+        mend = '; quotes make it a text' if isinstance(value, int | float) else mend
+    return FieldError((), f'{shown} does not fit into {kind.name}, which holds {kind.holds}{mend}')
+
+
+@lru_cache(maxsize=10_000)
+def _steps(kind: _Message, path: str) -> tuple[Step, ...]:
+    """Return the steps of a path to a single value of a message.
+
+    Raises:
+        FieldError: if the message has no such path, or it is found by a key or computed.
+    """
+    field, steps = parse_field(path), list[Step]()
+    found: _Kind | None = kind
+    for step in field.steps if isinstance(field, MessagePath) else ():
+        found = found.members.get(step.name) if isinstance(found, _Message) else None
+        steps.append(step.name)
+        if isinstance(found, _Array) and isinstance(step.selector, int):
+            found = found.element if found.size is None or step.selector < found.size else None
+            steps.append(step.selector)
+        elif step.selector is not None:
+            break
+    else:
+        if isinstance(found, _Single):
+            return tuple(steps)
+    known = scalar_fields(kind.default)
+    lack = absence(kind.name, known, path)
+    if field is not None and listed_as(known, path):
+        lack = f"'{path}' of {kind.name} is found or computed; set the fields that it is made of"
+    raise FieldError((path,), lack, ExitCode.NOT_FOUND)
+
+
+_message: Final = lru_cache(maxsize=1000)(_Message)
+
+
+def _kind(field_type: AbstractType) -> _Kind:
+    if isinstance(field_type, AbstractNestedType):
+        return _Array(field_type)
+    if isinstance(field_type, NamespacedType):
+        return _message(nested_class(field_type))
+    if isinstance(field_type, AbstractGenericString):
+        return _text(field_type)
+    return _SINGLE[field_type.typename]
+
+
+def _text(field_type: AbstractGenericString) -> _Single:
+    most: int | None = getattr(field_type, 'maximum_size', None)
+    name = 'wstring' if isinstance(field_type, AbstractWString) else 'string'
+    bound, length = ('', '') if most is None else (f'<={most}', f' of at most {most} characters')
+
+    def fitting(value: Any) -> str | None:
+        is_short = isinstance(value, str) and (most is None or len(value) <= most)
+        return value if is_short and not _UNSENDABLE.search(value) else None
+
+    return _Single(name + bound, f'texts{length}', '', fitting)
+
+
+def _character(name: str, most: int) -> _Single:
+    def fitting(value: Any) -> str | None:
+        is_one = isinstance(value, str) and len(value) == 1 and not '\ud800' <= value <= '\udfff'
+        return value if is_one and ord(value) <= most else None
+
+    return _Single(name, f'one character from U+0000 to U+{most:04X}', '\0', fitting)
+
+
+def _integer(name: str, low: int, high: int) -> _Single:
+    def fitting(value: Any) -> int | None:
+        is_number = isinstance(value, int) and not isinstance(value, bool)
+        return value if is_number and low <= value <= high else None
+
+    return _Single(name, f'integers from {low} to {high}', 0, fitting)
+
+
+def _byte() -> _Single:
+    number = _integer('byte', 0, 255)
+
+    def fitting(value: Any) -> bytes | None:
+        return None if number.fitting(value) is None else bytes([value])
+
+    return replace(number, initial=bytes(1), fitting=fitting)
+
+
+def _float(name: str, most: float) -> _Single:
+    def fitting(value: Any) -> float | None:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return None if not is_number or most < abs(value) < math.inf else float(value)
+
+    return _Single(name, f'numbers up to {most:.2g}', 0.0, fitting)
+
+
+_SINGLE: Final = {
+    'boolean': _Single(
+        'bool', 'true or false', False, lambda value: value if isinstance(value, bool) else None
+    ),
+    'octet': _byte(),
+    'char': _character('char', 0x7F),
+    'wchar': _character('wchar', 0xFFFF),
+    'float': _float('float32', (2 - 2**-23) * 2.0**127),
+    'double': _float('float64', sys.float_info.max),
+    'long double': _float('long double', sys.float_info.max),
+    **{
+        name: _integer(name, low, low + 2**bits - 1)
+        for bits in (8, 16, 32, 64)
+        for name, low in ((f'int{bits}', -(2 ** (bits - 1))), (f'uint{bits}', 0))
+    },
+}
+"""The types of single values by their names in IDL."""
