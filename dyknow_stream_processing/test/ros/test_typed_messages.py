@@ -116,16 +116,13 @@ def test_arrays_grow() -> None:
             {'x': FLOAT},
             (
                 "field 'data[99999999999]': give the elements before it; "
-                'at most 10000 of a message may be missing'
+                'at most 10000 may be missing'
             ),
         ),
         (
             'std_msgs/msg/Float64MultiArray (data[20000] = x)',
             None,
-            (
-                "field 'data[20000]': give the elements before it; "
-                'at most 10000 of a message may be missing'
-            ),
+            ("field 'data[20000]': give the elements before it; at most 10000 may be missing"),
         ),
         (
             'std_msgs/msg/String (data = 7)',

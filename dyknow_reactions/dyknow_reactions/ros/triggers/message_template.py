@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from importlib import import_module
 from typing import Any, Final
 
@@ -71,20 +72,17 @@ class MessageTemplate:
     def __init__(self, trigger: Trigger, class_: Any) -> None:
         self._trigger = trigger
         self._writer = MessageWriter(class_)
-        self._message(None)
+        self.fill()
 
-    def fill(self, report: TriggerReport) -> Any:
-        """Return the message for a report.
+    def fill(self, report: TriggerReport | None = None) -> Any:
+        """Return the message for a report; without one, with examples for the placeholders.
 
         Raises:
             ConfigurationError: if a value does not fit, such as a text that is too long.
         """
-        return self._message(report)
-
-    def _message(self, report: TriggerReport | None) -> Any:
         content: Any = self._trigger.content
         try:
-            return self._writer.tree(content, lambda *value: _replaced(*value, report))
+            return self._writer.tree(content, partial(_replaced, report))
         except FieldError as error:
             # The name of an unknown field is at fault, not its value.
             end = (None,) if error.code is ExitCode.NOT_FOUND else ()
@@ -92,7 +90,7 @@ class MessageTemplate:
             raise self._trigger.error(error.message, path) from None
 
 
-def _replaced(type_name: str, value: Any, report: TriggerReport | None) -> Any:
+def _replaced(report: TriggerReport | None, type_name: str, value: Any) -> Any:
     """Return a value with a report in the place of its placeholders; without one, an example."""
     if not isinstance(value, str):
         return value

@@ -148,10 +148,6 @@ class TypeLayout(MessageLayout):
             )
         return found
 
-    def reachable(self) -> Mapping[str, Members]:
-        """Return this type and all types within it, by name."""
-        return {name: self.members(name) for name in self._sizes}
-
     def _measure(self, name: str, depth: int) -> _TypeSize:
         """Return the size of a type, before anything is made for each of its values.
 

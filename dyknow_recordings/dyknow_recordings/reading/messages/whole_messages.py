@@ -1,4 +1,4 @@
-"""Whole messages, read one by one, for values that are found by keys or computed from arrays.
+"""Whole messages, read one by one, for built-in sources and values of keys and aggregates.
 
 A `WholeMessageReader` makes an object with attributes of a serialised message, as rclpy does;
 arrays of numbers are numpy arrays. So `value_reader` reads live and recorded messages alike.
@@ -33,12 +33,13 @@ class WholeMessageReader:
 
     Args:
         layout: of the type.
-        members: those that are wanted; members after these are left out.
+        members: those that are wanted; members after these are left out. None: all.
     """
 
-    def __init__(self, layout: TypeLayout, members: Collection[str]) -> None:
+    def __init__(self, layout: TypeLayout, members: Collection[str] | None = None) -> None:
         names = [name for name, _ in layout.members(layout.name)]
-        count = 1 + max(names.index(each) for each in members if each in names)
+        wanted = names if members is None else members
+        count = 1 + max(names.index(each) for each in wanted if each in names)
         self._reads = [_FunctionMaker(layout, order).message(layout.name, count) for order in '><']
 
     def read(self, data: bytes) -> Any:

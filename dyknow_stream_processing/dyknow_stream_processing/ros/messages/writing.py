@@ -18,10 +18,10 @@ import math
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from rosidl_parser.definition import (
     AbstractGenericString,
@@ -106,7 +106,7 @@ class MessageWriter(Generic[M]):
             FieldError: for an unknown path, a value that does not fit, or an index so high that
                 more than MAX_FILLED elements would be missing.
         """
-        tree: dict[Step, Any] = {}
+        tree: dict[Any, Any] = {}
         for path, value in values.items():
             branch, steps = tree, _steps(self._kind, path)
             for step, following in pairwise(steps):
@@ -114,7 +114,7 @@ class MessageWriter(Generic[M]):
                     branch[step] = _Elements() if isinstance(following, int) else {}
                 branch = branch[step]
             branch[steps[-1]] = value
-        return self._written(tree, None)
+        return self.tree(tree)
 
     def tree(self, values: Mapping[str, Any], substitute: Substitute | None = None) -> M:
         """Return a message with some fields, each a value, a list or a mapping of fields.
@@ -126,15 +126,12 @@ class MessageWriter(Generic[M]):
         Raises:
             FieldError: for an unknown field, or a value that does not fit.
         """
-        return self._written(values, substitute)
-
-    def _written(self, values: Mapping[Any, Any], substitute: Substitute | None) -> M:
         message: M = self._kind.default()
         self._kind.written(values, message, _Run(substitute))
         return message
 
 
-class _Elements(dict[Step, Any]):
+class _Elements(dict[int, Any]):
     """Elements of an array by their indexes; the array keeps its others."""
 
 
@@ -144,18 +141,6 @@ class _Run:
 
     substitute: Substitute | None
     filled: int = 0
-
-
-class _Kind(Protocol):
-    """A type of fields: its name, what it holds in words, and its values."""
-
-    name: str
-    holds: str
-
-    def default(self) -> Any: ...
-
-    def written(self, value: Any, present: Any, run: _Run) -> Any:
-        """Return a value as a field holds it, given the one that it has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +155,7 @@ class _Single:
     def default(self) -> Any:
         return self.initial
 
-    def written(self, value: Any, present: Any, run: _Run) -> Any:
-        del present, run
+    def written(self, value: Any, present: Any, run: _Run) -> Any:  # noqa: ARG002 - as of others
         found = self.fitting(value)
         if found is None:
             raise _misfit(self, value)
@@ -200,16 +184,15 @@ class _Message:
 
 
 class _Array:
-    """The type of an array; `size` is the greatest one, None if there is no bound."""
+    """The type of an array, whose length is from `least` to `most`."""
 
     def __init__(self, array_type: AbstractNestedType) -> None:
-        self.element, self.size = _kind(array_type.value_type), max_size(array_type)
-        self._is_fixed = isinstance(array_type, Array)
-        bound = '' if self._is_fixed else '<='
-        size = '' if self.size is None else self.size
-        self.name = f'{self.element.name}[{bound * (self.size is not None)}{size}]'
-        length = f' of length {"" if self._is_fixed else "0 to "}{size}'
-        self.holds = f'lists{length if self.size is not None else ""}'
+        self.element, size = _element(array_type.value_type), max_size(array_type)
+        self.least = array_type.size if isinstance(array_type, Array) else 0
+        self.most = math.inf if size is None else size
+        bound = '' if size is None else f'{"<=" * (not self.least)}{size}'
+        self.name = f'{self.element.name}[{bound}]'
+        self.holds = f'lists of length {bound}' if bound else 'lists'
 
     def written(self, value: Any, present: Any, run: _Run) -> Any:
         if isinstance(value, _Elements):
@@ -217,17 +200,12 @@ class _Array:
             for index, each in value.items():
                 present[index] = _within(index, self.element, each, present[index], run)
             return present
-        if not isinstance(value, list | tuple) or not self._takes(len(value)):
+        if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:
             raise _misfit(self, value)
         return [
             _within(index, self.element, each, self.element.default(), run)
             for index, each in enumerate(value)
         ]
-
-    def _takes(self, length: int) -> bool:
-        if self.size is None:
-            return True
-        return length == self.size if self._is_fixed else length <= self.size
 
     def _extend(self, array: Any, given: _Elements, run: _Run) -> None:
         """Extend an array to the highest index given."""
@@ -236,11 +214,13 @@ class _Array:
             return
         run.filled += last + 1 - begin - sum(index >= begin for index in given)
         if run.filled > MAX_FILLED:
-            reason = (
-                f'give the elements before it; at most {MAX_FILLED} of a message may be missing'
-            )
+            reason = f'give the elements before it; at most {MAX_FILLED} may be missing'
             raise FieldError((last,), reason)
         array.extend(self.element.default() for _ in range(begin, last + 1))
+
+
+_Element = _Single | _Message
+_Kind = _Element | _Array
 
 
 def _within(step: Step, kind: _Kind, value: Any, present: Any, run: _Run) -> Any:
@@ -254,12 +234,9 @@ def _within(step: Step, kind: _Kind, value: Any, present: Any, run: _Run) -> Any
 
 
 def _misfit(kind: _Kind, value: Any) -> FieldError:
-    mend = ''
     match value:
-        case bool() | None:
-            shown = json.dumps(value)
-        case str():
-            shown = json.dumps(shortened(value), ensure_ascii=False)
+        case bool() | None | str():
+            shown = shortened(json.dumps(value, ensure_ascii=False))
         case int() if value.bit_length() > _MAX_BITS:
             shown = f'an integer of {value.bit_length()} bits'
         case Mapping():
@@ -268,6 +245,7 @@ def _misfit(kind: _Kind, value: Any) -> FieldError:
             shown = f'a list of length {len(value)}'
         case _:
             shown = shortened(value)
+    mend = ''
     if getattr(kind, 'initial', None) == '':
         found = _UNSENDABLE.search(value) if isinstance(value, str) else None
         mend = f'; remove the character {found[0]!r}' if found else ''
@@ -288,7 +266,7 @@ def _steps(kind: _Message, path: str) -> tuple[Step, ...]:
         found = found.members.get(step.name) if isinstance(found, _Message) else None
         steps.append(step.name)
         if isinstance(found, _Array) and isinstance(step.selector, int):
-            found = found.element if found.size is None or step.selector < found.size else None
+            found = found.element if step.selector < found.most else None
             steps.append(step.selector)
         elif step.selector is not None:
             break
@@ -306,8 +284,11 @@ _message: Final = lru_cache(maxsize=1000)(_Message)
 
 
 def _kind(field_type: AbstractType) -> _Kind:
-    if isinstance(field_type, AbstractNestedType):
-        return _Array(field_type)
+    is_array = isinstance(field_type, AbstractNestedType)
+    return _Array(field_type) if is_array else _element(field_type)
+
+
+def _element(field_type: AbstractType) -> _Element:
     if isinstance(field_type, NamespacedType):
         return _message(nested_class(field_type))
     if isinstance(field_type, AbstractGenericString):
@@ -335,21 +316,12 @@ def _character(name: str, most: int) -> _Single:
     return _Single(name, f'one character from U+0000 to U+{most:04X}', '\0', fitting)
 
 
-def _integer(name: str, low: int, high: int) -> _Single:
-    def fitting(value: Any) -> int | None:
+def _integer(name: str, low: int, high: int, held: Callable[[int], Any] = int) -> _Single:
+    def fitting(value: Any) -> Any:
         is_number = isinstance(value, int) and not isinstance(value, bool)
-        return value if is_number and low <= value <= high else None
+        return held(value) if is_number and low <= value <= high else None
 
-    return _Single(name, f'integers from {low} to {high}', 0, fitting)
-
-
-def _byte() -> _Single:
-    number = _integer('byte', 0, 255)
-
-    def fitting(value: Any) -> bytes | None:
-        return None if number.fitting(value) is None else bytes([value])
-
-    return replace(number, initial=bytes(1), fitting=fitting)
+    return _Single(name, f'integers from {low} to {high}', held(0), fitting)
 
 
 def _float(name: str, most: float) -> _Single:
@@ -364,7 +336,7 @@ _SINGLE: Final = {
     'boolean': _Single(
         'bool', 'true or false', False, lambda value: value if isinstance(value, bool) else None
     ),
-    'octet': _byte(),
+    'octet': _integer('byte', 0, 255, lambda value: bytes([value])),
     'char': _character('char', 0x7F),
     'wchar': _character('wchar', 0xFFFF),
     'float': _float('float32', (2 - 2**-23) * 2.0**127),
