@@ -98,7 +98,7 @@ def rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any], 
             try:
                 found[path] = read_value(view)
             except NoValueError as error:
-                reasons[path] = str(error)
+                reasons[path] = error.reason
         return PartialFields(found, reasons) if reasons else found
 
     def rows(message: Any) -> Rows:
