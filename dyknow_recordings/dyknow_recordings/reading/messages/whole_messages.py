@@ -15,7 +15,8 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 
 from dyknow_recordings.reading.messages.cdr_cursor import HEADER_SIZE, wide_text
-from dyknow_recordings.reading.messages.layouts import TypeLayout
+from dyknow_recordings.reading.messages.definitions import CHARACTER
+from dyknow_recordings.reading.messages.layouts import LONG_DOUBLE, TypeLayout
 
 CODES: Final = {'bool': '?', 'byte': 'B', 'char': 'B', 'float32': 'f', 'float64': 'd'} | {
     f'{sign}int{8 << power}': code
@@ -83,6 +84,8 @@ class _FunctionMaker:
     def _primitive(self, name: str) -> _Read:
         if name in CODES:
             return self._number(name)
+        if name in {CHARACTER, LONG_DOUBLE}:
+            return _bytes(name)
         size = 4 if name == 'wstring' else 1
 
         def read(data: bytes, position: int) -> tuple[Any, int]:
@@ -133,3 +136,15 @@ class _FunctionMaker:
             return elements, position
 
         return read
+
+
+def _bytes(name: str) -> _Read:
+    """Return a function that reads a character, or the bytes of a long double."""
+    size, alignment = (1, 1) if name == CHARACTER else (16, 8)
+
+    def read(data: bytes, position: int) -> tuple[Any, int]:
+        position += -position % alignment
+        piece = data[position : position + size]
+        return piece if size > 1 else str(piece, 'latin-1'), position + size
+
+    return read
