@@ -14,10 +14,8 @@ from dyknow_common import (
     ArrayElements,
     FieldTypes,
     LanguageError,
-    UnnestedArray,
     Value,
     ValueType,
-    parse_field,
 )
 from dyknow_stream_processing import (
     Dataflow,
@@ -26,7 +24,7 @@ from dyknow_stream_processing import (
     SourceType,
     load_units,
     parse_specification,
-    rows_reader,
+    value_reader,
 )
 from dyknow_stream_processing.sample import AbsentElement
 
@@ -179,10 +177,10 @@ def test_an_element_without_a_key_within_each_is_no_violation() -> None:
         ('status[0..].values[0..].key', 'status[0..].values[0..].value'), ValueType.STRING
     )
     name = ArrayElements('status', 's').rows((value,))
-    unnested = parse_field(name)
-    assert isinstance(unnested, UnnestedArray)
     volt = SimpleNamespace(values=[SimpleNamespace(key='volt', value='12')])
-    rows = rows_reader(fields, unnested)(SimpleNamespace(status=[SimpleNamespace(values=[]), volt]))
+    rows: Any = value_reader(fields, name)(
+        SimpleNamespace(status=[SimpleNamespace(values=[]), volt])
+    )
     flow = Flow(text, fields)
     flow.push(1, PartialFields({}, {}, {name: rows}))
     assert [sample for _, sample in flow.samples] == [{'volt': '12'}]

@@ -1,13 +1,16 @@
 """The ROS layer of streams: StreamProxy, messages and their fields, gaps, pauses, and nodes."""
 
-from dyknow_stream_processing.ros.messages.conversions import extractor, message_conversion
+from dyknow_stream_processing.ros.messages.conversions import (
+    extractor,
+    message_conversion,
+    with_value,
+)
 from dyknow_stream_processing.ros.messages.message_types import (
     check_fields,
     message_class,
     scalar_fields,
     valid_time_reader,
 )
-from dyknow_stream_processing.ros.messages.message_values import with_value, without_element
 from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleReader,
     SampleWriter,
@@ -62,5 +65,4 @@ __all__ = [
     'time_of_receipt',
     'valid_time_reader',
     'with_value',
-    'without_element',
 ]

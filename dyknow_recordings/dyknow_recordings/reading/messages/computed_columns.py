@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from dyknow_common import (
     field_type,
     parse_field,
 )
-from dyknow_stream_processing import NoValueError, rows_reader, value_reader
+from dyknow_stream_processing import NoValueError, value_reader
 
 ComputedColumn = tuple[str, NDArray[Any], Mapping[int, str]]
 """A path, the values in all messages, and by message the reason why it has none."""
@@ -41,7 +41,7 @@ class ComputedColumns:
 
     def __init__(self, fields: FieldTypes, paths: Collection[str]) -> None:
         self.members = {each for path in paths for each in _members(path)}
-        self._readers = {path: _reader(fields, path) for path in paths}
+        self._readers = {path: value_reader(fields, path) for path in paths}
         self._types = {path: field_type(fields, path) for path in paths}
 
     def read(self, messages: Iterable[Any]) -> Iterator[ComputedColumn]:
@@ -66,13 +66,6 @@ _NOTHING: Final[Mapping[ValueType | None, Any]] = {
     ValueType.FLOAT: 0.0,
     ValueType.STRING: '',
 }
-
-
-def _reader(fields: FieldTypes, path: str) -> Callable[[Any], Any]:
-    field = parse_field(path)
-    if isinstance(field, UnnestedArray):
-        return rows_reader(fields, field)
-    return value_reader(fields, path)
 
 
 def is_computed(path: str) -> bool:

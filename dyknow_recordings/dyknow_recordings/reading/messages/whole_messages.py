@@ -84,8 +84,10 @@ class _FunctionMaker:
     def _primitive(self, name: str) -> _Read:
         if name in CODES:
             return self._number(name)
-        if name in {CHARACTER, LONG_DOUBLE}:
-            return _bytes(name)
+        if name == CHARACTER:
+            return self._character()
+        if name == LONG_DOUBLE:
+            return self._numbers('u8', 2)  # Nobody reads it.
         size = 4 if name == 'wstring' else 1
 
         def read(data: bytes, position: int) -> tuple[Any, int]:
@@ -95,6 +97,15 @@ class _FunctionMaker:
             if size > 1:
                 return wide_text(piece, self._order), end
             return str(piece.removesuffix(b'\0'), 'utf-8', 'replace'), end
+
+        return read
+
+    def _character(self) -> _Read:
+        read_number = self._number('uint8')
+
+        def read(data: bytes, position: int) -> tuple[Any, int]:
+            number, position = read_number(data, position)
+            return chr(number), position
 
         return read
 
@@ -136,15 +147,3 @@ class _FunctionMaker:
             return elements, position
 
         return read
-
-
-def _bytes(name: str) -> _Read:
-    """Return a function that reads a character, or the bytes of a long double."""
-    size, alignment = (1, 1) if name == CHARACTER else (16, 8)
-
-    def read(data: bytes, position: int) -> tuple[Any, int]:
-        position += -position % alignment
-        piece = data[position : position + size]
-        return piece if size > 1 else str(piece, 'latin-1'), position + size
-
-    return read

@@ -53,7 +53,7 @@ _LINE_WIDTH: Final = 100
 _LIST_ELEMENTS: Final = ('boolean', 'octet', 'char', 'wchar', 'long double')
 """Arrays of these types are lists; arrays of other numbers are `numpy.ndarray` or `array.array`."""
 
-_HELPERS: Final = ('MessageWriter', 'with_value', 'without_element')
+_HELPERS: Final = ('MessageWriter', 'with_value')
 _COMMA: Final = re.compile(r', (?![^\[]*\])')
 _STEP: Final = re.compile(r'(?P<name>\w+)(\[(?P<index>\d+)\])?', re.ASCII)
 
@@ -206,7 +206,7 @@ def _read(class_: Any, paths: Iterable[str]) -> list[str]:
             'try:',
             f"    fields['{path}'] = {expression}",
             'except IndexError:',
-            f"    fields = without_element(fields, message, '{path}')",
+            f"    fields = with_value(fields, message, '{path}')",
         ]
     if not lines:
         return _dictionary('return', certain)

@@ -16,13 +16,8 @@ from dyknow_stream_processing.sample import Sample, missing_text
 
 _HEADER: Final = 'header.'
 _OWN_TYPES: Final = 'dyknow_interfaces/'
-_EXAMPLES: Final[Mapping[ValueType, Value]] = {
-    ValueType.BOOLEAN: False,
-    ValueType.INT: 0,
-    ValueType.FLOAT: 0.0,
-    ValueType.STRING: 'a',
-}
-"""Values that fit each field of their type."""
+_EXAMPLES: Final[Mapping[ValueType, Value]] = {ValueType.BOOLEAN: False, ValueType.STRING: 'a'}
+"""Values that fit each field of their type; 0 fits the others."""
 
 
 class TypedMessageWriter:
@@ -105,7 +100,7 @@ class TypedMessageWriter:
         values: dict[str, Value] = {}
         for each in assignments:
             listed = listed_as(self._known, each.path)
-            example = _EXAMPLES[self._known[listed]] if listed else ''
+            example = _EXAMPLES.get(self._known[listed], 0) if listed else 0
             values[each.path] = example if each.constant is None else each.constant
         self._writer.paths(values)
 

@@ -111,7 +111,7 @@ class MessageWriter(Generic[M]):
             branch, steps = tree, _steps(self._kind, path)
             for step, following in pairwise(steps):
                 if step not in branch:
-                    branch[step] = _Elements() if isinstance(following, int) else {}
+                    branch[step] = _GivenElements() if isinstance(following, int) else {}
                 branch = branch[step]
             branch[steps[-1]] = value
         return self.tree(tree)
@@ -131,7 +131,7 @@ class MessageWriter(Generic[M]):
         return message
 
 
-class _Elements(dict[int, Any]):
+class _GivenElements(dict[int, Any]):
     """Elements of an array by their indexes; the array keeps its others."""
 
 
@@ -195,7 +195,7 @@ class _Array:
         self.holds = f'lists of length {bound}' if bound else 'lists'
 
     def written(self, value: Any, present: Any, run: _Run) -> Any:
-        if isinstance(value, _Elements):
+        if isinstance(value, _GivenElements):
             self._extend(present, value, run)
             for index, each in value.items():
                 present[index] = _within(index, self.element, each, present[index], run)
@@ -207,7 +207,7 @@ class _Array:
             for index, each in enumerate(value)
         ]
 
-    def _extend(self, array: Any, given: _Elements, run: _Run) -> None:
+    def _extend(self, array: Any, given: _GivenElements, run: _Run) -> None:
         """Extend an array to the highest index given."""
         begin, last = len(array), max(given)
         if last < begin:
