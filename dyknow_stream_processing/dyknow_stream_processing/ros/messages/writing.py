@@ -17,10 +17,11 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import pairwise
+from functools import lru_cache, reduce
+from operator import attrgetter
 from typing import Any, Final, Generic, TypeVar
 
 from rosidl_parser.definition import (
@@ -55,6 +56,9 @@ MAX_FILLED: Final = 10_000
 
 Step = str | int
 """A field of a message, or the number of an element of an array."""
+
+_Length = tuple[Callable[[Any], Any], '_Array', int]
+"""Reads an array of a message, its type, and the length that it must have at least."""
 
 Substitute = Callable[[str, Any], Any]
 """Returns what stands for a value of a tree, given the name of its type, `float64`."""
@@ -106,15 +110,14 @@ class MessageWriter(Generic[M]):
             FieldError: for an unknown path, a value that does not fit, or an index so high that
                 more than MAX_FILLED elements would be missing.
         """
-        tree: dict[Any, Any] = {}
-        for path, value in values.items():
-            branch, steps = tree, _steps(self._kind, path)
-            for step, following in pairwise(steps):
-                if step not in branch:
-                    branch[step] = _GivenElements() if isinstance(following, int) else {}
-                branch = branch[step]
-            branch[steps[-1]] = value
-        return self.tree(tree)
+        places, arrays = _layout(self._kind, tuple(values))
+        message: M = self._kind.default()
+        for read, kind, length in arrays:
+            array = read(message)
+            array.extend(kind.element.default() for _ in range(len(array), length))
+        for place, value in zip(places, values.values(), strict=True):
+            place.set(message, value)
+        return message
 
     def tree(self, values: Mapping[str, Any], substitute: Substitute | None = None) -> M:
         """Return a message with some fields, each a value, a list or a mapping of fields.
@@ -127,20 +130,8 @@ class MessageWriter(Generic[M]):
             FieldError: for an unknown field, or a value that does not fit.
         """
         message: M = self._kind.default()
-        self._kind.written(values, message, _Run(substitute))
+        self._kind.written(values, message, substitute)
         return message
-
-
-class _GivenElements(dict[int, Any]):
-    """Elements of an array by their indexes; the array keeps its others."""
-
-
-@dataclass(slots=True)
-class _Run:
-    """The writing of one message; `filled` counts the elements that nobody gave."""
-
-    substitute: Substitute | None
-    filled: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +146,7 @@ class _Single:
     def default(self) -> Any:
         return self.initial
 
-    def written(self, value: Any, present: Any, run: _Run) -> Any:  # noqa: ARG002 - as of others
+    def written(self, value: Any, present: Any, use: Substitute | None) -> Any:  # noqa: ARG002 - as of others
         found = self.fitting(value)
         if found is None:
             raise _misfit(self, value)
@@ -171,14 +162,14 @@ class _Message:
         self.members = {name: _kind(each) for name, each in field_types(class_).items()}
         self.holds = 'mappings from fields to values'
 
-    def written(self, value: Any, present: Any, run: _Run) -> Any:
+    def written(self, value: Any, present: Any, use: Substitute | None) -> Any:
         if not isinstance(value, Mapping):
             raise _misfit(self, value)
         for name, each in value.items():
             if name not in self.members:
                 lack = absence(self.name, self.members, str(name))
                 raise FieldError((str(name),), lack, ExitCode.NOT_FOUND)
-            found = _within(name, self.members[name], each, getattr(present, name), run)
+            found = _within(name, self.members[name], each, getattr(present, name), use)
             setattr(present, name, found)
         return present
 
@@ -194,46 +185,28 @@ class _Array:
         self.name = f'{self.element.name}[{bound}]'
         self.holds = f'lists of length {bound}' if bound else 'lists'
 
-    def written(self, value: Any, present: Any, run: _Run) -> Any:
-        if isinstance(value, _GivenElements):
-            self._extend(present, value, run)
-            for index, each in value.items():
-                present[index] = _within(index, self.element, each, present[index], run)
-            return present
+    def written(self, value: Any, present: Any, use: Substitute | None) -> Any:  # noqa: ARG002 - as of others
         if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:
             raise _misfit(self, value)
         return [
-            _within(index, self.element, each, self.element.default(), run)
+            _within(index, self.element, each, self.element.default(), use)
             for index, each in enumerate(value)
         ]
-
-    def _extend(self, array: Any, given: _GivenElements, run: _Run) -> None:
-        """Extend an array to the highest index given."""
-        begin, last = len(array), max(given)
-        if last < begin:
-            return
-        run.filled += last + 1 - begin - sum(index >= begin for index in given)
-        if run.filled > MAX_FILLED:
-            reason = f'give the elements before it; at most {MAX_FILLED} may be missing'
-            raise FieldError((last,), reason)
-        array.extend(self.element.default() for _ in range(begin, last + 1))
 
 
 _Element = _Single | _Message
 _Kind = _Element | _Array
 
 
-def _within(step: Step, kind: _Kind, value: Any, present: Any, run: _Run) -> Any:
+def _within(step: Step, kind: _Kind, value: Any, present: Any, use: Substitute | None) -> Any:
     """Return a value as a field or an element holds it; its errors name the step."""
     try:
-        if run.substitute is not None:
-            value = run.substitute(kind.name, value)
-        return kind.written(value, present, run)
+        return kind.written(value if use is None else use(kind.name, value), present, use)
     except FieldError as error:
         raise error.within(step) from None
 
 
-def _misfit(kind: _Kind, value: Any) -> FieldError:
+def _misfit(kind: _Kind, value: Any, path: tuple[Step, ...] = ()) -> FieldError:
     match value:
         case bool() | None | str():
             shown = shortened(json.dumps(value, ensure_ascii=False))
@@ -250,34 +223,99 @@ def _misfit(kind: _Kind, value: Any) -> FieldError:
         found = _UNSENDABLE.search(value) if isinstance(value, str) else None
         mend = f'; remove the character {found[0]!r}' if found else ''
         mend = '; quotes make it a text' if isinstance(value, int | float) else mend
-    return FieldError((), f'{shown} does not fit into {kind.name}, which holds {kind.holds}{mend}')
+    reason = f'{shown} does not fit into {kind.name}, which holds {kind.holds}{mend}'
+    return FieldError(path, reason)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """The place of a single value in messages.
+
+    Args:
+        steps: from the message to the value.
+        kind: of the value.
+        owner: returns the message or array that has it.
+        arrays: those on the way that may be too short: their steps, the index, and the type.
+    """
+
+    steps: tuple[Step, ...]
+    kind: _Single
+    owner: Callable[[Any], Any]
+    arrays: tuple[tuple[tuple[Step, ...], int, _Array], ...]
+
+    def set(self, message: Any, value: Any) -> None:
+        held, last = self.kind.fitting(value), self.steps[-1]
+        if held is None:
+            raise _misfit(self.kind, value, self.steps)
+        if isinstance(last, int):
+            self.owner(message)[last] = held
+        else:
+            setattr(self.owner(message), last, held)
 
 
 @lru_cache(maxsize=10_000)
-def _steps(kind: _Message, path: str) -> tuple[Step, ...]:
-    """Return the steps of a path to a single value of a message.
+def _place(kind: _Message, path: str) -> _Place:
+    """Return the place of a path to a single value.
 
     Raises:
         FieldError: if the message has no such path, or it is found by a key or computed.
     """
-    field, steps = parse_field(path), list[Step]()
+    field, steps, arrays = parse_field(path), list[Step](), []
     found: _Kind | None = kind
     for step in field.steps if isinstance(field, MessagePath) else ():
         found = found.members.get(step.name) if isinstance(found, _Message) else None
         steps.append(step.name)
         if isinstance(found, _Array) and isinstance(step.selector, int):
+            if not found.least:
+                arrays.append((tuple(steps), step.selector, found))
             found = found.element if step.selector < found.most else None
             steps.append(step.selector)
         elif step.selector is not None:
             break
     else:
         if isinstance(found, _Single):
-            return tuple(steps)
+            return _Place(tuple(steps), found, _reader(steps[:-1]), tuple(arrays))
     known = scalar_fields(kind.default)
     lack = absence(kind.name, known, path)
     if field is not None and listed_as(known, path):
         lack = f"'{path}' of {kind.name} is found or computed; set the fields that it is made of"
     raise FieldError((path,), lack, ExitCode.NOT_FOUND)
+
+
+def _reader(steps: Sequence[Step]) -> Callable[[Any], Any]:
+    """Return a function that reads what some steps of a message lead to."""
+    if steps and all(isinstance(step, str) for step in steps):
+        return attrgetter('.'.join(map(str, steps)))
+    return lambda message: reduce(_part, steps, message)
+
+
+def _part(value: Any, step: Step) -> Any:
+    return value[step] if isinstance(step, int) else getattr(value, step)
+
+
+@lru_cache(maxsize=100)
+def _layout(kind: _Message, paths: tuple[str, ...]) -> tuple[list[_Place], list[_Length]]:
+    """Return the places of some paths, and the lengths of the arrays that lead to them.
+
+    Raises:
+        FieldError: for an unknown path, or an index that leaves out too many elements.
+    """
+    places, arrays = [], dict[tuple[Step, ...], _Array]()
+    given: defaultdict[tuple[Step, ...], set[int]] = defaultdict(set)
+    for place in (_place(kind, path) for path in paths):
+        places.append(place)
+        for steps, index, array in place.arrays:
+            arrays[steps] = array
+            given[steps].add(index)
+    filled, lengths = 0, []
+    for steps, indexes in given.items():  # An array comes after the one that it is in.
+        last = max(indexes)
+        filled += last + 1 - len(indexes)
+        if filled > MAX_FILLED:
+            reason = f'give the elements before it; at most {MAX_FILLED} may be missing'
+            raise FieldError((*steps, last), reason)
+        lengths.append((_reader(steps), arrays[steps], last + 1))
+    return places, lengths
 
 
 _message: Final = lru_cache(maxsize=1000)(_Message)
