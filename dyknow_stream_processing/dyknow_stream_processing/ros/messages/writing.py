@@ -129,8 +129,7 @@ class MessageWriter(Generic[M]):
         Raises:
             FieldError: for an unknown field, or a value that does not fit.
         """
-        message: M = self._kind.default()
-        self._kind.written(values, message, substitute)
+        message: M = self._kind.written(values, substitute)
         return message
 
 
@@ -146,7 +145,9 @@ class _Single:
     def default(self) -> Any:
         return self.initial
 
-    def written(self, value: Any, present: Any, use: Substitute | None) -> Any:  # noqa: ARG002 - as of others
+    def written(self, value: Any, use: Substitute | None) -> Any:
+        """Return a value as messages hold it."""
+        del use
         found = self.fitting(value)
         if found is None:
             raise _misfit(self, value)
@@ -162,16 +163,16 @@ class _Message:
         self.members = {name: _kind(each) for name, each in field_types(class_).items()}
         self.holds = 'mappings from fields to values'
 
-    def written(self, value: Any, present: Any, use: Substitute | None) -> Any:
+    def written(self, value: Any, use: Substitute | None) -> Any:
         if not isinstance(value, Mapping):
             raise _misfit(self, value)
+        message = self.default()
         for name, each in value.items():
             if name not in self.members:
                 lack = absence(self.name, self.members, str(name))
                 raise FieldError((str(name),), lack, ExitCode.NOT_FOUND)
-            found = _within(name, self.members[name], each, getattr(present, name), use)
-            setattr(present, name, found)
-        return present
+            setattr(message, name, _within(name, self.members[name], each, use))
+        return message
 
 
 class _Array:
@@ -185,23 +186,20 @@ class _Array:
         self.name = f'{self.element.name}[{bound}]'
         self.holds = f'lists of length {bound}' if bound else 'lists'
 
-    def written(self, value: Any, present: Any, use: Substitute | None) -> Any:  # noqa: ARG002 - as of others
+    def written(self, value: Any, use: Substitute | None) -> Any:
         if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:
             raise _misfit(self, value)
-        return [
-            _within(index, self.element, each, self.element.default(), use)
-            for index, each in enumerate(value)
-        ]
+        return [_within(index, self.element, each, use) for index, each in enumerate(value)]
 
 
 _Element = _Single | _Message
 _Kind = _Element | _Array
 
 
-def _within(step: Step, kind: _Kind, value: Any, present: Any, use: Substitute | None) -> Any:
-    """Return a value as a field or an element holds it; its errors name the step."""
+def _within(step: Step, kind: _Kind, value: Any, use: Substitute | None) -> Any:
+    """Return a value of a field or an element as messages hold it; its errors name the step."""
     try:
-        return kind.written(value if use is None else use(kind.name, value), present, use)
+        return kind.written(value if use is None else use(kind.name, value), use)
     except FieldError as error:
         raise error.within(step) from None
 
@@ -244,7 +242,7 @@ class _Place:
     arrays: tuple[tuple[tuple[Step, ...], int, _Array], ...]
 
     def set(self, message: Any, value: Any) -> None:
-        held, last = self.kind.fitting(value), self.steps[-1]
+        last, held = self.steps[-1], self.kind.fitting(value)
         if held is None:
             raise _misfit(self.kind, value, self.steps)
         if isinstance(last, int):
@@ -293,7 +291,7 @@ def _part(value: Any, step: Step) -> Any:
     return value[step] if isinstance(step, int) else getattr(value, step)
 
 
-@lru_cache(maxsize=100)
+@lru_cache(maxsize=50)
 def _layout(kind: _Message, paths: tuple[str, ...]) -> tuple[list[_Place], list[_Length]]:
     """Return the places of some paths, and the lengths of the arrays that lead to them.
 
