@@ -8,7 +8,7 @@ messages little. Fields of a fixed size that nobody asked for are one addition.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
@@ -29,7 +29,6 @@ from dyknow_recordings.reading.messages.definitions import CHARACTER
 from dyknow_recordings.reading.messages.layouts import LONG_DOUBLE, TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_recordings.reading.messages.whole_messages import WholeMessageReader
-from dyknow_stream_processing import WHOLE
 
 _PADDING: Final = bytes(8)
 _MAX_PADDING: Final = 3
@@ -107,14 +106,10 @@ class CdrReader:
         self, layout: TypeLayout, paths: Collection[str], *, is_exact: bool = False
     ) -> None:
         self._is_exact = is_exact
-        self._gives_whole = WHOLE in paths
-        computed = {path for path in paths if is_computed(path)}
-        single = set(paths) - computed - {WHOLE}
-        self._steps = _Compiler(layout).message(layout.name, _tree(single))
-        self._computed = ComputedColumns(layout.fields, computed)
-        members = None if self._gives_whole else self._computed.members
-        is_needed = computed or self._gives_whole
-        self._messages = WholeMessageReader(layout, members) if is_needed else None
+        whole = {path for path in paths if is_computed(path)}
+        self._steps = _Compiler(layout).message(layout.name, _tree(set(paths) - whole))
+        self._computed = ComputedColumns(layout.fields, whole)
+        self._messages = WholeMessageReader(layout, self._computed.members) if whole else None
 
     def read(self, messages: StoredMessages) -> tuple[DecodedFields, Mapping[str, int]]:
         """Return the fields of the messages, and the number of unreadable ones by their reason."""
@@ -133,7 +128,13 @@ class CdrReader:
         ]
         fields = parts[0][1] if len(kinds) == len(parts) == 1 else _joined(len(messages), parts)
         if self._messages is not None:
-            self._read_whole(self._messages, messages, fields)
+            pairs = zip(messages.contents(), fields.intact.tolist(), strict=True)
+            read = self._messages.read
+            whole = (read(data) if is_intact else None for data, is_intact in pairs)
+            for path, values, absent in self._computed.read(whole):
+                fields.values[path] = values
+                if absent:
+                    fields.absent[path] = dict(absent)
         unknown = sum(
             int((encapsulation == kind).sum()) for kind in kinds if kind not in (-1, 0, 1)
         )
@@ -144,21 +145,6 @@ class CdrReader:
             'a message is not serialised by CDR': unknown,
         }
         return fields, {reason: count for reason, count in faults.items() if count}
-
-    def _read_whole(
-        self, reader: WholeMessageReader, messages: StoredMessages, fields: DecodedFields
-    ) -> None:
-        """Add what is read from whole messages to the fields of these."""
-        pairs = zip(messages.contents(), fields.intact.tolist(), strict=True)
-        whole: Iterable[Any] = (
-            reader.read(data) if is_intact else None for data, is_intact in pairs
-        )
-        if self._gives_whole:
-            whole = fields.values[WHOLE] = np.fromiter(whole, np.object_, len(messages))
-        for path, values, absent in self._computed.read(whole):
-            fields.values[path] = values
-            if absent:
-                fields.absent[path] = dict(absent)
 
     def _read(
         self,

@@ -34,13 +34,12 @@ class WholeMessageReader:
 
     Args:
         layout: of the type.
-        members: those that are wanted; members after these are left out. None: all.
+        members: those that are wanted; members after these are left out. Empty: all.
     """
 
-    def __init__(self, layout: TypeLayout, members: Collection[str] | None = None) -> None:
+    def __init__(self, layout: TypeLayout, members: Collection[str]) -> None:
         names = [name for name, _ in layout.members(layout.name)]
-        wanted = names if members is None else members
-        count = 1 + max(names.index(each) for each in wanted if each in names)
+        count = 1 + max(names.index(each) for each in members or names if each in names)
         self._reads = [_FunctionMaker(layout, order).message(layout.name, count) for order in '><']
 
     def read(self, data: bytes) -> Any:

@@ -327,29 +327,27 @@ def _kind(field_type: AbstractType) -> _Kind:
 def _element(field_type: AbstractType) -> _Element:
     if isinstance(field_type, NamespacedType):
         return _message(nested_class(field_type))
-    if isinstance(field_type, AbstractGenericString):
-        return _text(field_type)
-    return _SINGLE[field_type.typename]
-
-
-def _text(field_type: AbstractGenericString) -> _Single:
-    most: int | None = getattr(field_type, 'maximum_size', None)
+    if not isinstance(field_type, AbstractGenericString):
+        return _SINGLE[field_type.typename]
     name = 'wstring' if isinstance(field_type, AbstractWString) else 'string'
-    bound, length = ('', '') if most is None else (f'<={most}', f' of at most {most} characters')
+    most: int | None = getattr(field_type, 'maximum_size', None)
+    if most is None:
+        return _text(name, 'texts', (0, math.inf))
+    return _text(f'{name}<={most}', f'texts of at most {most} characters', (0, most))
 
+
+def _text(
+    name: str,
+    holds: str,
+    lengths: tuple[int, float],
+    excluded: re.Pattern[str] = _UNSENDABLE,
+    initial: str = '',
+) -> _Single:
     def fitting(value: Any) -> str | None:
-        is_short = isinstance(value, str) and (most is None or len(value) <= most)
-        return value if is_short and not _UNSENDABLE.search(value) else None
+        has_length = isinstance(value, str) and lengths[0] <= len(value) <= lengths[1]
+        return value if has_length and not excluded.search(value) else None
 
-    return _Single(name + bound, f'texts{length}', '', fitting)
-
-
-def _character(name: str, most: int) -> _Single:
-    def fitting(value: Any) -> str | None:
-        is_one = isinstance(value, str) and len(value) == 1 and not '\ud800' <= value <= '\udfff'
-        return value if is_one and ord(value) <= most else None
-
-    return _Single(name, f'one character from U+0000 to U+{most:04X}', '\0', fitting)
+    return _Single(name, holds, initial, fitting)
 
 
 def _integer(name: str, low: int, high: int, held: Callable[[int], Any] = int) -> _Single:
@@ -373,8 +371,10 @@ _SINGLE: Final = {
         'bool', 'true or false', False, lambda value: value if isinstance(value, bool) else None
     ),
     'octet': _integer('byte', 0, 255, lambda value: bytes([value])),
-    'char': _character('char', 0x7F),
-    'wchar': _character('wchar', 0xFFFF),
+    'char': _text('char', 'an ASCII character', (1, 1), re.compile('[^\0-\x7f]'), '\0'),
+    'wchar': _text(
+        'wchar', 'a character of UTF-16', (1, 1), re.compile('[^\0-\ud7ff\ue000-\uffff]'), '\0'
+    ),
     'float': _float('float32', (2 - 2**-23) * 2.0**127),
     'double': _float('float64', sys.float_info.max),
     'long double': _float('long double', sys.float_info.max),
