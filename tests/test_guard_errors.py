@@ -27,15 +27,15 @@ guards:
         (('linear.x', 'linear.w'), "geometry_msgs/msg/Twist has no field 'linear.w'"),
         (
             ('    type', '    safe: {linear: {z1: 0}}\n    type'),
-            "safe: geometry_msgs/msg/Vector3 has no field 'linear.z1' (it has: x, y, z)",
+            "safe: field 'linear': geometry_msgs/msg/Vector3 has no field 'z1' (it has: x, y, z)",
         ),
         (
             ('    type', '    safe: {linear: {x: fast}}\n    type'),
-            "safe: 'fast' does not fit into 'linear.x', which is a double",
+            'safe: field \'linear.x\': "fast" does not fit into float64, which holds numbers',
         ),
         (
             ('    type', '    safe: {linear: 0}\n    type'),
-            "safe: 'linear' is a geometry_msgs/Vector3; write its fields as a mapping",
+            "safe: field 'linear': 0 does not fit into geometry_msgs/msg/Vector3",
         ),
         (
             ('"/cmd_vel_in".linear.x < 0.5', '"cmd_vel_in".linear.x < 0.5'),

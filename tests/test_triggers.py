@@ -382,15 +382,15 @@ BAD = {
         'dat: x',
     ),
     '{publish: {topic: /a, type: std_msgs/msg/Float64, message: {data: "{name}"}}}': (
-        "field 'data': it is a number, and '{name}' a text",
+        'field \'data\': "{name}" does not fit into float64, which holds numbers',
         '{name}',
     ),
     '{publish: {topic: /a, type: std_msgs/msg/UInt8, message: {data: 300}}}': (
-        'must be an unsigned integer in [0, 255]',
+        "field 'data': 300 does not fit into uint8, which holds integers from 0 to 255",
         '300',
     ),
     '{call: {service: /a, type: std_srvs/srv/SetBool, request: {data: 1.5}}}': (
-        "field 'data': it is of the type boolean, unlike '1.5'",
+        "field 'data': 1.5 does not fit into bool, which holds true or false",
         '1.5',
     ),
     '{send_goal: {action: /a, type: dyknow_interfaces/action/MonitorFormula, goal: [a]}}': (

@@ -52,6 +52,13 @@ def test_findings(
     assert shown == (LINTED / f'{name}.expected').read_text(encoding='utf-8')
 
 
+def test_messages_of_triggers(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip('rclpy')
+    test_findings('triggers', ['triggers.yaml'], capsys, monkeypatch)
+
+
 OBJECTS = ', '.join(f'r{number}' for number in range(100_000))
 WORDS = 'a > 1 and ' * 90_000
 

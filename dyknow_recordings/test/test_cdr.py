@@ -90,6 +90,55 @@ def test_wide_strings(order: str, header: bytes) -> None:
     assert fields.values['x'].tolist() == [0.5]
 
 
+IDL = """
+module made_up {
+  module msg {
+    struct Top {
+      octet a;
+      long double wide;
+      char grade;
+      char grades[2];
+      sequence<char> more;
+      double x;
+    };
+  };
+};
+"""
+
+
+def test_characters_of_idl_are_texts_and_long_doubles_are_left_out() -> None:
+    """A `char` of IDL is a text in rclpy, unlike that of a .msg file, which is an uint8."""
+    layout = TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2idl', IDL))
+    text = ValueType.STRING
+    assert layout.fields == {
+        'a': ValueType.INT,
+        'grade': text,
+        'grades[0..1]': text,
+        'more[0..]': text,
+        'x': ValueType.FLOAT,
+    }
+    # As Fast CDR 2.2.5 writes it: 16 bytes, which are aligned to 8.
+    head = b'\0\1\0\0' + bytes([7]) + bytes(7) + bytes(16)
+    data = head + b'ABC' + b'\0' + struct.pack('<I', 1) + b'D' + bytes(7) + struct.pack('<d', 0.5)
+    paths = ['grade', 'grades[1]', 'more[0]', 'count(more = "D")', 'x']
+    fields, faults = CdrReader(layout, paths, is_exact=True).read(stored([data, data[:30]]))
+    assert faults == {'a message is shorter than its type': 1}
+    fields = fields.intact_rows()
+    assert {path: fields.values[path].tolist() for path in paths} == {
+        'grade': ['A'],
+        'grades[1]': ['C'],
+        'more[0]': ['D'],
+        'count(more = "D")': [1],
+        'x': [0.5],
+    }
+
+
+def test_a_wide_character_has_no_certain_width() -> None:
+    idl = IDL.replace('char grade;', 'wchar grade;')
+    with pytest.raises(RecordingError, match=r"'grade' .* wchar, whose size differs between midd"):
+        TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2idl', idl))
+
+
 def test_types_keep_their_width() -> None:
     data = b'\0\1\0\0' + struct.pack('<QB', 2**64 - 1, 1)
     fields, _ = read('uint64 count\nbool on\n', ['count', 'on'], data)

@@ -40,7 +40,7 @@ from dyknow_stream_processing.language.specification import (
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.relocation import in_namespace
 from dyknow_stream_processing.management.stream_files import read_streams
-from dyknow_stream_processing.path_values import rows_reader, value_reader
+from dyknow_stream_processing.path_values import value_reader
 from dyknow_stream_processing.reporting.silence import (
     SILENT_PERIODS,
     joined_reasons,
@@ -102,7 +102,6 @@ __all__ = [
     'read_streams',
     'references',
     'resolve',
-    'rows_reader',
     'specifications_by_sink',
     'subterms',
     'unknown_stream',

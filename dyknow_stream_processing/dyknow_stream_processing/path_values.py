@@ -46,20 +46,20 @@ MAX_ELEMENTS = 10_000
 Reader = Callable[[Any], Any]
 
 
-def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value]:
-    """Return a function that reads a value of a message.
+def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]:
+    """Return a function that reads a value of a message, or fields of the elements of an array.
 
     Args:
         fields: of the message type, with their types.
-        path: one of them, which is found by a key or computed.
+        path: one of them.
 
     Returns:
         The function; it raises NoValueError for a message that has no such value.
     """
     field, entry = parse_field(path), listed_as(fields, path)
-    if (
-        field is None or entry is None or isinstance(field, UnnestedArray)
-    ):  # pragma: no cover - callers have looked it up
+    if isinstance(field, UnnestedArray):
+        return _rows_reader(fields, field)
+    if field is None or entry is None:  # pragma: no cover - callers have looked it up
         raise NoValueError(f"there is no field '{path}'")
     if isinstance(field, MessagePath):
         return _chained(_path_reader(fields, field), plain)
@@ -70,7 +70,7 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value]:
     return _chained(read, aggregate(field, None if is_struct else fields[entry]))
 
 
-def rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any], Rows]:
+def _rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any], Rows]:
     """Return a function that reads fields of each element of an array of a message.
 
     It raises NoValueError for a message that has no such array. A row lacks the values that its
@@ -85,7 +85,7 @@ def rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any], 
     if isinstance(inside, str) or not isinstance(array, MessagePath):  # pragma: no cover
         raise NoValueError(f"there are no elements '{elements.array}'")
     read = _path_reader(fields, array)
-    readers = {
+    readers: dict[str, Reader] = {
         path: attrgetter(path) if path == elements.index else value_reader(inside, path)
         for path in unnested.fields
     }
@@ -98,7 +98,7 @@ def rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any], 
             try:
                 found[path] = read_value(view)
             except NoValueError as error:
-                reasons[path] = str(error)
+                reasons[path] = error.reason
         return PartialFields(found, reasons) if reasons else found
 
     def rows(message: Any) -> Rows:

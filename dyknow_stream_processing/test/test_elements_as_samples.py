@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from dyknow_common import (
     NO_CONSTRAINTS,
     SECOND_NS,
     ArrayElements,
+    FieldTypes,
     LanguageError,
     Value,
     ValueType,
@@ -22,6 +24,7 @@ from dyknow_stream_processing import (
     SourceType,
     load_units,
     parse_specification,
+    value_reader,
 )
 from dyknow_stream_processing.sample import AbsentElement
 
@@ -31,10 +34,10 @@ FIELDS = {'frame': ValueType.STRING, 's[0..].name': ValueType.STRING, 's[0..].z'
 class Flow:
     """A stream over the topic `/d`, whose messages have an array `s` of structs."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, fields: FieldTypes = FIELDS) -> None:
         self.samples: list[tuple[int, Mapping[str, Value]]] = []
         self.violations: list[str] = []
-        source = SourceType(FIELDS, receipt_time=False)
+        source = SourceType(fields, receipt_time=False)
         self._flow = Dataflow(load_units(), lambda _: source)
         self._flow.create(
             'made',
@@ -165,3 +168,29 @@ def test_a_message_without_the_element_is_no_violation() -> None:
         f"no field '{path}': it is damaged"
     ]
     assert flow.drops() == {'absent': 1, 'fields': 1}
+
+
+def test_an_element_without_a_key_within_each_is_no_violation() -> None:
+    value = 's.values[key = "volt"].value'
+    text = f'select {value} as volt from each status as s in "/d"'
+    fields = dict.fromkeys(
+        ('status[0..].values[0..].key', 'status[0..].values[0..].value'), ValueType.STRING
+    )
+    name = ArrayElements('status', 's').rows((value,))
+    volt = SimpleNamespace(values=[SimpleNamespace(key='volt', value='12')])
+    rows: Any = value_reader(fields, name)(
+        SimpleNamespace(status=[SimpleNamespace(values=[]), volt])
+    )
+    flow = Flow(text, fields)
+    flow.push(1, PartialFields({}, {}, {name: rows}))
+    assert [sample for _, sample in flow.samples] == [{'volt': '12'}]
+    assert not flow.violations
+    assert flow.drops() == {'absent': 1}
+
+
+def test_an_array_of_an_absent_element_is_no_violation() -> None:
+    name = ArrayElements('s', 'e').rows(('e.z',))
+    flow = Flow('select e.z from each s as e in "/d"')
+    flow.push(1, PartialFields({}, {name: AbsentElement('no element of t with name = "a"')}))
+    assert not flow.violations
+    assert flow.drops() == {'absent': 1}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import Point, Pose, PoseArray, Twist, TwistStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String, UInt8
+from std_msgs.msg import Byte, String, UInt8
 
 from dyknow_reactions.errors import ReactionError
 from dyknow_reactions.ros.guard.safe_message import safe_bytes, safe_message
@@ -27,19 +29,29 @@ def test_a_header_gets_the_time() -> None:
     assert (message.header.stamp.sec, message.header.frame_id) == (7, 'base')
 
 
+def test_what_triggers_accept() -> None:
+    assert safe_message(Byte, {'data': 7}).data == b'\7'
+    poses = safe_message(PoseArray, {'poses': [{'position': {'x': 1}}]}).poses
+    assert poses == [Pose(position=Point(x=1.0))]
+
+
 @pytest.mark.parametrize(
     ('class_', 'fields', 'said'),
     [
-        (Twist, {'linear': {'x': 'fast'}}, "safe: 'fast' does not fit into 'linear.x'"),
-        (Twist, {'linear': {'x': True}}, "safe: True does not fit into 'linear.x'"),
-        (Twist, {'linear': 0}, "safe: 'linear' is a geometry_msgs/Vector3; write its fields"),
-        (Twist, {'linar': 0}, "geometry_msgs/msg/Twist has no field 'linar' .it has: linear"),
-        (UInt8, {'data': 256}, "safe: 256 does not fit into 'data', which is a uint8"),
-        (JointState, {'velocity': ['a']}, "does not fit into 'velocity'"),
-        (JointState, {'name': [1]}, "does not fit into 'name'"),
-        (String, {'data': None}, "safe: None does not fit into 'data'"),
+        (Twist, {'linear': {'x': 'fast'}}, 'field \'linear.x\': "fast" does not fit into float64'),
+        (Twist, {'linear': {'x': True}}, "field 'linear.x': true does not fit into float64"),
+        (Twist, {'linear': 0}, "field 'linear': 0 does not fit into geometry_msgs/msg/Vector3"),
+        (Twist, {'linar': 0}, "geometry_msgs/msg/Twist has no field 'linar' (it has: angular, "),
+        (UInt8, {'data': 256}, "field 'data': 256 does not fit into uint8, which holds integers"),
+        (UInt8, {'data': True}, "field 'data': true does not fit into uint8"),
+        (JointState, {'velocity': [1, True]}, "field 'velocity[1]': true does not fit"),
+        (JointState, {'velocity': ['1.5']}, 'field \'velocity[0]\': "1.5" does not fit'),
+        (JointState, {'velocity': [1, 2, 'nan']}, 'field \'velocity[2]\': "nan" does not fit'),
+        (JointState, {'name': [1]}, 'does not fit into string, which holds texts; quotes make'),
+        (String, {'data': None}, "field 'data': null does not fit into string"),
+        (String, {'data': 'a\0b'}, r"which holds texts; remove the character '\x00'"),
     ],
 )
 def test_what_does_not_fit(class_: type, fields: dict[str, object], said: str) -> None:
-    with pytest.raises(ReactionError, match=said):
+    with pytest.raises(ReactionError, match=f'safe: .*{re.escape(said)}'):
         safe_message(class_, fields)

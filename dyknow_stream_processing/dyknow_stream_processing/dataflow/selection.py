@@ -136,7 +136,10 @@ class ElementsOperator(Operator):
         else:
             reasons = fields.reasons if isinstance(fields, PartialFields) else {}
             message = reasons.get(self._rows, 'the message has no such array')
-            self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
+            if isinstance(message, AbsentElement):
+                self._drop(ABSENT)
+            else:
+                self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
         self.promise(port, watermark, now)
 
 

@@ -1,16 +1,15 @@
 """The ROS layer of streams: StreamProxy, messages and their fields, gaps, pauses, and nodes."""
 
-from dyknow_stream_processing.ros.messages.conversions import extractor, message_conversion
+from dyknow_stream_processing.ros.messages.conversions import (
+    extractor,
+    message_conversion,
+    with_value,
+)
 from dyknow_stream_processing.ros.messages.message_types import (
     check_fields,
     message_class,
     scalar_fields,
     valid_time_reader,
-)
-from dyknow_stream_processing.ros.messages.message_values import (
-    FieldReader,
-    with_value,
-    without_element,
 )
 from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleReader,
@@ -20,6 +19,7 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     sample_to_message,
     sample_valid_time,
 )
+from dyknow_stream_processing.ros.messages.writing import FieldError, MessageWriter
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from dyknow_stream_processing.ros.topics.process_pauses import (
@@ -39,7 +39,8 @@ from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 
 __all__ = [
     'PAUSES',
-    'FieldReader',
+    'FieldError',
+    'MessageWriter',
     'NodeTopics',
     'Publication',
     'SampleReader',
@@ -64,5 +65,4 @@ __all__ = [
     'time_of_receipt',
     'valid_time_reader',
     'with_value',
-    'without_element',
 ]

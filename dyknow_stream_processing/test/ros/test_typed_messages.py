@@ -101,7 +101,7 @@ def test_arrays_grow() -> None:
         (
             'std_msgs/msg/Int8 (data = 128)',
             {'x': FLOAT},
-            "field 'data' is 128 (int), which does not fit into a int8: it holds -128 to 127",
+            "field 'data': 128 does not fit into int8, which holds integers from -128 to 127",
         ),
         (
             'geometry_msgs/msg/PointStamped (point = x)',
@@ -110,6 +110,24 @@ def test_arrays_grow() -> None:
                 "geometry_msgs/msg/PointStamped has no field 'point': it is not a single value; "
                 'ask for point.x, point.y or point.z'
             ),
+        ),
+        (
+            'std_msgs/msg/Float64MultiArray (data[99999999999] = 1.5)',
+            {'x': FLOAT},
+            (
+                "field 'data[99999999999]': give the elements before it; "
+                'at most 10000 may be missing'
+            ),
+        ),
+        (
+            'std_msgs/msg/Float64MultiArray (data[20000] = x)',
+            None,
+            ("field 'data[20000]': give the elements before it; at most 10000 may be missing"),
+        ),
+        (
+            'std_msgs/msg/String (data = 7)',
+            {'x': FLOAT},
+            "field 'data': 7 does not fit into string, which holds texts; quotes make it a text",
         ),
         (
             'dyknow_interfaces/msg/Sample',

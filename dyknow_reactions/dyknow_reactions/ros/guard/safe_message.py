@@ -7,19 +7,20 @@ from typing import Any
 
 from rclpy.serialization import serialize_message
 
-from dyknow_common import listed
 from dyknow_reactions.errors import ReactionError
+from dyknow_stream_processing.ros import FieldError, MessageWriter
 
 
 def safe_message(class_: Any, fields: Mapping[str, object]) -> Any:
-    """Return a message with some fields; all others are zero.
+    """Return a message with some fields; the others keep their defaults.
 
     Raises:
         ReactionError: naming a field that the message lacks, or whose value does not fit.
     """
-    message = class_()
-    _set_fields(message, fields, '')
-    return message
+    try:
+        return MessageWriter(class_).tree(fields)
+    except FieldError as error:
+        raise ReactionError(f'safe: {error}') from None
 
 
 def safe_bytes(message: Any) -> Callable[[Any], bytes]:
@@ -35,39 +36,3 @@ def safe_bytes(message: Any) -> Callable[[Any], bytes]:
         return data
 
     return stamped
-
-
-def _set_fields(message: Any, fields: Mapping[str, object], prefix: str) -> None:
-    known = message.get_fields_and_field_types()
-    for name, value in fields.items():
-        path = f'{prefix}{name}'
-        if name not in known:
-            raise ReactionError(
-                f"safe: {_type_name(message)} has no field '{path}' (it has: {listed(list(known))})"
-            )
-        try:
-            found = _value(getattr(message, name), value, path, known[name])
-            # Without this check, a wrong type would end the process when it is serialised.
-            checked = type(message)(check_fields=True, **{name: found})
-            setattr(message, name, getattr(checked, name))
-        except (AssertionError, TypeError, ValueError, OverflowError):
-            raise ReactionError(
-                f"safe: {value!r} does not fit into '{path}', which is a {known[name]}"
-            ) from None
-
-
-def _value(present: Any, value: Any, path: str, kind: str) -> Any:
-    if hasattr(present, 'get_fields_and_field_types'):
-        if not isinstance(value, Mapping):
-            raise ReactionError(f"safe: '{path}' is a {kind}; write its fields as a mapping")
-        _set_fields(present, value, f'{path}.')
-        return present
-    if isinstance(present, float) and type(value) is int:
-        return float(value)
-    if isinstance(value, list) and ('float' in kind or 'double' in kind):
-        return [float(each) for each in value]
-    return value
-
-
-def _type_name(message: Any) -> str:
-    return f'{type(message).__module__.partition(".")[0]}/msg/{type(message).__name__}'

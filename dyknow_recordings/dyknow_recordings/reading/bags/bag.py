@@ -21,7 +21,6 @@ from dyknow_recordings.reading.bags.storage import StoredChannel
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
-from dyknow_recordings.reading.messages.decoded_messages import MessageDecoder
 from dyknow_recordings.reading.messages.json_messages import JSON, JsonLayout, JsonReader
 from dyknow_recordings.reading.messages.layouts import MessageLayout, TypeLayout
 from dyknow_recordings.reading.messages.message_types import DISTROS, NO_TYPES, MessageTypes
@@ -273,18 +272,15 @@ class _ChannelReader:
         self._paths = sorted(paths or ())
         self._stamp: tuple[str, ...] = ()
         self._reader: CdrReader | JsonReader | None = None
-        self._decoder: MessageDecoder | None = None
         self._by = '' if channel.definition.text else f' by its definition in {types.release}'
         if paths is not None:
             layout = _layout(channel, types)
-            single = set(paths) - {WHOLE}
-            layout.check(single)
+            layout.check(set(paths) - {WHOLE})
             self._stamp = layout.stamp_fields
             if isinstance(layout, JsonLayout):
                 self._reader = JsonReader(layout, paths)
                 return
-            self._reader = CdrReader(layout, {*single, *self._stamp}, is_exact=bool(self._by))
-            self._decoder = MessageDecoder(layout) if WHOLE in self._paths else None
+            self._reader = CdrReader(layout, {*paths, *self._stamp}, is_exact=bool(self._by))
 
     def read(self, messages: StoredMessages, faults: FaultCounter) -> DecodedFields:
         """Return the fields of some messages, and count those that cannot be read."""
@@ -292,9 +288,6 @@ class _ChannelReader:
             return DecodedFields(np.ones(len(messages), np.bool_))
         fields, found = self._reader.read(messages)
         name = self._channel.definition.name
-        if self._decoder is not None:
-            unreadable = self._decoder.decode(messages, fields, WHOLE)
-            found = {**found, 'a message cannot be decoded': unreadable} if unreadable else found
         topic = self._channel.topic
         for reason, count in found.items():
             faults.add(f"topic '{topic}'", f'{reason}, {name}{self._by}', count)

@@ -25,7 +25,8 @@ from dyknow_recordings.reading.messages.cdr_cursor import (
     primitive_sizes,
 )
 from dyknow_recordings.reading.messages.computed_columns import ComputedColumns, is_computed
-from dyknow_recordings.reading.messages.layouts import TypeLayout
+from dyknow_recordings.reading.messages.definitions import CHARACTER
+from dyknow_recordings.reading.messages.layouts import LONG_DOUBLE, TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_recordings.reading.messages.whole_messages import WholeMessageReader
 
@@ -34,7 +35,9 @@ _MAX_PADDING: Final = 3
 """The bytes that some middleware adds to a message."""
 
 _ORDERS: Final = {0: '>', 1: '<'}
-_CODES: Final = {'bool': 'u1', 'byte': 'u1', 'char': 'u1', 'float32': 'f4', 'float64': 'f8'} | {
+_CHARACTERS: Final = np.array([*map(chr, range(256))], np.object_)
+_BYTES: Final = dict.fromkeys(('bool', 'byte', 'char', CHARACTER), 'u1')
+_CODES: Final = {**_BYTES, 'float32': 'f4', 'float64': 'f8'} | {
     f'{sign}int{8 * size}': f'{code}{size}'
     for sign, code in (('', 'i'), ('u', 'u'))
     for size in (1, 2, 4, 8)
@@ -95,7 +98,7 @@ class CdrReader:
 
     Args:
         layout: of the type.
-        paths: of the fields, which the type has.
+        paths: of the fields, which the type has; `WHOLE` stands for the message.
         is_exact: True to leave out messages that are longer than their type: they have another one.
     """
 
@@ -226,6 +229,8 @@ def _primitive(name: str, wanted: str | Wanted) -> _Step:
     path = wanted if isinstance(wanted, str) else None
     if name in {'string', 'wstring'}:
         return _Text(path, wide=name == 'wstring')
+    if name == LONG_DOUBLE:
+        return _Skip(primitive_sizes(8, 2))
     code = _CODES[name]
     return _Skip(primitive_sizes(int(code[1]))) if path is None else _Value(path, name, code)
 
@@ -268,7 +273,9 @@ class _Value:
 
     def run(self, cursor: CdrCursor, rows: NDArray[np.int64], fields: DecodedFields) -> None:
         values = cursor.value(self.code, int(self.code[1]))
-        fields.set(self.path, rows, values != 0 if self.kind == 'bool' else values)
+        if self.kind in {'bool', CHARACTER}:
+            values = values != 0 if self.kind == 'bool' else _CHARACTERS[values]
+        fields.set(self.path, rows, values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from dyknow_common import (
     field_type,
     parse_field,
 )
-from dyknow_stream_processing import NoValueError, rows_reader, value_reader
+from dyknow_stream_processing import WHOLE, NoValueError, value_reader
 
 ComputedColumn = tuple[str, NDArray[Any], Mapping[int, str]]
 """A path, the values in all messages, and by message the reason why it has none."""
@@ -36,13 +36,18 @@ class ComputedColumns:
 
     Args:
         fields: of the type of the messages.
-        paths: of the values, which the type has.
+        paths: of the values, which the type has; `WHOLE` stands for the messages themselves.
     """
 
     def __init__(self, fields: FieldTypes, paths: Collection[str]) -> None:
         self.members = {each for path in paths for each in _members(path)}
-        self._readers = {path: _reader(fields, path) for path in paths}
-        self._types = {path: field_type(fields, path) for path in paths}
+        """The members of the messages that are needed; empty: all."""
+        values = set(paths) - {WHOLE}
+        self._readers = {path: value_reader(fields, path) for path in values}
+        self._types = {path: field_type(fields, path) for path in values}
+        if WHOLE in paths:
+            self.members.clear()
+            self._readers[WHOLE], self._types[WHOLE] = (lambda message: message), None
 
     def read(self, messages: Iterable[Any]) -> Iterator[ComputedColumn]:
         """Yield the columns, given each message as an object; None for one without values."""
@@ -68,18 +73,13 @@ _NOTHING: Final[Mapping[ValueType | None, Any]] = {
 }
 
 
-def _reader(fields: FieldTypes, path: str) -> Callable[[Any], Any]:
-    field = parse_field(path)
-    if isinstance(field, UnnestedArray):
-        return rows_reader(fields, field)
-    return value_reader(fields, path)
-
-
 def is_computed(path: str) -> bool:
-    """Return True for a path that is read from whole messages."""
+    """Return True for a path that is found by a key or computed from an array, and for `WHOLE`."""
     field = parse_field(path)
-    return isinstance(field, ComputedField | UnnestedArray) or (
-        isinstance(field, MessagePath) and not field.is_direct
+    return (
+        path == WHOLE
+        or isinstance(field, ComputedField | UnnestedArray)
+        or (isinstance(field, MessagePath) and not field.is_direct)
     )
 
 

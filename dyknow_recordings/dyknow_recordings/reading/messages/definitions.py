@@ -19,6 +19,9 @@ Members = tuple[tuple[str, Any], ...]
 PLACEHOLDER: Final = 'structure_needs_at_least_one_member'
 """The only field, a uint8, of a message type that has no fields."""
 
+CHARACTER: Final = 'character'
+"""A `char` of IDL, which is a text in rclpy; in .msg files, `char` is a number."""
+
 SERVICE_EVENT: Final = '_Event'
 """The end of the types of messages with the requests and responses of a service."""
 
@@ -68,7 +71,8 @@ def parsed_types(definition: TypeDefinition) -> dict[str, Members]:
         raise RecordingError(
             f"the definition of the message type '{shortened(definition.name)}' cannot be read"
         ) from error
-    found = {name: _with_wide_strings(members) for name, (_, members) in types.items()}
+    is_idl = definition.encoding == 'ros2idl'
+    found = {name: _corrected(members, is_idl) for name, (_, members) in types.items()}
     if '/srv/' in definition.name and definition.name.endswith(SERVICE_EVENT):
         found[definition.name] = _service_event(definition.name)
     return found
@@ -113,15 +117,15 @@ def _service_event(name: str) -> Members:
     return (('info', (Nodetype.NAME, 'service_msgs/msg/ServiceEventInfo')), *parts)
 
 
-def _with_wide_strings(members: Collection[tuple[str, Any]]) -> Members:
-    found = tuple((name, _with_wide_string(kind)) for name, kind in members)
+def _corrected(members: Collection[tuple[str, Any]], is_idl: bool) -> Members:  # noqa: FBT001
+    found = tuple((name, _corrected_kind(kind, is_idl)) for name, kind in members)
     return found or ((PLACEHOLDER, (Nodetype.BASE, ('uint8', 0))),)
 
 
-def _with_wide_string(kind: Any) -> Any:
+def _corrected_kind(kind: Any, is_idl: bool) -> Any:  # noqa: FBT001
     if kind[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}:
         element, size = kind[1]
-        return kind[0], (_with_wide_string(element), size)
+        return kind[0], (_corrected_kind(element, is_idl), size)
     if kind[0] == Nodetype.NAME and kind[1].rpartition('/')[2] == 'wstring':
         return Nodetype.BASE, ('wstring', 0)
-    return kind
+    return (Nodetype.BASE, (CHARACTER, 0)) if is_idl and kind[1] == ('char', 0) else kind

@@ -20,6 +20,7 @@ from dyknow_common import (
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.definitions import (
+    CHARACTER,
     PLACEHOLDER,
     Members,
     TypeDefinition,
@@ -30,10 +31,14 @@ from dyknow_recordings.reading.messages.message_types import NO_TYPES, MessageTy
 _HEADER: Final = 'std_msgs/msg/Header'
 STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
 
+LONG_DOUBLE: Final = 'float128'
+"""A type of IDL whose values are left out: numpy has none that is equal on all machines."""
+
 _VALUE_TYPES: Final = {
     'bool': ValueType.BOOLEAN,
     'string': ValueType.STRING,
     'wstring': ValueType.STRING,
+    CHARACTER: ValueType.STRING,
     'float32': ValueType.FLOAT,
     'float64': ValueType.FLOAT,
 } | dict.fromkeys(
@@ -148,10 +153,6 @@ class TypeLayout(MessageLayout):
             )
         return found
 
-    def reachable(self) -> Mapping[str, Members]:
-        """Return this type and all types within it, by name."""
-        return {name: self.members(name) for name in self._sizes}
-
     def _measure(self, name: str, depth: int) -> _TypeSize:
         """Return the size of a type, before anything is made for each of its values.
 
@@ -197,8 +198,10 @@ class TypeLayout(MessageLayout):
                 path = all_elements(path, bound)
             if element[0] == Nodetype.NAME:
                 fields |= self._scalar_fields(element[1], f'{path}.')
-            elif element[1][0] not in _VALUE_TYPES:
-                raise RecordingError(f"'{path}' of {name} has the type {element[1][0]}")
-            elif member != PLACEHOLDER:
+            elif element[1][0] == 'wchar':
+                raise RecordingError(
+                    f"'{path}' of {name} is a wchar, whose size differs between middlewares"
+                )
+            elif member != PLACEHOLDER and element[1][0] != LONG_DOUBLE:
                 fields[path] = _VALUE_TYPES[element[1][0]]
         return fields

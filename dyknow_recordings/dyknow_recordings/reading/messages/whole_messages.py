@@ -1,4 +1,4 @@
-"""Whole messages, read one by one, for values that are found by keys or computed from arrays.
+"""Whole messages, read one by one, for built-in sources and values of keys and aggregates.
 
 A `WholeMessageReader` makes an object with attributes of a serialised message, as rclpy does;
 arrays of numbers are numpy arrays. So `value_reader` reads live and recorded messages alike.
@@ -15,7 +15,8 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 
 from dyknow_recordings.reading.messages.cdr_cursor import HEADER_SIZE, wide_text
-from dyknow_recordings.reading.messages.layouts import TypeLayout
+from dyknow_recordings.reading.messages.definitions import CHARACTER
+from dyknow_recordings.reading.messages.layouts import LONG_DOUBLE, TypeLayout
 
 CODES: Final = {'bool': '?', 'byte': 'B', 'char': 'B', 'float32': 'f', 'float64': 'd'} | {
     f'{sign}int{8 << power}': code
@@ -33,12 +34,12 @@ class WholeMessageReader:
 
     Args:
         layout: of the type.
-        members: those that are wanted; members after these are left out.
+        members: those that are wanted; members after these are left out. Empty: all.
     """
 
     def __init__(self, layout: TypeLayout, members: Collection[str]) -> None:
         names = [name for name, _ in layout.members(layout.name)]
-        count = 1 + max(names.index(each) for each in members if each in names)
+        count = 1 + max(names.index(each) for each in members or names if each in names)
         self._reads = [_FunctionMaker(layout, order).message(layout.name, count) for order in '><']
 
     def read(self, data: bytes) -> Any:
@@ -82,6 +83,10 @@ class _FunctionMaker:
     def _primitive(self, name: str) -> _Read:
         if name in CODES:
             return self._number(name)
+        if name == CHARACTER:
+            return self._character()
+        if name == LONG_DOUBLE:
+            return self._numbers('u8', 2)  # Nobody reads it.
         size = 4 if name == 'wstring' else 1
 
         def read(data: bytes, position: int) -> tuple[Any, int]:
@@ -91,6 +96,15 @@ class _FunctionMaker:
             if size > 1:
                 return wide_text(piece, self._order), end
             return str(piece.removesuffix(b'\0'), 'utf-8', 'replace'), end
+
+        return read
+
+    def _character(self) -> _Read:
+        read_number = self._number('uint8')
+
+        def read(data: bytes, position: int) -> tuple[Any, int]:
+            number, position = read_number(data, position)
+            return chr(number), position
 
         return read
 

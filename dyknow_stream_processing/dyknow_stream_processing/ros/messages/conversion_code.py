@@ -13,22 +13,16 @@ code is, without docstrings:
         return fields
 
     def scan_from_fields(fields: Mapping[str, Value]) -> my_msgs.msg.Scan:
-        message = my_msgs.msg.Scan()
-        reader = FieldReader(fields)
-        if 'name' in reader:
-            message.name = reader.string('name')
-        for i in reader.indexes('ranges', message.ranges, float):
-            message.ranges[i] = reader.real(f'ranges[{i}]', 'float')
-        reader.finish(message)
-        return message
+        writer = MessageWriter(my_msgs.msg.Scan)
+        return writer.paths(fields)
 
 Fields that are not given keep their defaults, and an array grows to the highest index given. An
 element at the end of an array that holds no value itself, such as an empty `LaserEcho`, leaves no
 field and is lost on the way back.
 
 If only certain paths are requested, the first function reads these and omits elements that the
-message lacks; the second sets these, in an array at any index. Fields that are found by keys or
-computed from arrays are read by `with_value`, and cannot be set.
+message lacks; the second sets any. Fields that are found by keys or computed from arrays are read
+by `with_value`, and cannot be set.
 """
 
 from __future__ import annotations
@@ -51,25 +45,15 @@ from dyknow_common.ros import snake_case
 from dyknow_stream_processing.ros.messages.message_types import (
     check_fields,
     field_types,
-    max_size,
     nested_class,
     type_name_of,
 )
 
 _LINE_WIDTH: Final = 100
-_LIST_ELEMENTS: Final = ('boolean', 'octet', 'char', 'wchar')
+_LIST_ELEMENTS: Final = ('boolean', 'octet', 'char', 'wchar', 'long double')
 """Arrays of these types are lists; arrays of other numbers are `numpy.ndarray` or `array.array`."""
 
-_NUL: Final = r"lambda: '\0'"
-_ELEMENT_FACTORIES: Final = {
-    'boolean': 'bool',
-    'octet': 'lambda: bytes(1)',
-    'char': _NUL,
-    'wchar': _NUL,
-    'float': 'float',
-    'double': 'float',
-}
-_HELPERS: Final = ('FieldReader', 'with_value', 'without_element')
+_HELPERS: Final = ('MessageWriter', 'with_value')
 _COMMA: Final = re.compile(r', (?![^\[]*\])')
 _STEP: Final = re.compile(r'(?P<name>\w+)(\[(?P<index>\d+)\])?', re.ASCII)
 
@@ -101,11 +85,8 @@ def conversion_text(class_: Any, fields: Collection[str] | None) -> str:
     if fields is not None:
         check_fields(class_, fields)
     name, type_name = snake_case(class_.__name__), type_name_of(class_)
-    annotation = _class_expression(class_)
+    annotation = type_name.replace('/', '.')
     reading = _read_all(class_) if fields is None else _read(class_, sorted(fields))
-    wanted = None
-    if fields is not None:
-        wanted = {re.sub(r'\d+(?=\])', '', each) for each in fields if _is_direct(each)}
     lines = [
         '',
         f'def {name}_to_fields(message: {annotation}) -> dict[str, Value]:',
@@ -115,11 +96,8 @@ def conversion_text(class_: Any, fields: Collection[str] | None) -> str:
         '',
         f'def {name}_from_fields(fields: Mapping[str, Value]) -> {annotation}:',
         '    """Return a message with some fields; the others keep their defaults."""',
-        f'    message = {annotation}()',
-        '    reader = FieldReader(fields)',
-        *_indented(_set(class_, _MESSAGE, wanted)),
-        '    reader.finish(message)',
-        '    return message',
+        f'    writer = MessageWriter({annotation})',
+        '    return writer.paths(fields)',
         '',
     ]
     return '\n'.join(each for line in lines for each in _wrapped(line))
@@ -228,7 +206,7 @@ def _read(class_: Any, paths: Iterable[str]) -> list[str]:
             'try:',
             f"    fields['{path}'] = {expression}",
             'except IndexError:',
-            f"    fields = without_element(fields, message, '{path}')",
+            f"    fields = with_value(fields, message, '{path}')",
         ]
     if not lines:
         return _dictionary('return', certain)
@@ -262,73 +240,6 @@ def _dictionary(head: str, items: Iterable[tuple[str, str]]) -> list[str]:
     return [f'{head} {{', *lines, '}'] if lines else [f'{head} {{}}']
 
 
-def _set(class_: Any, position: _CodePosition, wanted: Collection[str] | None) -> list[str]:
-    """Return code that sets the members of a message.
-
-    Args:
-        class_: the message class.
-        position: the message.
-        wanted: paths without indexes, `points[].x`, of the fields to set; None for all.
-    """
-    lines: list[str] = []
-    for member, field_type in _members(class_, position):
-        path = re.sub(r'{\w}', '', member.path)
-        inside = (f'{path}.', f'{path}[')
-        if wanted is not None and not any(f'{each}.'.startswith(inside) for each in wanted):
-            continue
-        if isinstance(field_type, AbstractNestedType):
-            lines += _set_array(member, field_type, wanted)
-        else:
-            lines.append(f'if {member.literal} in reader:')
-            lines.append(f'    {member.expression} = {_value(member, field_type)}')
-    return lines
-
-
-def _set_array(
-    array: _CodePosition, array_type: AbstractType, wanted: Collection[str] | None
-) -> list[str]:
-    element, element_type = array.element, array_type.value_type
-    at_index = f'{array.expression}[{array.index}]'
-    if isinstance(element_type, NamespacedType):
-        body = _set(nested_class(element_type), element, wanted)
-        body = [f'{element.expression} = {at_index}', *body] if body else []
-    else:
-        body = [f'{at_index} = {_value(element, element_type)}']
-    arguments = [array.literal, array.expression]
-    if not isinstance(array_type, Array):
-        arguments.append(_element_factory(element_type))
-        if max_size(array_type) is not None:
-            arguments.append(str(max_size(array_type)))
-    head = f'for {array.index} in reader.indexes({", ".join(arguments)}):'
-    return [head, *_indented(body)] if body else []
-
-
-def _value(position: _CodePosition, field_type: AbstractType) -> str:
-    """Return the expression that reads a value from the fields."""
-    if isinstance(field_type, AbstractGenericString):
-        bound = getattr(field_type, 'maximum_size', None)
-        return f'reader.string({position.literal}{"" if bound is None else f", {bound}"})'
-    kind = field_type.typename
-    if kind in _LIST_ELEMENTS:
-        method = 'character' if kind in {'char', 'wchar'} else kind
-        return f'reader.{method}({position.literal})'
-    method = 'real' if kind in {'float', 'double'} else 'integer'
-    return f"reader.{method}({position.literal}, '{kind}')"
-
-
-def _element_factory(element_type: AbstractType) -> str:
-    """Return an expression for a function that returns an element with its default value."""
-    if isinstance(element_type, NamespacedType):
-        return _class_expression(nested_class(element_type))
-    if isinstance(element_type, AbstractGenericString):
-        return 'str'
-    return _ELEMENT_FACTORIES.get(element_type.typename, 'int')
-
-
-def _class_expression(class_: Any) -> str:
-    return type_name_of(class_).replace('/', '.')
-
-
 def _is_compact(element_type: AbstractType) -> bool:
     nested = isinstance(element_type, NamespacedType | AbstractGenericString)
     return not nested and element_type.typename not in _LIST_ELEMENTS
@@ -353,14 +264,9 @@ def _wrapped(line: str) -> list[str]:
         start, _, rest = line.partition('(')
         inner, _, end = rest.rpartition(')')
         separator, splits = ',', _COMMA.split(inner)
-    elif ' = ' in line:
+    else:
         start, _, inner = line.partition('= ')
         start, end, separator, splits = f'{start}= ', '', '', [inner]
-    else:
-        inner = line.strip().removeprefix('if ').removesuffix(':')
-        start, end, separator = f'{indent}if ', ':', ''
-        path, _, reader = inner.partition(' in ')
-        splits = [path, f'in {reader}']
     is_whole = len(f'{indent}    {inner}') <= _LINE_WIDTH and not line.startswith('def ')
     parts = [inner] if is_whole else [f'{each}{separator}' for each in splits]
     return [f'{start}(', *(f'{indent}    {each}' for each in parts), f'{indent}){end}']

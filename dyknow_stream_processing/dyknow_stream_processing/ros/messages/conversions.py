@@ -1,17 +1,20 @@
 """Functions that convert messages to the fields of samples and back, compiled at run time.
 
-Their code comes from `conversion_text`.
+Their code comes from `conversion_text`, and calls `with_value` and `MessageWriter`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from dyknow_common import Value, absence
 from dyknow_common.ros import snake_case
+from dyknow_stream_processing.aggregates import NoValueError
 from dyknow_stream_processing.language.required_fields import ALL
+from dyknow_stream_processing.path_values import value_reader
 from dyknow_stream_processing.ros.messages.conversion_code import conversion_text, with_imports
 from dyknow_stream_processing.ros.messages.message_types import (
     fields_to_read,
@@ -65,3 +68,20 @@ def extractor(class_: Any, fields: Collection[str]) -> Callable[[Any], dict[str,
         return PartialFields(extract(message), reasons)
 
     return extract_and_explain
+
+
+def with_value(fields: dict[str, Value], message: Any, path: str) -> dict[str, Value]:
+    """Return the fields of a sample with one more, or with the reason why the message lacks it."""
+    try:
+        value = _reader(message.__class__, path)(message)
+    except NoValueError as error:
+        return PartialFields(fields, {path: error.reason})
+    if isinstance(value, list):
+        return PartialFields(fields, {}, {path: value})
+    fields[path] = value
+    return fields
+
+
+@lru_cache(maxsize=1000)
+def _reader(class_: Any, path: str) -> Callable[[Any], Any]:
+    return value_reader(scalar_fields(class_), path)

@@ -45,8 +45,8 @@ def message_class(type_name: str) -> Any:
 
 
 def type_name_of(class_: Any) -> str:
-    """Return the name of a message type, `sensor_msgs/msg/BatteryState`."""
-    return f'{class_.__module__.partition(".")[0]}/msg/{class_.__name__}'
+    """Return the name of the type of a message, a request or a goal, `nav_msgs/msg/Odometry`."""
+    return f'{class_.__module__.replace(".", "/").rpartition("/_")[0]}/{class_.__name__}'
 
 
 def is_sample(class_: Any) -> bool:
@@ -68,7 +68,7 @@ def value_type(field_type: AbstractType) -> ValueType:
     """Return the type of a single value in a sample; a byte is an int."""
     if isinstance(field_type, AbstractGenericString) or field_type.typename in {'char', 'wchar'}:
         return ValueType.STRING
-    if field_type.typename in {'float', 'double'}:
+    if field_type.typename in {'float', 'double', 'long double'}:
         return ValueType.FLOAT
     return ValueType.BOOLEAN if field_type.typename == 'boolean' else ValueType.INT
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from dyknow_common import ExitCode, Value, ValueType, absence, listed_as
@@ -10,16 +10,14 @@ from dyknow_common.ros import nanoseconds_to_time
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.resolution import Fields
 from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
-from dyknow_stream_processing.ros.messages.conversions import message_conversion
-from dyknow_stream_processing.ros.messages.message_types import (
-    check_fields,
-    message_class,
-    scalar_fields,
-)
+from dyknow_stream_processing.ros.messages.message_types import message_class, scalar_fields
+from dyknow_stream_processing.ros.messages.writing import MessageWriter
 from dyknow_stream_processing.sample import Sample, missing_text
 
 _HEADER: Final = 'header.'
 _OWN_TYPES: Final = 'dyknow_interfaces/'
+_EXAMPLES: Final[Mapping[ValueType, Value]] = {ValueType.BOOLEAN: False, ValueType.STRING: 'a'}
+"""Values that fit each field of their type; 0 fits the others."""
 
 
 class TypedMessageWriter:
@@ -43,11 +41,11 @@ class TypedMessageWriter:
         self._layout: Fields | None = None
         self._constants: Mapping[str, Value] = {}
         self._sources: Mapping[str, str] = {}
-        self._convert: Callable[[Mapping[str, Value]], Any]
+        self._writer = MessageWriter(self.class_)
         header = self.class_.get_fields_and_field_types().get('header')
         given = any(each.path.startswith('header.stamp') for each in sink_message.assignments)
         self._sets_stamp = header == 'std_msgs/Header' and not given
-        check_fields(self.class_, [each.path for each in sink_message.assignments])
+        self._check_paths(sink_message.assignments)
         if fields is not None:
             self._prepare(fields)
 
@@ -55,7 +53,7 @@ class TypedMessageWriter:
         """Return a sample as a message; if it has a header without a stamp, with the valid time.
 
         Raises:
-            StreamError: if a value does not fit.
+            StreamError: if the sample lacks a field, or a value does not fit.
         """
         if not self._is_fixed:
             self._prepare({name: ValueType.of(value) for name, value in sample.fields.items()})
@@ -65,7 +63,7 @@ class TypedMessageWriter:
                 values[path] = sample.fields[name]
         except KeyError as error:
             raise StreamError(f'the sample has {missing_text(error)}') from None
-        message = self._convert(values)
+        message = self._writer.paths(values)
         if self._sets_stamp:
             message.header.stamp = nanoseconds_to_time(sample.valid_time)
         return message
@@ -78,13 +76,10 @@ class TypedMessageWriter:
         for each in assignments:
             if each.field:
                 self._check(each, fields)
-        paths = [each.path for each in assignments]
         self._constants = {
             each.path: each.constant for each in assignments if each.constant is not None
         }
         self._sources = {each.path: each.field for each in assignments if each.field}
-        self._convert = message_conversion(self.class_, paths).from_fields
-        self._convert(self._constants)  # They fit, or this raises an error now.
         self._layout = fields
 
     def _by_name(self, fields: Fields) -> tuple[Assignment, ...]:
@@ -96,8 +91,18 @@ class TypedMessageWriter:
                 lack = absence(self._sink_message.message_type, self._known, name)
                 text = f'{lack}; name the fields, such as: ({values[0]} = {name})'
                 raise StreamError(text, ExitCode.NOT_FOUND)
-        check_fields(self.class_, list(fields))
-        return tuple(Assignment(name, name) for name in fields)
+        found = tuple(Assignment(name, name) for name in fields)
+        self._check_paths(found)
+        return found
+
+    def _check_paths(self, assignments: Iterable[Assignment]) -> None:
+        """Check that a message can have the constants, and some values of the stream."""
+        values: dict[str, Value] = {}
+        for each in assignments:
+            listed = listed_as(self._known, each.path)
+            example = _EXAMPLES.get(self._known[listed], 0) if listed else 0
+            values[each.path] = example if each.constant is None else each.constant
+        self._writer.paths(values)
 
     def _check(self, assignment: Assignment, fields: Fields) -> None:
         listed = listed_as(fields, assignment.field)
