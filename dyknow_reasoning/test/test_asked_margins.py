@@ -134,8 +134,8 @@ def check(
         steps.append((time, time, state))
         for each in (often, afresh, seldom):
             each.step(time, state)
-        # One always looks how long its bounds are stable; the other never uses it.
-        often._pause, afresh._stable_until = 0, -inf
+        # One uses how long its bounds are stable; the other never does.
+        afresh._stable_until = -inf
         found = often.at_present()
         assert afresh.at_present() == found
         if index in asked:

@@ -12,19 +12,18 @@ from hypothesis import strategies as st
 from reasoning_reference import random_cases
 
 from dyknow_reasoning.margins.operators import (
-    HIGHEST,
-    LOWEST,
     Assumption,
     MarginOperator,
     PairMargin,
     PreviousMargin,
-    Robustness,
     StateMargin,
     Steps,
 )
-from dyknow_reasoning.margins.sliding import SlidingExtremum, SlidingSince
+from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, extremum
+from dyknow_reasoning.margins.temporal import ExtremumMargin, TemporalMargin
+from dyknow_reasoning.margins.windows import ExtremumWindow, SinceWindow
 
-Window = tuple[int, float]
+Window = tuple[float, float]
 
 margins = st.integers(-3, 3).map(lambda value: (float(value), 0))
 traces = st.lists(
@@ -35,6 +34,17 @@ intervals = st.tuples(st.integers(0, 4), st.one_of(st.integers(4, 8), st.just(in
 
 def state(number: int) -> StateMargin:
     return StateMargin(itemgetter(number))
+
+
+def over_window(body: MarginOperator, window: Window, *, universal: bool) -> ExtremumMargin:
+    """The least or greatest margin in a window, given as times before the state."""
+    order = extremum(universal=universal)
+    return ExtremumMargin(body, ExtremumWindow(-window[1], -window[0], order))
+
+
+def since(body: PairMargin, window: Window, *, universal: bool) -> TemporalMargin:
+    order = extremum(universal=universal)
+    return TemporalMargin(body, SinceWindow(-window[1], -window[0], order))
 
 
 def run(operator: MarginOperator, trace: list, assumption: Assumption) -> list[Robustness]:
@@ -84,7 +94,7 @@ def test_once_and_historically(
     unknown: Robustness,
 ) -> None:
     steps, known = with_gap(trace, gap, unknown)
-    operator = SlidingExtremum(state(0), -window[1], -window[0], universal=universal)
+    operator = over_window(state(0), window, universal=universal)
     better, neutral = (min, HIGHEST) if universal else (max, LOWEST)
     found = run(operator, steps, Assumption(unknown))
     for i, (_, _, signals) in enumerate(steps):
@@ -103,7 +113,7 @@ def test_since(
 ) -> None:
     steps, known = with_gap(trace, gap, unknown)
     body = PairMargin(state(0), state(1))
-    operator = SlidingSince(body, -window[1], -window[0], universal=universal)
+    operator = since(body, window, universal=universal)
     better, worse = (min, max) if universal else (max, min)
     found = run(operator, steps, Assumption(unknown))
     for i, (_, _, signals) in enumerate(steps):
@@ -125,12 +135,11 @@ def test_the_past_of_the_future(
 ) -> None:
     """Once or since, over what eventually holds within 3; then the future is unknown."""
     steps, _ = with_gap(trace, 0, unknown)
-    soon = SlidingExtremum(state(0), 0, 3, universal=False)
-    start, end = -window[1], -window[0]
-    operator: MarginOperator = SlidingExtremum(soon, start, end, universal=universal)
+    soon = over_window(state(0), (-3, 0), universal=False)
+    operator: MarginOperator = over_window(soon, window, universal=universal)
     if of_pairs:
         body = PairMargin(state(1), soon)
-        operator = SlidingSince(body, start, end, universal=universal)
+        operator = since(body, window, universal=universal)
     operator.need(inf)
     assumption, found = Assumption(unknown), []
     for step in [*steps, (steps[-1][0] + 1, inf, None)]:
@@ -159,12 +168,12 @@ def test_previous(trace: list, gap: int, unknown: Robustness) -> None:
 
 @pytest.mark.parametrize('universal', [True, False])
 def test_unbounded_past_operators_need_constant_memory(universal: bool) -> None:  # noqa: FBT001
-    extremum = SlidingExtremum(state(0), -inf, 0, universal=universal)
-    since = SlidingSince(PairMargin(state(0), state(1)), -inf, 0, universal=universal)
+    greatest = over_window(state(0), (0, inf), universal=universal)
+    pairs = since(PairMargin(state(0), state(1)), (0, inf), universal=universal)
     for sign in (1, -1):
         signals = [((float(sign * i), 0), (float(-sign * i), 0)) for i in range(1000)]
         trace = [(1000 * sign + i, 1000 * sign + i, each) for i, each in enumerate(signals)]
-        for operator in (extremum.copied(), since.copied()):
+        for operator in (greatest.copied(), pairs.copied()):
             run(operator, trace, Assumption())
             assert _retained(operator) < 100
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from math import inf
 from operator import itemgetter
-from typing import Any, cast
+from typing import TypeAlias, cast
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
@@ -25,7 +27,6 @@ from dyknow_reasoning.language.formula import (
     Not,
     Once,
     Or,
-    PastFormula,
     Previous,
     Since,
     StateAtom,
@@ -33,36 +34,48 @@ from dyknow_reasoning.language.formula import (
     as_written,
     parts,
 )
-from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Truth,
 )
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.margins.comparisons import MarginReader, margin_reader
-from dyknow_reasoning.margins.first_state import FirstExtremum, FirstUntil
+from dyknow_reasoning.margins.comparisons import AtomMargins
 from dyknow_reasoning.margins.operators import (
-    HIGHEST,
-    LOWEST,
     JunctionMargin,
     MarginOperator,
+    ObjectsMargin,
     PairMargin,
     PreviousMargin,
-    Reader,
-    Robustness,
-    StateJunction,
     StateMargin,
 )
-from dyknow_reasoning.margins.sliding import SlidingExtremum, SlidingSince, SlidingUntil
+from dyknow_reasoning.margins.robustness import (
+    HIGHEST,
+    LOWEST,
+    Robustness,
+    at_least,
+    extremum,
+    of_all,
+)
+from dyknow_reasoning.margins.temporal import ExtremumMargin, TemporalMargin, UntilMargin
+from dyknow_reasoning.margins.windows import (
+    ExtremaWindow,
+    ExtremumWindow,
+    SinceWindow,
+    UntilWindow,
+)
 from dyknow_reasoning.progression.atoms import fields
 from dyknow_reasoning.progression.instances import Binding, Domains, ground_atom, objects_of
 
-_JUNCTIONS = And, Or, Implies, Equivalent
 _ATOMS = Feature, FieldReference, Comparison
-_QUANTIFIERS = Forall, Exists, Count, CountOf
+_JUNCTIONS = Not, And, Or, Implies, Equivalent, Forall, Exists, Count, CountOf
 _WINDOWS = Always, Eventually, Until, Historically, Once, Since, Previous
-_DEFINED = Truth, Not, *_ATOMS, *_JUNCTIONS, *_QUANTIFIERS, *_WINDOWS
+_DEFINED = Truth, *_ATOMS, *_JUNCTIONS, *_WINDOWS
+
+_Windowed: TypeAlias = Always | Eventually | Until | Historically | Once | Since
+
+_LEAST_OBJECTS = 16
+"""The number of objects from which on their margins are computed as one array."""
 
 
 def check_margin(formula: Formula) -> None:
@@ -72,9 +85,37 @@ def check_margin(formula: Formula) -> None:
             f"no margin is defined for '{formula}'; leave out the margin, or this part of the "
             'formula'
         )
-    if not isinstance(formula, Feature | FieldReference | Comparison):
+    if not isinstance(formula, _ATOMS):
         for part in parts(formula):
             check_margin(cast('Formula', part))
+
+
+@dataclass(frozen=True, slots=True)
+class _Context:
+    """Where a formula is used.
+
+    Args:
+        bindings: the objects of its variables; its operator has a margin for each of these.
+        positive: False for the negation of the formula.
+        first: True if the margin is needed at the first state alone.
+    """
+
+    bindings: Sequence[Binding]
+    positive: bool
+    first: bool
+
+    @property
+    def width(self) -> int:
+        """The number of objects."""
+        return len(self.bindings)
+
+    def signed(self, sign: bool) -> _Context:  # noqa: FBT001 - a sign
+        """Return the context of the negation for False."""
+        return replace(self, positive=sign is self.positive)
+
+    def needed(self, number: int, count: int) -> int:
+        """Return how many of some members must hold for "at least a number", or its negation."""
+        return number if self.positive else count - number + 1
 
 
 class MarginBuilder:
@@ -86,21 +127,22 @@ class MarginBuilder:
         limit: of the number of operators; each `<->` doubles the operators of both sides.
 
     Attributes:
-        readers: the margins of the comparisons and other atoms, and of negated ones.
+        signals: the margins of the comparisons and other atoms, and of negated ones.
         atoms: the texts of the comparisons, by number.
         fields: the names of their fields.
-        operators: the number of operators that were built.
+        operators: the number of operators that were built, for each object.
     """
 
     def __init__(self, kinds: Kinds, domains: Domains, limit: int) -> None:
-        self.readers: list[MarginReader] = []
+        self.signals: list[AtomMargins] = []
         self.atoms: list[str] = []
         self.fields: set[str] = set()
         self.operators = 0
         self._kinds = kinds
         self._domains = domains
         self._limit = limit
-        self._signals: dict[tuple[str, bool], int] = {}
+        self._numbers: dict[str, int] = {}
+        self._known_signals: dict[tuple[bool, tuple[int, ...]], int] = {}
 
     def build(self, formula: Formula, *, every_state: bool) -> MarginOperator:
         """Return the operator of a formula.
@@ -114,124 +156,124 @@ class MarginBuilder:
                 is too large.
         """
         check_margin(formula)
-        return self._built(formula, {}, positive=True, first=not every_state)
+        return self._built(formula, _Context([{}], positive=True, first=not every_state))
 
-    def _built(  # noqa: PLR0911 - one for each kind
-        self, formula: Formula, binding: Binding, *, positive: bool, first: bool
-    ) -> MarginOperator:
-        """Return the operator of a formula, or of its negation.
-
-        Args:
-            formula: the formula.
-            binding: the objects of its variables.
-            positive: False for the negation.
-            first: True if the margin is needed at the first state alone.
-        """
+    def _built(self, formula: Formula, context: _Context) -> MarginOperator:
+        """Return the operator of a formula, or of its negation."""
         match formula:
             case Truth(value):
-                constant = HIGHEST if value is positive else LOWEST
-                return self._counted(StateMargin(lambda _: constant))
+                return self._constant(context, holds=value is context.positive)
             case Feature() | FieldReference() | Comparison():
-                signal = self._signal(formula, binding, positive=positive)
-                return self._counted(StateMargin(itemgetter(signal), signal))
+                signal = self._signal(formula, context)
+                return self._counted(StateMargin(itemgetter(signal), context.width))
             case Not(body):
-                return self._built(body, binding, positive=not positive, first=first)
-            case Always() | Eventually():
-                return self._window(formula, binding, positive=positive, first=first)
-            case Until():
-                return self._until(formula, binding, positive=positive, first=first)
-            case Historically() | Once() | Since() | Previous():
-                return self._past(formula, binding, positive=positive)
-            case Count() | CountOf():
-                return self._count(formula, binding, positive=positive, first=first)
+                return self._built(body, context.signed(False))
+            case Always() | Eventually() | Until() | Historically() | Once() | Since():
+                return self._window(formula, context)
+            case Previous(body):
+                before = self._built(body, replace(context, first=False))
+                return self._counted(
+                    PreviousMargin(before, LOWEST if context.positive else HIGHEST)
+                )
             case _:
-                universal = isinstance(formula, And | Forall | Equivalent) is positive
-                members = [
-                    self._built(part, bound, positive=sign, first=first)
-                    for part, bound, sign in self._members(formula, binding, positive=positive)
-                ]
-                return self._counted(_junction(members, universal=universal))
+                return self._junction(formula, context)
 
-    def _members(
-        self, formula: Formula, binding: Binding, *, positive: bool
-    ) -> Iterator[tuple[Formula, Binding, bool]]:
-        """Yield the formulas that are joined, their objects, and False for negated ones."""
+    def _window(self, formula: _Windowed, context: _Context) -> MarginOperator:
+        start, end = _offsets(formula)
+        inner = replace(context, first=False)
+        if isinstance(formula, Until | Since):
+            left, right = self._built(formula.left, inner), self._built(formula.right, inner)
+            order = extremum(universal=not context.positive, width=context.width)
+            if isinstance(formula, Since):
+                since = SinceWindow(start, end, order)
+                return self._counted(TemporalMargin(PairMargin(left, right), since))
+            until = UntilWindow(start, end, order, once=context.first)
+            return self._counted(UntilMargin(PairMargin(left, right), until))
+        body = self._built(formula.body, inner)
+        universal = isinstance(formula, Always | Historically) is context.positive
+        order = extremum(universal=universal, width=context.width)
+        kind = ExtremumWindow if context.width == 1 else ExtremaWindow
+        return self._counted(ExtremumMargin(body, kind(start, end, order, once=context.first)))
+
+    def _junction(self, formula: Formula, context: _Context) -> MarginOperator:  # noqa: PLR0911
         match formula:
-            case And(left, right) | Or(left, right):
-                yield left, binding, positive
-                yield right, binding, positive
+            case Forall(_, _, Always()) | Exists(_, _, Eventually()) if self._objects(formula):
+                return self._window(_exchanged(formula), context)
+            case And(left, right):
+                return self._at_least(2, [(left, True), (right, True)], context)
+            case Or(left, right):
+                return self._at_least(1, [(left, True), (right, True)], context)
             case Implies(left, right):
-                yield left, binding, not positive
-                yield right, binding, positive
+                return self._at_least(1, [(left, False), (right, True)], context)
             case Equivalent(left, right):
-                yield Implies(left, right), binding, positive
-                yield Implies(right, left), binding, positive
-            case Forall(variable, sort, body) | Exists(variable, sort, body):
-                for name in objects_of(sort, self._domains):
-                    yield body, {**binding, variable: name}, positive
+                sides = Implies(left, right), Implies(right, left)
+                return self._at_least(2, [(each, True) for each in sides], context)
+            case Forall():
+                return self._for_objects(len(self._objects(formula)), formula, context)
+            case Exists():
+                return self._for_objects(1, formula, context)
+            case Count() | CountOf():
+                return self._count(formula, context)
+        raise AssertionError(formula)
 
-    def _window(
-        self, formula: Always | Eventually, binding: Binding, *, positive: bool, first: bool
-    ) -> MarginOperator:
-        body = self._built(formula.body, binding, positive=positive, first=False)
-        start, end = _offsets(formula.interval)
-        universal = isinstance(formula, Always) is positive
-        kind = FirstExtremum if first else SlidingExtremum
-        return self._counted(kind(body, start, end, universal=universal))
-
-    def _until(
-        self, formula: Until, binding: Binding, *, positive: bool, first: bool
-    ) -> MarginOperator:
-        kind = FirstUntil if first else SlidingUntil
-        sides = self._sides(formula, binding, positive=positive)
-        return self._counted(kind(sides, *_offsets(formula.interval), universal=not positive))
-
-    def _sides(self, formula: Until | Since, binding: Binding, *, positive: bool) -> PairMargin:
-        left, right = (
-            self._built(each, binding, positive=positive, first=False)
-            for each in (formula.left, formula.right)
-        )
-        return PairMargin(left, right)
-
-    def _past(self, formula: PastFormula, binding: Binding, *, positive: bool) -> MarginOperator:
-        if isinstance(formula, Since):
-            start, end = _offsets(formula.interval)
-            sides = self._sides(formula, binding, positive=positive)
-            return self._counted(SlidingSince(sides, -end, -start, universal=not positive))
-        body = self._built(formula.body, binding, positive=positive, first=False)
-        if isinstance(formula, Previous):
-            return self._counted(PreviousMargin(body, LOWEST if positive else HIGHEST))
-        start, end = _offsets(formula.interval)
-        universal = isinstance(formula, Historically) is positive
-        return self._counted(SlidingExtremum(body, -end, -start, universal=universal))
-
-    def _count(
-        self, formula: Count | CountOf, binding: Binding, *, positive: bool, first: bool
-    ) -> MarginOperator:
-        """Return the operator of a count: of the number-th greatest margin, or of its dual."""
-        members: list[tuple[Formula, Binding]]
+    def _count(self, formula: Count | CountOf, context: _Context) -> MarginOperator:
+        """Return the operator of a count; at most a number is not at least one more."""
         if isinstance(formula, Count):
-            names = objects_of(formula.sort, self._domains)
-            members = [(formula.body, {**binding, formula.variable: name}) for name in names]
+            counted = partial(self._for_objects, formula=formula)
         else:
-            members = [(each, binding) for each in formula.members]
-        found = []
-        for bound in (CountBound.AT_LEAST, CountBound.AT_MOST):
-            if formula.bound not in {bound, CountBound.EXACTLY}:
-                continue
-            # At most `number` hold if all others do not.
-            is_least = bound is CountBound.AT_LEAST
-            needed = formula.number if is_least else len(members) - formula.number
-            operators = [
-                self._built(each, objects, positive=is_least is positive, first=first)
-                for each, objects in members
-            ]
-            needed = needed if positive else len(members) - needed + 1
-            found.append(self._counted(_at_least(needed, operators)))
-        return self._counted(_junction(found, universal=positive))
+            counted = partial(self._at_least, members=[(each, True) for each in formula.members])
+        if formula.bound is CountBound.AT_LEAST:
+            return counted(formula.number, context=context)
+        most = counted(formula.number + 1, context=context.signed(False))
+        if formula.bound is CountBound.AT_MOST:
+            return most
+        return self._joined(
+            2 if context.positive else 1, [counted(formula.number, context=context), most], context
+        )
+
+    def _at_least(
+        self, number: int, members: Sequence[tuple[Formula, bool]], context: _Context
+    ) -> MarginOperator:
+        """Return the operator of "at least a number of formulas hold", with False for negations."""
+        built = [self._built(member, context.signed(sign)) for member, sign in members]
+        return self._joined(context.needed(number, len(built)), built, context)
+
+    def _for_objects(
+        self, number: int, formula: Forall | Exists | Count, context: _Context
+    ) -> MarginOperator:
+        """Return the operator of "a formula holds for at least a number of objects"."""
+        names = self._objects(formula)
+        bindings = [{**each, formula.variable: name} for each in context.bindings for name in names]
+        needed = context.needed(number, len(names))
+        if len(bindings) < _LEAST_OBJECTS or not 0 < needed <= len(names):
+            uses = [replace(context, bindings=[each]) for each in bindings]
+            return self._joined(needed, [self._built(formula.body, each) for each in uses], context)
+        body = self._built(formula.body, replace(context, bindings=bindings))
+        return self._counted(ObjectsMargin(body, needed, len(names)))
+
+    def _joined(
+        self, number: int, members: Sequence[MarginOperator], context: _Context
+    ) -> MarginOperator:
+        """Return the operator of "at least a number of these hold"."""
+        count = len(members)
+        if not 0 < number <= count:
+            return self._constant(context, holds=number <= 0)
+        if count == 1:
+            return members[0]
+        join = at_least(number, count, context.width)
+        if not all(isinstance(each, StateMargin) for each in members):
+            return self._counted(JunctionMargin(members, join, _decisive(number, count)))
+        readers = [each.read for each in members if isinstance(each, StateMargin)]
+        return self._counted(
+            StateMargin(lambda signals: join([read(signals) for read in readers]), context.width)
+        )
+
+    def _constant(self, context: _Context, *, holds: bool) -> MarginOperator:
+        constant = of_all(HIGHEST if holds else LOWEST, context.width)
+        return self._counted(StateMargin(lambda _: constant, context.width))
 
     def _counted(self, operator: MarginOperator) -> MarginOperator:
-        self.operators += 1
+        self.operators += operator.width
         if self.operators > self._limit:
             raise ReasoningError(
                 f'the margin of the formula has more than {self._limit} operators (the limit '
@@ -239,77 +281,49 @@ class MarginBuilder:
             )
         return operator
 
-    def _signal(self, atom: StateAtom, binding: Binding, *, positive: bool) -> int:
-        """Return the number of the margin of an atom, or of its negation."""
-        ground = ground_atom(atom, binding, self._domains)
-        key = str(ground), positive
-        if key not in self._signals:
-            number = len(self.readers)
-            self._signals[key] = number
-            self.readers.append(margin_reader(ground, self._kinds, number, positive=positive))
+    def _signal(self, atom: StateAtom, context: _Context) -> int:
+        """Return the number of the margins of an atom for some objects, or of its negation."""
+        ground = [ground_atom(atom, binding, self._domains) for binding in context.bindings]
+        numbers = tuple(map(self._number, ground))
+        key = context.positive, numbers
+        if key not in self._known_signals:
+            self._known_signals[key] = len(self.signals)
+            self.signals.append(
+                AtomMargins(ground, numbers, self._kinds, positive=context.positive)
+            )
+        return self._known_signals[key]
+
+    def _number(self, ground: StateAtom) -> int:
+        """Return the number of an atom without variables."""
+        text = str(ground)
+        if text not in self._numbers:
+            self._numbers[text] = len(self.atoms)
             self.atoms.append(str(as_written(ground)))
             self.fields.update(map(str, fields(ground)))
-        return self._signals[key]
+        return self._numbers[text]
+
+    def _objects(self, formula: Forall | Exists | Count) -> Sequence[str]:
+        return objects_of(formula.sort, self._domains)
 
 
-def _at_least(number: int, members: Sequence[MarginOperator]) -> MarginOperator:
-    """Return the operator of a formula that holds if a number of its members do."""
-    if not 0 < number <= len(members):
-        constant = LOWEST if number > 0 else HIGHEST
-        return StateMargin(lambda _: constant)
-    return JunctionMargin(members, lambda margins: sorted(margins)[-number])
+def _exchanged(formula: Forall | Exists) -> Always | Eventually:
+    """Return `forall x: always F` as `always forall x: F`, and the like for `exists`."""
+    window = cast('Always | Eventually', formula.body)
+    body = type(formula)(formula.variable, formula.sort, window.body)
+    return type(window)(body, window.interval)
 
 
-def _offsets(interval: Interval) -> tuple[float, float]:
-    return interval.start, inf if interval.end is None else interval.end
+def _decisive(number: int, count: int) -> Robustness | None:
+    """Return the margin of one of some members that decides."""
+    if number == count:
+        return LOWEST
+    return HIGHEST if number == 1 else None
 
 
-def _junction(members: Sequence[MarginOperator], *, universal: bool) -> MarginOperator:
-    """Return the operator of several formulas at the same state.
-
-    `always` of several formulas with one interval is that of all, and so for its dual: many objects
-    cost little more than one.
-    """
-    join = min if universal else max
-    merged: dict[Any, list[Any]] = {}
-    for each in members:
-        merged.setdefault(_mergeable(each, universal=universal), []).append(each)
-    found: list[MarginOperator] = []
-    for key, group in merged.items():
-        if key is None or len(group) == 1:
-            found += group
-        elif key == ('state',):
-            found.append(StateMargin(_joined(group, join)))
-        else:
-            kind, start, end = key
-            body = _junction([each.body for each in group], universal=universal)
-            found.append(kind(body, start, end, universal=universal))
-    if len(found) == 1:
-        return found[0]
-    if not found:
-        neutral = HIGHEST if universal else LOWEST
-        return StateMargin(lambda _: neutral)
-    if len(found) == 2:  # noqa: PLR2004 - such as `p -> eventually q`
-        for state, other in (found, reversed(found)):
-            if isinstance(state, StateMargin):
-                return StateJunction(state, other, join)
-    return JunctionMargin(found, join)
-
-
-def _mergeable(operator: MarginOperator, *, universal: bool) -> tuple[Any, ...] | None:
-    """Return a key of the operators that this one can be merged with; None if there are none."""
-    if isinstance(operator, StateMargin):
-        return ('state',)
-    if isinstance(operator, FirstExtremum | SlidingExtremum) and operator.universal is universal:
-        return type(operator), operator.start, operator.end
-    return None
-
-
-def _joined(states: Sequence[StateMargin], join: Callable[[Any], Any]) -> Reader:
-    """Return the least or the greatest of margins at a state."""
-    signals = [each.signal for each in states]
-    if None not in signals:
-        chosen = itemgetter(*signals)
-        return lambda signals: cast('Robustness', join(chosen(signals)))
-    readers = [each.read for each in states]
-    return lambda signals: cast('Robustness', join([read(signals) for read in readers]))
+def _offsets(formula: _Windowed) -> tuple[float, float]:
+    """Return the start and the end of the window of a formula, in nanoseconds after the state."""
+    interval = formula.interval
+    end = inf if interval.end is None else interval.end
+    if isinstance(formula, Historically | Once | Since):
+        return -end, -interval.start
+    return interval.start, end

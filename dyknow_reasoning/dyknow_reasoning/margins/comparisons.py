@@ -1,9 +1,16 @@
-"""Margins of comparisons, and of other atoms, at a state."""
+"""Margins of comparisons, and of other atoms, at a state.
+
+The margin of an atom is the distance of the two sides of a comparison of numbers; it is infinite
+for other atoms.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
+from collections.abc import Callable, Sequence
+from operator import itemgetter
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
 
 from dyknow_common import COMPARISONS, TEXT_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
@@ -15,7 +22,7 @@ from dyknow_reasoning.language.terms import (
     Object,
 )
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.margins.operators import HIGHEST, LOWEST, Robustness
+from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, vector
 from dyknow_reasoning.progression.atoms import (
     NEGATED_COMPARISONS,
     Values,
@@ -23,8 +30,11 @@ from dyknow_reasoning.progression.atoms import (
     term_reader,
 )
 
-MarginReader: TypeAlias = Callable[[Values], Robustness | None]
-"""The margin of an atom at a state; None if the values are unusable."""
+UNUSABLE = ReasoningError, OverflowError
+"""The errors of a reader where the values are unusable."""
+
+MarginReader: TypeAlias = Callable[[Values], Any]
+"""The margin of an atom at a state, or the array of those of many objects; raises `UNUSABLE`."""
 
 _DISTANCES: dict[str, Callable[[Any, Any], Any]] = {
     '>': lambda left, right: left - right,
@@ -35,67 +45,127 @@ _DISTANCES: dict[str, Callable[[Any, Any], Any]] = {
     '!=': lambda left, right: abs(left - right),
 }
 
+_EXACT_LIMIT = 1 << 53
+"""Integers up to this one are exact as floats."""
 
-def margin_reader(atom: Atom, kinds: Kinds, number: int, *, positive: bool) -> MarginReader:
-    """Return the margin of an atom without variables.
 
-    It is the distance of the two sides of a comparison of numbers, and infinite for other atoms.
+class AtomMargins:
+    """The margins of an atom, or of its negation, for some objects.
 
     Args:
-        atom: the atom.
+        atoms: the atom for each object, without variables.
+        numbers: the numbers of the atoms, which are returned with their margins.
         kinds: the kinds of features, from `check_types`.
-        number: the number of the atom, which is returned with its margin.
-        positive: False for the margin of its negation.
+        positive: False for the margins of the negation.
+
+    Attributes:
+        read: returns the margin at a state.
     """
+
+    def __init__(
+        self, atoms: Sequence[Atom], numbers: Sequence[int], kinds: Kinds, *, positive: bool
+    ) -> None:
+        limits = [_limit(each, positive=positive) for each in atoms]
+        readers = [
+            _reader(atom, kinds, limit, number, positive=positive)
+            for atom, limit, number in zip(atoms, limits, numbers, strict=True)
+        ]
+        self._readers = readers
+        self.read = readers[0] if len(readers) == 1 else _array_reader(readers, limits, numbers)
+
+    def read_usable(self, values: Values, unknown: Robustness) -> Any:
+        """Return the margin at a state; the unknown one where the values are unusable."""
+        found = []
+        for read in self._readers:
+            try:
+                found.append(read(values))
+            except UNUSABLE:
+                found.append(unknown)
+        return found[0] if len(found) == 1 else vector(found)
+
+
+class _Limit(NamedTuple):
+    """A comparison of a field with a number, the commonest one: the field should be above it."""
+
+    field: str
+    number: float
+    is_above: bool
+
+
+def _limit(atom: Atom, *, positive: bool) -> _Limit | None:
+    """Return what an atom or its negation compares; None if it is of another form."""
+    if (
+        isinstance(atom, Comparison)
+        and isinstance(atom.left, Feature | FieldReference)
+        and isinstance(atom.right, Number)
+        and atom.operator in {'<', '<=', '>', '>='}
+        and abs(atom.right.value) <= _EXACT_LIMIT
+    ):
+        is_above = (atom.operator in {'>', '>='}) is positive
+        return _Limit(str(atom.left), atom.right.value, is_above)
+    return None
+
+
+def _reader(
+    atom: Atom, kinds: Kinds, limit: _Limit | None, number: int, *, positive: bool
+) -> MarginReader:
+    """Return the margin of an atom, or of its negation."""
     if not isinstance(atom, Comparison) or atom.operator in TEXT_COMPARISONS:
         return _truth(atom, kinds, positive=positive)
     operator = atom.operator if positive else NEGATED_COMPARISONS[atom.operator]
-    left, right = atom.left, atom.right
-    slow = _comparison(Comparison(operator, left, right), kinds, number)
-    if isinstance(right, Number) and isinstance(left, Feature | FieldReference):
-        if operator in {'>', '>='}:
-            return _above(str(left), right.value, number, slow)
-        if operator in {'<', '<='}:
-            return _below(str(left), right.value, number, slow)
-    return slow
+    slow = _comparison(Comparison(operator, atom.left, atom.right), kinds, number)
+    if limit is None:
+        return slow
+    name, bound, is_above = limit
 
-
-def _above(name: str, limit: float, number: int, slow: MarginReader) -> MarginReader:
-    """Return the margin of the commonest comparison, for plain floats; others are `slow`."""
-
-    def read(values: Values) -> Robustness | None:
+    def read(values: Values) -> Robustness:
         value = values.get(name)
         if type(value) is float:
-            margin = value - limit
+            margin = value - bound if is_above else bound - value
             if margin == margin:  # noqa: PLR0124 - not NaN
                 return margin, number
-        return slow(values)
+        found: Robustness = slow(values)
+        return found
 
     return read
 
 
-def _below(name: str, limit: float, number: int, slow: MarginReader) -> MarginReader:
-    def read(values: Values) -> Robustness | None:
-        value = values.get(name)
-        if type(value) is float:
-            margin = limit - value
-            if margin == margin:  # noqa: PLR0124 - not NaN
-                return margin, number
-        return slow(values)
+def _array_reader(
+    readers: Sequence[MarginReader], limits: Sequence[_Limit | None], numbers: Sequence[int]
+) -> MarginReader:
+    """Return the margins of the atoms of many objects, at once if all values are floats."""
+
+    def slow(values: Values) -> Any:
+        return vector([read(values) for read in readers])
+
+    known = [each for each in limits if each is not None]
+    if len(known) < len(limits):
+        return slow
+    choose = itemgetter(*(each.field for each in known))
+    bounds = np.array([each.number for each in known], float)
+    signs = np.array([1.0 if each.is_above else -1.0 for each in known])
+    template = vector([(0.0, number) for number in numbers])
+
+    def read(values: Values) -> Any:
+        try:
+            row = choose(values)
+        except KeyError:
+            return slow(values)
+        if set(map(type, row)) != {float}:
+            return slow(values)
+        margins = np.subtract(row, bounds) * signs
+        if np.isnan(margins).any():
+            return slow(values)
+        found = template.copy()
+        found.real = margins
+        return found
 
     return read
 
 
 def _truth(atom: Atom, kinds: Kinds, *, positive: bool) -> MarginReader:
     holds = predicate(atom, kinds)
-
-    def read(values: Values) -> Robustness | None:
-        try:
-            return HIGHEST if holds(values) is positive else LOWEST
-        except ReasoningError:
-            return None
-
-    return read
+    return lambda values: HIGHEST if holds(values) is positive else LOWEST
 
 
 def _comparison(atom: Comparison, kinds: Kinds, number: int) -> MarginReader:
@@ -105,15 +175,15 @@ def _comparison(atom: Comparison, kinds: Kinds, number: int) -> MarginReader:
     left, right = term_reader(atom.left, kinds), term_reader(atom.right, kinds)
     distance, truth = _DISTANCES[atom.operator], _truth(atom, kinds, positive=True)
 
-    def read(values: Values) -> Robustness | None:
-        try:
-            first, second = left(values), right(values)
-            if not (_is_number(first) and _is_number(second)):
-                return truth(values)
-            margin = distance(first, second)
-        except (ReasoningError, OverflowError):
-            return None
-        return (margin, number) if margin == margin else None  # noqa: PLR0124 - not NaN
+    def read(values: Values) -> Robustness:
+        first, second = left(values), right(values)
+        if not (_is_number(first) and _is_number(second)):
+            found: Robustness = truth(values)
+            return found
+        margin = distance(first, second)
+        if margin != margin:  # noqa: PLR0124 - NaN
+            raise ReasoningError(f"'{atom}' has no margin: a side is not a number, or infinite")
+        return margin, number
 
     return read
 

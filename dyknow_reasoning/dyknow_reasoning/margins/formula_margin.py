@@ -11,24 +11,27 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable
 from math import inf
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 from dyknow_common import Margin
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.building import MarginBuilder
+from dyknow_reasoning.margins.comparisons import UNUSABLE
 from dyknow_reasoning.margins.operators import (
-    HIGHEST,
-    LOWEST,
     Assumption,
-    Guard,
     MarginOperator,
-    MarginThreshold,
-    Robustness,
     Signals,
     Steps,
+)
+from dyknow_reasoning.margins.robustness import (
+    HIGHEST,
+    LOWEST,
+    MarginThreshold,
+    Robustness,
+    as_float,
 )
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
@@ -38,9 +41,6 @@ _MAX_STEPS = 64
 
 _MAX_WORK = 4096
 """The number of operators times the number of states that are processed together."""
-
-_PAUSE = 8
-"""The times that bounds are found without asking how long they are stable, if that did not help."""
 
 
 class MarginBound:
@@ -93,7 +93,7 @@ class BoundedMargins(ABC):
         self._steps = Steps()
         self._most = min(_MAX_STEPS, 1 + _MAX_WORK // builder.operators)
         self.fields = builder.fields
-        self._readers = builder.readers
+        self._signals = builder.signals
         self._atoms = builder.atoms
         self._latest: int | None = None
         self._gap_follows = False
@@ -105,9 +105,10 @@ class BoundedMargins(ABC):
         if self._gap_follows:
             self._gap(valid_time)
         self._latest = valid_time
-        signals: list[Any] = [read(values) for read in self._readers]
-        if None in signals:
-            self._process_unusable(valid_time, signals)
+        try:
+            signals = [each.read(values) for each in self._signals]
+        except UNUSABLE:
+            self._process_unusable(valid_time, values)
             return
         steps = self._steps
         steps.append(valid_time, valid_time, signals)
@@ -142,14 +143,15 @@ class BoundedMargins(ABC):
             self._fork()
             self._steps.append(latest + 1, end - 1, None)
 
-    def _process_unusable(self, valid_time: int, signals: list[Any]) -> None:
+    def _process_unusable(self, valid_time: int, values: Values) -> None:
         """Process a state at which some margins of comparisons are unknown."""
         self._process()
         self._fork()
         for bound in self._bounds:
-            unknown: Any = bound.assumption.unknown
+            unknown = cast('Robustness', bound.assumption.unknown)
+            signals = [each.read_usable(values, unknown) for each in self._signals]
             steps = Steps()
-            steps.append(valid_time, valid_time, [each or unknown for each in signals])
+            steps.append(valid_time, valid_time, signals)
             bound.step(steps)
 
     def _fork(self) -> None:
@@ -173,7 +175,7 @@ class BoundedMargins(ABC):
         finite = [each for each in (lower, upper) if abs(each[0]) < inf]
         nearest = min(finite, key=lambda bound: abs(bound[0]), default=None)
         atom = '' if nearest is None else self._atoms[nearest[1]]
-        return Margin(_float(lower[0]), _float(upper[0]), atom=atom)
+        return Margin(as_float(lower[0]), as_float(upper[0]), atom=atom)
 
 
 class FormulaMargin(BoundedMargins):
@@ -185,10 +187,9 @@ class FormulaMargin(BoundedMargins):
         super().__init__(formula, kinds, domains, limit)
         # The bounds do not change before a time while all states satisfy the guards.
         self._stable_until = -inf
-        self._guards: list[Guard] = []
+        self._guards: list[Callable[[Signals], bool]] = []
         # The number of the collected states that satisfy them.
         self._checked = 0
-        self._pause = 0
 
     def step(self, valid_time: int, values: Values) -> None:
         """Process a state that is later than the one before."""
@@ -204,42 +205,46 @@ class FormulaMargin(BoundedMargins):
         """Return the bounds, after the latest state."""
         if self._latest is None:
             return Margin(-inf, inf)
-        if self._guards and self._latest < self._stable_until:
-            self._check_guards()
-        if self._latest < self._stable_until:
-            self._pause = 0
-        else:
+        if not self._is_stable():
             self._process()
             self._find_bounds()
         return self._latest_margin
 
     def _find_bounds(self) -> None:
-        lower = self._bound(self._bounds[0], LOWEST)
-        upper = self._bound(self._bounds[-1], HIGHEST)
-        before = self._latest_margin
-        if self._margin(lower, upper) is not before or self._pause:
-            self._pause = max(self._pause - 1, 0)
+        (lower, upper), below, above = self._latest_bounds, self._bounds[0], self._bounds[-1]
+        if below.known:
+            self._margin(below.known[0], above.known[0])
+            self._stable_until = inf
             return
-        self._pause = _PAUSE
-        self._guards.clear()
-        self._stable_until = min(
-            self._bounds[0].operator.stable_until(MarginThreshold(lower, LOWEST, self._guards)),
-            self._bounds[-1].operator.stable_until(MarginThreshold(upper, HIGHEST, self._guards)),
+        # The bounds never become less strict.
+        before, floor, ceiling = (
+            self._latest_margin,
+            MarginThreshold(lower, LOWEST),
+            MarginThreshold(upper, HIGHEST),
         )
+        lower = max([lower, *below.operator.open_margins(floor)[:1]])
+        upper = min([upper, *above.operator.open_margins(ceiling)[:1]])
+        if self._margin(lower, upper) is before:
+            self._stable_until = min(
+                below.operator.stable_until(floor), above.operator.stable_until(ceiling)
+            )
+            self._guards = floor.guards + ceiling.guards
 
-    def _check_guards(self) -> None:
-        """Forget how long the bounds are stable if a new state does not satisfy a guard."""
-        collected = cast('list[Signals]', self._steps.signals)
-        for signals in collected[self._checked :]:
-            for read, is_satisfied in self._guards:
-                if not is_satisfied(read(signals)):
+    def _is_stable(self) -> bool:
+        """Return True if no state since the bounds were found can change them."""
+        if self._latest is None or self._latest >= self._stable_until:
+            return False
+        signals = cast('list[Signals]', self._steps.signals)
+        for each in signals[self._checked :] if self._guards else ():
+            for is_satisfied in self._guards:
+                if not is_satisfied(each):
                     self._stable_until = -inf
-                    return
-        self._checked = len(collected)
+                    return False
+        self._checked = len(signals)
+        return True
 
     def _process(self) -> None:
-        if self._latest is not None and self._latest < self._stable_until:
-            self._check_guards()
+        self._is_stable()
         self._checked = 0
         super()._process()
 
@@ -247,18 +252,3 @@ class FormulaMargin(BoundedMargins):
         # What is not known satisfies no guards.
         self._stable_until = -inf
         super()._fork()
-
-    def _bound(self, bound: MarginBound, unknown: Robustness) -> Robustness:
-        """Return the bound if the future is unknown."""
-        if bound.known:
-            return bound.known[0]
-        found: Sequence[Robustness] = bound.operator.open_margins(unknown, unknown)
-        return found[0] if found else unknown
-
-
-def _float(value: float) -> float:
-    """Return a number as a float, never as -0.0; integers may be too large for one."""
-    try:
-        return float(value) + 0.0
-    except OverflowError:
-        return inf if value > 0 else -inf

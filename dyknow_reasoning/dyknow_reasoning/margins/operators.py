@@ -1,8 +1,6 @@
 """Operators that compute margins of formulas from the margins of their parts, state by state.
 
-A *margin* is a number that is above zero only if a formula is true, and below zero only if it is
-false: `x > 5` has the margin x - 5, `and` and `always` the least margin of their parts. Each
-operator returns the margins of its formula at the states, in their order, each as soon as no
+Each operator returns the margins of its formula at the states, in their order, each as soon as no
 further state can change it. Example: `eventually[0 s, 2 s] x > 5`, with a state each second.
 
     x                  4      7      3      2      6
@@ -27,26 +25,26 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from itertools import chain, islice, repeat, zip_longest
+from itertools import chain, repeat, zip_longest
 from math import inf
 from operator import ge, itemgetter, le
-from typing import Any, Self, TypeAlias, cast
+from typing import Any, TypeAlias
 
-Robustness: TypeAlias = tuple[float, int]
-"""A margin, and the number of the comparison that has it; -1 if none has."""
+from dyknow_reasoning.margins.robustness import (
+    HIGHEST,
+    MarginThreshold,
+    Robustness,
+    at_least,
+    of_all,
+    scalar,
+)
+from dyknow_reasoning.margins.windows import Copyable
 
-HIGHEST: Robustness = inf, -1
-LOWEST: Robustness = -inf, -1
-
-Signals: TypeAlias = Sequence[Robustness]
+Signals: TypeAlias = Sequence[Any]
 """The margins of the comparisons at a state."""
 
-Reader: TypeAlias = Callable[[Signals], Robustness]
+Reader: TypeAlias = Callable[[Signals], Any]
 """The margin of a formula without temporal operators at a state."""
-
-MAX_WAITING = 50_000
-"""The states of one operator whose margins may be unknown yet. Of more, only bounds are kept."""
 
 
 @dataclass(slots=True)
@@ -81,8 +79,13 @@ class Steps:
         """Return the steps that begin until a time."""
         if self.spans[-1][0] <= last:
             return self
+        if self.spans[0][0] > last:
+            return _NO_STEPS
         end = bisect_right(self.spans, last, key=itemgetter(0))
         return Steps(self.spans[:end], self.states[:end], self.signals[:end])
+
+
+_NO_STEPS = Steps()
 
 
 @dataclass(slots=True)
@@ -98,60 +101,30 @@ class Assumption:
     is_needed: bool = False
 
 
-def reaches(margin: Robustness, limit: Robustness, unknown: Robustness) -> bool:
-    """Return True if a margin is at a limit, or beyond it towards what is unknown."""
-    return margin >= limit if unknown[0] > 0 else margin <= limit
-
-
-Guard: TypeAlias = tuple[Reader, Callable[[Robustness], bool]]
-"""A condition on the margin of a formula without temporal operators, at each later state."""
-
-
-class MarginThreshold:
-    """A limit of margins, and the guards under which they reach it later.
-
-    Args:
-        limit: the limit.
-        unknown: the margin of all that is unknown, `LOWEST` or `HIGHEST`.
-        guards: the guards, which others may add to.
-    """
-
-    def __init__(self, limit: Robustness, unknown: Robustness, guards: list[Guard]) -> None:
-        self.limit = limit
-        self.unknown = unknown
-        self.guards = guards
-        self.reached_by = partial(le if unknown[0] > 0 else ge, limit)
-
-
-class Copyable:
-    """An object whose attributes may be changed independently in a copy."""
-
-    def copied(self) -> Self:
-        """Return an independent copy."""
-        twin = self.__new__(type(self))
-        vars(twin).update({name: _copied(value) for name, value in vars(self).items()})
-        return twin
-
-
-def _copied(value: Any) -> Any:
-    if isinstance(value, Copyable):
-        return value.copied()
-    if isinstance(value, list):
-        return [_copied(each) for each in value]
-    return value.copy() if isinstance(value, deque | dict) else value
-
-
 class MarginOperator(Copyable, ABC):
     """An operator of a formula.
 
-    `is_immediate` is True if the margin at a state is known with that state.
+    Args:
+        parts: the operators of its parts.
+        width: the number of objects. Margins of one are tuples, those of many are arrays.
+        end: the last time at which margins of the parts count, in nanoseconds after the state.
+
+    Attributes:
+        is_immediate: True if the margin at a state is known with that state.
     """
 
-    is_immediate: bool = False
+    def __init__(self, parts: Sequence[MarginOperator], width: int, end: float = 0) -> None:
+        self.parts = list(parts)
+        self.width = width
+        self.is_immediate: bool = end <= 0 and all(each.is_immediate for each in parts)
+        self._horizon = max(end, 0)
+        self._needed: float = inf
 
-    @abstractmethod
     def need(self, last: float) -> None:
         """Record that margins are needed at the states up to a time; called before the steps."""
+        self._needed = last
+        for each in self.parts:
+            each.need(last + self._horizon)
 
     @abstractmethod
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
@@ -163,28 +136,24 @@ class MarginOperator(Copyable, ABC):
         """
 
     @abstractmethod
-    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
+    def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
         """Return the margins that were not returned by `step` yet, if the future is unknown.
 
-        They may end before all others that reach the limit. Margins at or beyond the limit may be
-        inexact; callers use only those short of it.
-
-        Args:
-            limit: a margin; `unknown` to get all that differ from it.
-            unknown: the margin of all that is unknown, `LOWEST` or `HIGHEST`.
+        Margins that reach the threshold may be inexact, and the last ones may be missing; callers
+        use only those short of it.
         """
 
-    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:  # noqa: ARG002
-        """Return a time before which no margin falls short of a limit, if the guards hold.
+    def stable_until(self, threshold: MarginThreshold) -> float:  # noqa: ARG002
+        """Return a time before which no margin falls short of a threshold, if its guards hold.
 
-        That is for those that were not returned by `step` yet and reach the limit at present, and
-        for those at later states.
-
-        Args:
-            threshold: the limit; the guards are added to it.
-            skipped: the number of the earliest margins that do not matter.
+        That is for those that were not returned by `step` yet and reach it at present, and for
+        those at later states. The guards are added to the threshold.
         """
         return -inf
+
+    def unknown_margin(self, unknown: Robustness | None) -> Any:
+        """Return the margin at a state that is unknown."""
+        return unknown if unknown is None else of_all(unknown, self.width)
 
 
 class StateMargin(MarginOperator):
@@ -192,33 +161,33 @@ class StateMargin(MarginOperator):
 
     Args:
         read: returns its margin.
-        signal: the number of the margin in the signals, if it is one of them.
+        width: the number of objects.
     """
 
-    is_immediate = True
-
-    def __init__(self, read: Reader, signal: int | None = None) -> None:
+    def __init__(self, read: Reader, width: int = 1) -> None:
+        super().__init__((), width)
         self.read = read
-        self.signal = signal
-        self._needed: float = inf
-
-    def need(self, last: float) -> None:
-        """Record that margins are needed at the states up to a time."""
-        self._needed = last
 
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states."""
-        read, unknown = self.read, assumption.unknown
-        signals = (steps if self._needed == inf else steps.until(self._needed)).signals
+        read, signals = self.read, steps.until(self._needed).signals
+        if assumption.unknown is None:
+            return list(map(read, signals))  # type: ignore[arg-type] # A gap has an assumption.
+        unknown = self.unknown_margin(assumption.unknown)
         return [unknown if each is None else read(each) for each in signals]
 
-    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:  # noqa: ARG002
+    def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:  # noqa: ARG002
         """Return nothing: all margins are known."""
         return ()
 
-    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:  # noqa: ARG002
+    def stable_until(self, threshold: MarginThreshold) -> float:
         """Return that it depends on the margins at later states alone."""
-        threshold.guards.append((self.read, threshold.reached_by))
+        read, limit = self.read, threshold.limit
+        if self.width > 1:
+            threshold.guards.append(lambda signals: threshold.reached_by(read(signals)))
+        else:
+            is_reached = ge if threshold.unknown is HIGHEST else le
+            threshold.guards.append(lambda signals: is_reached(read(signals), limit))
         return inf
 
 
@@ -228,47 +197,59 @@ class JunctionMargin(MarginOperator):
     Args:
         members: the operators of the formulas.
         join: returns the margin, such as the least or the greatest one.
+        decisive: the margin of one member that decides, whatever the others' margins are.
     """
 
-    def __init__(self, members: Sequence[MarginOperator], join: Callable[[Any], Any]) -> None:
-        self.members = list(members)
-        self.join = join
-        self.is_immediate = all(each.is_immediate for each in members)
-        self._decisive = _decisive(join)
+    def __init__(
+        self,
+        members: Sequence[MarginOperator],
+        join: Callable[[Any], Any],
+        decisive: Robustness | None = None,
+    ) -> None:
+        super().__init__(members, members[0].width)
+        self._join = join
+        self._decisive = decisive
         self._queues: list[deque[Any]] = [deque() for _ in members]
-
-    def need(self, last: float) -> None:
-        """Record that margins are needed at the states up to a time."""
-        for each in self.members:
-            each.need(last)
 
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states at which all members' margins are known."""
         queues = self._queues
-        for member, queue in zip(self.members, queues):  # noqa: B905 - strict is slower
+        for member, queue in zip(self.parts, queues):  # noqa: B905 - strict is slower
             queue.extend(member.step(steps, assumption))
         known = min(map(len, queues))
         margins = [[queue.popleft() for _ in range(known)] for queue in queues]
-        return list(map(self.join, zip(*margins)))  # noqa: B905 - strict is slower
+        return list(map(self._join, zip(*margins)))  # noqa: B905 - strict is slower
 
-    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
+    def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
         """Return the margins that are not known yet, from the members' margins."""
         if self.is_immediate:
             return ()
         members = []
-        for member, queue in zip(self.members, self._queues, strict=True):
-            found = member.open_margins(limit, unknown)
-            members.append([*queue, *found] if queue else found)
-            if self._decisive == unknown and not members[-1]:
+        for member, queue in zip(self.parts, self._queues, strict=True):
+            found = member.open_margins(threshold)
+            if self._decisive == threshold.unknown and not found and not queue:
+                # One unknown margin decides.
                 return ()
-        if self._decisive == unknown:
-            # One unknown margin decides.
-            return list(map(self.join, zip(*members, strict=False)))
-        return list(map(self.join, zip_longest(*members, fillvalue=unknown)))
+            members.append(chain(queue, found))
+        fill = self.parts[0].unknown_margin(threshold.unknown)
+        known = self._decisive == threshold.unknown
+        together = zip(*members) if known else zip_longest(*members, fillvalue=fill)  # noqa: B905
+        return list(map(self._join, together))
 
-    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:  # noqa: ARG002
+    def stable_until(self, threshold: MarginThreshold) -> float:
         """Return the time before which no margin of a member falls short."""
-        return min(each.stable_until(threshold) for each in self.members)
+        if self._decisive != threshold.unknown:
+            return min(each.stable_until(threshold) for each in self.parts)
+        others = [each for each in self.parts if not isinstance(each, StateMargin)]
+        without_states = MarginThreshold(threshold.limit, threshold.unknown)
+        time = min(each.stable_until(without_states) for each in others)
+        if time == -inf or without_states.guards:
+            for member, queue in zip(self.parts, self._queues, strict=True):
+                if isinstance(member, StateMargin) and all(map(threshold.reached_by, queue)):
+                    # No open margin depends on the others.
+                    return member.stable_until(threshold)
+        threshold.guards += without_states.guards
+        return time
 
 
 class PairMargin(JunctionMargin):
@@ -282,75 +263,45 @@ class PairMargin(JunctionMargin):
     def __init__(self, left: MarginOperator, right: MarginOperator) -> None:
         super().__init__((left, right), tuple)
 
-    def left_reaches(self, limit: Robustness, unknown: Robustness) -> bool:
-        """Return True if the left margins of all pairs that were not returned yet reach a limit."""
-        lefts = [*self._queues[0], *self.members[0].open_margins(limit, unknown)]
-        least = min if unknown == HIGHEST else max
-        return reaches(least(lefts, default=unknown), limit, unknown)
+    def unknown_margin(self, unknown: Robustness | None) -> Any:
+        """Return the margins at a state that is unknown."""
+        return (super().unknown_margin(unknown),) * 2
+
+    def left_reaches(self, threshold: MarginThreshold) -> bool:
+        """Return True if the left margins of all pairs that were not returned yet reach it."""
+        lefts = [*self._queues[0], *self.parts[0].open_margins(threshold)]
+        return threshold.reached_by_all(lefts)
 
 
-class StateJunction(MarginOperator):
-    """Two formulas at the same state, one without temporal operators: a fast `JunctionMargin`.
+class ObjectsMargin(MarginOperator):
+    """A formula with a quantifier, over the margins of all its objects at the same state.
 
     Args:
-        state: the operator of the formula without temporal operators.
-        other: the operator of the other formula.
-        join: the least or the greatest of margins.
+        body: the operator of the formula for all objects.
+        number: the number of objects for which the body must hold.
+        count: the number of objects of the quantifier.
     """
 
-    def __init__(
-        self, state: StateMargin, other: MarginOperator, join: Callable[[Any], Any]
-    ) -> None:
-        self.read = state.read
-        self.other = other
-        self.join = join
-        self.is_immediate = other.is_immediate
-        self._decisive = _decisive(join)
-        self._needed: float = inf
-        self._queue: deque[Robustness | None] = deque()
-
-    def need(self, last: float) -> None:
-        """Record that margins are needed at the states up to a time."""
-        self._needed = last
-        self.other.need(last)
+    def __init__(self, body: MarginOperator, number: int, count: int) -> None:
+        super().__init__([body], body.width // count)
+        self._shape = self.width, count
+        self._choose = at_least(number, count, body.width)
 
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
-        """Return the margins at the states at which the other formula's margin is known."""
-        read, unknown, queue = self.read, assumption.unknown, self._queue
-        needed = steps if self._needed == inf else steps.until(self._needed)
-        for signals in needed.signals:
-            queue.append(unknown if signals is None else read(signals))
-        join = self.join
-        return [join((queue.popleft(), other)) for other in self.other.step(steps, assumption)]
+        """Return the margins at the states at which all objects' margins are known."""
+        return [self._join(each) for each in self.parts[0].step(steps, assumption)]
 
-    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
-        """Return the margins that are not known yet, from the other formula's margins."""
-        if not self._queue:
-            return ()
-        others, join = self.other.open_margins(limit, unknown), cast('Any', self.join)
-        if self._decisive == unknown:
-            return list(map(join, self._queue, others)) if others else ()
-        joined = list(map(join, self._queue, others))
-        # An unknown margin of the other formula changes nothing.
-        joined += islice(self._queue, len(others), None)
-        return () if reaches(join(joined), limit, unknown) else joined
+    def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
+        """Return the margins that are not known yet, from the objects' margins."""
+        return [self._join(each) for each in self.parts[0].open_margins(threshold)]
 
-    def stable_until(self, threshold: MarginThreshold, skipped: int = 0) -> float:
-        """Return the time before which the margin of the other formula does not fall short."""
-        if self._decisive != threshold.unknown:
-            threshold.guards.append((self.read, threshold.reached_by))
-            return self.other.stable_until(threshold)
-        queue = cast('deque[Robustness]', self._queue)
-        reached = enumerate(map(threshold.reached_by, queue))
-        skipped = next((i for i, is_reached in reached if not is_reached), len(queue))
-        others = MarginThreshold(threshold.limit, threshold.unknown, [])
-        time = self.other.stable_until(others, skipped)
-        if skipped == len(queue) and (others.guards or time == -inf):
-            # No open margin depends on the other formula.
-            threshold.guards.append((self.read, threshold.reached_by))
-            return inf
-        threshold.guards += others.guards
-        return time
+    def stable_until(self, threshold: MarginThreshold) -> float:
+        """Return the time before which the margin of no object falls short."""
+        return self.parts[0].stable_until(threshold)
+
+    def _join(self, margins: Any) -> Any:
+        found = self._choose(margins.reshape(self._shape).T)
+        return scalar(found[0]) if self.width == 1 else found
 
 
 class PreviousMargin(MarginOperator):
@@ -362,39 +313,26 @@ class PreviousMargin(MarginOperator):
     """
 
     def __init__(self, body: MarginOperator, without: Robustness) -> None:
-        self.body = body
-        self.is_immediate = body.is_immediate
-        self._before = without
-        self._needed: float = inf
+        super().__init__([body], body.width)
+        self._before = of_all(without, self.width)
         # For each step without a margin yet: True if it is a gap.
         self._gaps: deque[bool] = deque()
-
-    def need(self, last: float) -> None:
-        """Record that margins are needed at the states up to a time."""
-        self._needed = last
-        self.body.need(last)
 
     def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states before which the body's margin is known."""
         self._gaps.extend(each is None for each in steps.until(self._needed).states)
-        found: list[Any] = []
-        for margin in self.body.step(steps, assumption):
+        unknown, found = self.unknown_margin(assumption.unknown), list[Any]()
+        for margin in self.parts[0].step(steps, assumption):
             # The state before a missing one may be missing itself.
-            found.append(assumption.unknown if self._gaps.popleft() else self._before)
+            found.append(unknown if self._gaps.popleft() else self._before)
             self._before = margin
         return found
 
-    def open_margins(self, limit: Robustness, unknown: Robustness) -> Sequence[Any]:
+    def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
         """Return the margins at the states before which the body's margin is not known yet."""
         if not self._gaps:
             return ()
-        before = [self._before, *self.body.open_margins(limit, unknown)]
-        pairs = zip(self._gaps, chain(before, repeat(unknown)), strict=False)
-        return [unknown if is_gap else margin for is_gap, margin in pairs]
-
-
-def _decisive(join: Callable[[Any], Any]) -> Robustness | None:
-    """Return the margin of one member that decides, whatever the others' margins are."""
-    if join is min:
-        return LOWEST
-    return HIGHEST if join is max else None
+        without = self.unknown_margin(threshold.unknown)
+        before = [self._before, *self.parts[0].open_margins(threshold)]
+        pairs = zip(self._gaps, chain(before, repeat(without)), strict=False)
+        return [without if is_gap else margin for is_gap, margin in pairs]

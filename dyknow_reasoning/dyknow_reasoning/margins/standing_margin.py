@@ -21,13 +21,14 @@ from collections import deque
 from collections.abc import Iterable
 from itertools import chain, repeat
 from math import inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dyknow_common import Margin
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.formula_margin import BoundedMargins
-from dyknow_reasoning.margins.operators import HIGHEST, LOWEST, Robustness
+from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, MarginThreshold, Robustness
+from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 
 
@@ -114,8 +115,8 @@ class StandingMargin(BoundedMargins):
         super()._process()
         self._receive_all()
 
-    def _process_unusable(self, valid_time: int, signals: list[Any]) -> None:
-        super()._process_unusable(valid_time, signals)
+    def _process_unusable(self, valid_time: int, values: Values) -> None:
+        super()._process_unusable(valid_time, values)
         self._open.append(self._states)
         self._states += 1
         self._receive_all()
@@ -153,8 +154,8 @@ class StandingMargin(BoundedMargins):
         """Return the bounds of the margins that are not known yet."""
         if self._latest is None or not self._open:
             return []
-        lower = self._bounds[0].operator.open_margins(LOWEST, LOWEST)
-        upper = self._bounds[-1].operator.open_margins(HIGHEST, HIGHEST)
+        lower = self._bounds[0].operator.open_margins(MarginThreshold(LOWEST, LOWEST))
+        upper = self._bounds[-1].operator.open_margins(MarginThreshold(HIGHEST, HIGHEST))
         found = zip(
             self._open,
             chain(lower, repeat(LOWEST)),

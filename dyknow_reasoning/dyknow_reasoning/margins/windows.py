@@ -2,7 +2,7 @@
 
 Each margin enters and leaves a window once, so the cost of a state is constant on average, whatever
 the length of the window. `always`, `eventually`, `once` and `historically` keep the margins that
-are still the extremum of some window (a monotonic deque). Example: the greatest margins of windows
+are still the extremum of some window (a monotonic wedge). Example: the greatest margins of windows
 of 3 states, with the margins that are kept:
 
     margin      4       1       3       2
@@ -11,26 +11,89 @@ of 3 states, with the margins that are kept:
 
 `until` and `since` compose states. A state with the margins g and f of the right and the left side
 maps the margin w of the states beyond it to max(g, min(f, w)). Two such maps compose to one of the
-same form, so a window is a product, which two stacks (`Product`) maintain.
+same form, so a window is a product, which two stacks (`Product`) maintain. So is a window over the
+margins of many objects.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from math import inf
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
-from dyknow_reasoning.margins.operators import (
-    HIGHEST,
-    LOWEST,
-    Copyable,
-    MarginThreshold,
-    Robustness,
-    reaches,
-)
+from dyknow_reasoning.margins.robustness import Extremum, MarginThreshold
+
+Step: TypeAlias = tuple[int, float, Any]
+"""The first and the last time of a state or gap, and the margin of the body of an operator."""
+
+Pair: TypeAlias = tuple[Any, Any]
+"""The margins of the left and the right side."""
+
+
+class Copyable:
+    """An object whose attributes may be changed independently in a copy."""
+
+    def copied(self) -> Self:
+        """Return an independent copy."""
+        twin = self.__new__(type(self))
+        vars(twin).update({name: _copied(value) for name, value in vars(self).items()})
+        return twin
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, Copyable):
+        return value.copied()
+    if isinstance(value, list):
+        return [_copied(each) for each in value]
+    return value.copy() if isinstance(value, deque) else value
+
+
+class Product(Copyable):
+    """The product of the margins of a queue of steps, by an associative operation.
+
+    Args:
+        operation: of an earlier and a later margin.
+        keeps_steps: False if none is ever removed.
+
+    Attributes:
+        steps: those that are kept.
+    """
+
+    def __init__(self, operation: Callable[[Any, Any], Any], *, keeps_steps: bool) -> None:
+        self._operation = operation
+        self._keeps_steps = keeps_steps
+        self.steps: deque[Step] = deque()
+        # The products of the earlier steps, from the last one back to each that is left; then the
+        # product of the later steps.
+        self._earlier: deque[Any] = deque()
+        self._later: Any = None
+
+    def append(self, step: Step) -> None:
+        """Add a step."""
+        if self._keeps_steps:
+            self.steps.append(step)
+        margin, later = step[2], self._later
+        self._later = margin if later is None else self._operation(later, margin)
+
+    def pop(self) -> Step:
+        """Remove the first step and return it."""
+        if not self._earlier:
+            total = None
+            for _, _, margin in reversed(self.steps):
+                total = margin if total is None else self._operation(margin, total)
+                self._earlier.append(total)
+            self._later = None
+        self._earlier.pop()
+        return self.steps.popleft()
+
+    def total(self) -> Any:
+        """Return the product; None without steps."""
+        if not self._earlier:
+            return self._later
+        earlier, later = self._earlier[-1], self._later
+        return earlier if later is None else self._operation(earlier, later)
 
 
 class MarginWindow(Copyable, ABC):
@@ -39,283 +102,223 @@ class MarginWindow(Copyable, ABC):
     Args:
         start: the start of the window, in nanoseconds after the state; -inf: the first state.
         end: its end; inf: none.
-        universal: True if the least margin counts, False if the greatest.
+        order: the choice between margins.
+        once: True if the margin is needed at one state alone.
     """
 
-    def __init__(self, start: float, end: float, *, universal: bool) -> None:
+    def __init__(self, start: float, end: float, order: Extremum, *, once: bool = False) -> None:
         self.start = start
         self.end = end
-        self.universal = universal
-        self.better = min if universal else max
-        self.worse = max if universal else min
-        self.neutral = HIGHEST if universal else LOWEST
-
-        # A margin that `latest_reaching` found: the limit, what is unknown, and the time.
-        self._found: tuple[Robustness, Robustness, float] = self.neutral, self.neutral, -inf
+        self.order = order
+        # False if no step ever leaves the window; then memory is constant.
+        self._is_sliding = start != -inf and not once
 
     @abstractmethod
-    def enter(self, first: int, last: float, margin: Any) -> None:
-        """Add the margin of the body at a step, with the first and the last time of the step."""
+    def enter(self, step: Step, state: int) -> None:
+        """Add a step before the end of the window of the next state that needs its margin."""
 
     @abstractmethod
-    def margin(self, state: int) -> Robustness:
-        """Drop what has left the window of a state, and return the margin of the state."""
+    def margin(self, state: int) -> Any:
+        """Drop the steps before the window of a state, and return the margin of the state."""
 
-    def latest_reaching(
-        self, limit: Robustness, unknown: Robustness, since: float = inf
-    ) -> float | None:
-        """Return the time of a margin that reaches a limit, the latest one if it is before `since`.
+    def latest_reaching(self, threshold: MarginThreshold) -> float:
+        """Return the time of the latest margin that reaches a threshold; -inf if none is known."""
+        return next((last for last, each in self._decisive() if threshold.reached_by(each)), -inf)
 
-        For pairs, the right-hand margin.
-        """
-        *found_for, time = self._found
-        if time >= since and found_for == [limit, unknown]:
-            return time
-        for last, margin in self._latest():
-            if reaches(margin, limit, unknown):
-                self._found = limit, unknown, last
-                return last
-        return None
-
-    def _latest(self) -> Iterable[tuple[float, Robustness]]:
-        """Return the margins that decide, the latest first, with the last times of their steps."""
-        return ()
+    @abstractmethod
+    def _decisive(self) -> Iterator[tuple[float, Any]]:
+        """Yield the margins that decide windows, the latest first, with their times."""
 
 
 class ExtremumWindow(MarginWindow):
-    """The least or the greatest margin in a window."""
+    """The least or the greatest margin in a window, for one object."""
 
-    def __init__(self, start: float, end: float, *, universal: bool) -> None:
-        super().__init__(start, end, universal=universal)
-        self._kept: deque[tuple[float, Robustness]] = deque()
+    def __init__(self, start: float, end: float, order: Extremum, *, once: bool = False) -> None:
+        super().__init__(start, end, order, once=once)
+        self._kept: deque[Step] = deque()
 
-    def enter(self, first: int, last: float, margin: Any) -> None:
-        """Add the margin of the body at a step."""
-        del first
+    def enter(self, step: Step, state: int) -> None:
+        """Add a step before the end of the window of the next state that needs its margin."""
+        _, last, margin = step
+        if last < state + self.start:
+            return
         kept = self._kept
-        if self.universal:
-            while kept and kept[-1][1] >= margin:
+        if self.order.universal:
+            while kept and kept[-1][2] >= margin:
                 kept.pop()
         else:
-            while kept and kept[-1][1] <= margin:
+            while kept and kept[-1][2] <= margin:
                 kept.pop()
-        if not kept or self.start != -inf:
-            kept.append((last, margin))
+        if self._is_sliding or not kept:
+            kept.append(step)
 
-    def margin(self, state: int) -> Robustness:
-        """Return the margin of a state."""
+    def margin(self, state: int) -> Any:
+        """Drop the steps before the window of a state, and return the margin of the state."""
         kept, start = self._kept, state + self.start
-        while kept and kept[0][0] < start:
+        while kept and kept[0][1] < start:
             kept.popleft()
-        return kept[0][1] if kept else self.neutral
+        return kept[0][2] if kept else self.order.neutral
 
-    def latest_reaching(
+    def _decisive(self) -> Iterator[tuple[float, Any]]:
+        return ((last, margin) for _, last, margin in reversed(self._kept))
+
+
+class ExtremaWindow(MarginWindow):
+    """The least or the greatest margins in a window, for many objects."""
+
+    def __init__(self, start: float, end: float, order: Extremum, *, once: bool = False) -> None:
+        super().__init__(start, end, order, once=once)
+        self._inside = Product(order.better, keeps_steps=self._is_sliding)
+
+    def enter(self, step: Step, state: int) -> None:
+        """Add a step before the end of the window of the next state that needs its margin."""
+        if step[1] >= state + self.start:
+            self._inside.append(step)
+
+    def margin(self, state: int) -> Any:
+        """Drop the steps before the window of a state, and return the margin of the state."""
+        inside, start = self._inside, state + self.start
+        while inside.steps and inside.steps[0][1] < start:
+            inside.pop()
+        total = inside.total()
+        return self.order.neutral if total is None else total
+
+    def _decisive(self) -> Iterator[tuple[float, Any]]:
+        return ((last, margin) for _, last, margin in reversed(self._inside.steps))
+
+
+class PairWindow(MarginWindow):
+    """`until` or `since` over a window; its margins are pairs, of the left and the right side."""
+
+    def __init__(
         self,
-        limit: Robustness,
-        unknown: Robustness,
-        since: float = inf,  # noqa: ARG002
-    ) -> float | None:
-        """Return the time of the latest margin that reaches a limit."""
-        # Each margin is further from the limit than the one before.
-        kept = self._kept
-        end = bisect_right(kept, False, key=lambda each: not reaches(each[1], limit, unknown))
-        return kept[end - 1][0] if end else None
+        start: float,
+        end: float,
+        order: Extremum,
+        product: Callable[[Pair, Pair], Pair],
+        *,
+        once: bool = False,
+    ) -> None:
+        super().__init__(start, end, order, once=once)
+        self._inside = Product(product, keeps_steps=self._is_sliding)
+        # The steps between the state and its window, where the left side must hold; none if the
+        # window begins or ends with the state.
+        self._is_apart = start > 0 or end < 0
+        self._between = Product(product, keeps_steps=not once)
 
-
-class Product(Copyable):
-    """The product of a queue of elements, by an associative operation.
-
-    Args:
-        operation: of an earlier and a later element.
-        keeps_elements: False if none is ever removed.
-
-    Attributes:
-        elements: those that are kept, with the times of their steps.
-    """
-
-    def __init__(self, operation: Callable[[Any, Any], Any], *, keeps_elements: bool) -> None:
-        self._operation = operation
-        self._keeps_elements = keeps_elements
-        self.elements: deque[tuple[int, float, Any]] = deque()
-        # The products of the earlier elements, from each on to the last of them; the first one is
-        # at the end. Then the product of the later elements.
-        self._earlier: list[Any] = []
-        self._later: Any = None
-
-    def append(self, element: tuple[int, float, Any]) -> None:
-        """Add an element, with the times of its step."""
-        if self._keeps_elements:
-            self.elements.append(element)
-        value, later = element[2], self._later
-        self._later = value if later is None else self._operation(later, value)
-
-    def pop(self) -> tuple[int, float, Any]:
-        """Remove the first element and return it."""
-        if not self._earlier:
-            total = None
-            for _, _, value in reversed(self.elements):
-                total = value if total is None else self._operation(value, total)
-                self._earlier.append(total)
-            self._later = None
-        self._earlier.pop()
-        return self.elements.popleft()
-
-    def total(self) -> Any:
-        """Return the product; None without elements."""
-        if not self._earlier:
-            return self._later
-        earlier, later = self._earlier[-1], self._later
-        return earlier if later is None else self._operation(earlier, later)
-
-
-Pair: TypeAlias = tuple[Robustness, Robustness]
-"""The margins of the left and the right side."""
-
-
-# Products of an earlier and a later pair. They compare by themselves, as calls of `min` and `max`
-# would take most of the time.
-
-
-def _until(earlier: Pair, later: Pair) -> Pair:
-    (left, right), (next_left, next_right) = earlier, later
-    reached = left if left < next_right else next_right
-    return left if left < next_left else next_left, right if right > reached else reached
-
-
-def _released(earlier: Pair, later: Pair) -> Pair:
-    (left, right), (next_left, next_right) = earlier, later
-    reached = left if left > next_right else next_right
-    return left if left > next_left else next_left, right if right < reached else reached
-
-
-def _since(earlier: Pair, later: Pair) -> Pair:
-    (left, right), (next_left, next_right) = earlier, later
-    kept = right if right < next_left else next_left
-    return left if left < next_left else next_left, next_right if next_right > kept else kept
-
-
-def _since_dual(earlier: Pair, later: Pair) -> Pair:
-    (left, right), (next_left, next_right) = earlier, later
-    kept = right if right > next_left else next_left
-    return left if left > next_left else next_left, next_right if next_right < kept else kept
-
-
-def _both_left(earlier: Pair, later: Pair) -> Pair:
-    return min(earlier[0], later[0]), LOWEST
-
-
-def _either_left(earlier: Pair, later: Pair) -> Pair:
-    return max(earlier[0], later[0]), HIGHEST
-
-
-class _PairWindow(MarginWindow):
-    """`until` or `since` over a window; it contains pairs: the margins of both sides."""
-
-    def _joined(self, found: Robustness, window: Product, between: Product) -> Robustness:
-        """Return a margin, or a better one that a state in the window gives.
-
-        Args:
-            found: the margin.
-            window: the steps in the window.
-            between: those between the state and the window, in which the left side must hold.
-        """
-        total = window.total()
-        if total is None:
-            return found
-        left = between.total() if between.elements else None
-        right = total[1] if left is None else self.worse(left[0], total[1])
-        result: Robustness = self.better(found, right)
-        return result
-
-
-class UntilWindow(_PairWindow):
-    """`until`; if universal, its dual, `release` with an open interval.
-
-    It contains pairs: the margins of the left and the right side.
-    """
-
-    def __init__(self, start: float, end: float, *, universal: bool) -> None:
-        super().__init__(start, end, universal=universal)
-        # The steps before the window, and those in it; of both only those after the state.
-        self._before = Product(_either_left if universal else _both_left, keeps_elements=True)
-        self._window = Product(_released if universal else _until, keeps_elements=True)
-
-    def left_reaches(self, limit: Robustness, unknown: Robustness) -> bool:
-        """Return True if the left margins of all steps reach a limit."""
-        totals = (self._before.total(), self._window.total())
-        return all(each is None or reaches(each[0], limit, unknown) for each in totals)
+    def left_reaches(self, threshold: MarginThreshold) -> bool:
+        """Return True if the left margins of all steps reach a threshold."""
+        totals = self._between.total(), self._inside.total()
+        return all(each is None or threshold.reached_by(each[0]) for each in totals)
 
     def latest_break(self, threshold: MarginThreshold) -> float:
-        """Return the time of the latest step after which none matters to the states before it.
+        """Return the time until which margins of states do not depend on later steps.
 
-        There, the right side reaches the limit, or the left side falls short of it.
+        There, the right side reaches a threshold, or the left side falls short of it.
         """
-        last: float
-        for _, last, (left, right) in reversed(self._window.elements):
+        for _, last, (left, right) in reversed(self._inside.steps):
             if threshold.reached_by(right):
-                return last + 1
-            if not threshold.reached_by(left):
                 return last
+            if not threshold.reached_by(left):
+                return last - 1
         return -inf
 
-    def _latest(self) -> Iterable[tuple[float, Robustness]]:
-        return ((last, right) for _, last, (_, right) in reversed(self._window.elements))
+    def _decisive(self) -> Iterator[tuple[float, Any]]:
+        return ((last, right) for _, last, (_, right) in reversed(self._inside.steps))
 
-    def enter(self, first: int, last: float, margin: Any) -> None:
-        """Add the margin of the body at a step."""
-        self._window.append((first, last, margin))
+    def _joined(self, own: Any) -> Any:
+        """Return the better of the margins of the state itself and of the window."""
+        total = self._inside.total()
+        if total is None:
+            return own
+        right = total[1]
+        if self._is_apart and (between := self._between.total()) is not None:
+            right = self.order.worse(between[0], right)
+        return self.order.better(own, right)
 
-    def margin(self, state: int) -> Robustness:
-        """Return the margin of a state."""
-        before, window, start = self._before, self._window, state + self.start
-        found, in_window, in_front = self.neutral, window.elements, before.elements
+
+class UntilWindow(PairWindow):
+    """`until`; if the least margin counts, its dual, `release` with an open interval."""
+
+    def __init__(self, start: float, end: float, order: Extremum, *, once: bool = False) -> None:
+        super().__init__(start, end, order, _until(order), once=once)
+        # The right side of the state, if it is needed at one alone and in its own window.
+        self._own = order.neutral
+
+    def enter(self, step: Step, state: int) -> None:
+        """Add a step before the end of the window of the next state that needs its margin."""
+        last, start = step[1], state + self.start
+        if self._is_sliding or (last > state and last >= start):
+            self._inside.append(step)
+        elif last > state:
+            self._between.append(step)
+        elif last == start:
+            self._own = step[2][1]
+
+    def margin(self, state: int) -> Any:
+        """Drop the steps before the window of a state, and return the margin of the state."""
+        inside, between, start = self._inside, self._between, state + self.start
+        steps = inside.steps
         if self.start > 0:
-            while in_window and in_window[0][1] < start:
-                before.append(window.pop())
-            while in_front and in_front[0][1] <= state:
-                before.pop()
-        while in_window and in_window[0][1] <= state:
-            # The state itself is in its window: the left side need not hold before it.
-            _, time, (_, right) = window.pop()
-            found = right if time == state else found
-        return self._joined(found, window, before)
+            while steps and steps[0][1] < start:
+                between.append(inside.pop())
+            while between.steps and between.steps[0][1] <= state:
+                between.pop()
+        own = self._own
+        while steps and steps[0][1] <= state:
+            _, last, (_, right) = inside.pop()
+            if last == state:
+                # The left side need not hold before the state itself.
+                own = right
+        return self._joined(own)
 
 
-class SinceWindow(_PairWindow):
-    """`since`, the mirror of `until`; if universal, its dual.
+class SinceWindow(PairWindow):
+    """`since`, the mirror of `until`; if the least margin counts, its dual."""
 
-    It contains pairs: the margins of the left and the right side.
+    def __init__(self, start: float, end: float, order: Extremum) -> None:
+        super().__init__(start, end, order, _since(order))
+        # Steps after the window count for the left side, so those until the state enter.
+        self.end, self._window_end = 0, end
+        self._current: Step | None = None
 
-    Args:
-        start: the start of the window in nanoseconds after the state, at most 0; -inf: the first.
-        end: its end, at most 0.
-        universal: as for `until`.
-    """
-
-    def __init__(self, start: float, end: float, *, universal: bool) -> None:
-        # States after the window count for the left side.
-        super().__init__(start, 0, universal=universal)
-        self._window_end = end
-        self._current: tuple[int, float, Any] | None = None
-        # The steps in the window, and those after it; of both only those before the state.
-        since = _since_dual if universal else _since
-        self._window = Product(since, keeps_elements=start != -inf)
-        self._after = Product(_either_left if universal else _both_left, keeps_elements=True)
-
-    def enter(self, first: int, last: float, margin: Any) -> None:
-        """Add the margin of the body at a step."""
+    def enter(self, step: Step, state: int) -> None:  # noqa: ARG002
+        """Add a step until a state."""
         if self._current is not None:
-            self._after.append(self._current)
-        self._current = first, last, margin
+            self._between.append(self._current)
+        self._current = step
 
-    def margin(self, state: int) -> Robustness:
-        """Return the margin of a state."""
-        window, after = self._window, self._after
-        while after.elements and after.elements[0][0] <= state + self._window_end:
-            window.append(after.pop())
-        while window.elements and window.elements[0][1] < state + self.start:
-            window.pop()
-        found = self.neutral
+    def margin(self, state: int) -> Any:
+        """Drop the steps before the window of a state, and return the margin of the state."""
+        inside, between = self._inside, self._between
+        while between.steps and between.steps[0][0] <= state + self._window_end:
+            inside.append(between.pop())
+        while inside.steps and inside.steps[0][1] < state + self.start:
+            inside.pop()
+        own = self.order.neutral
         if self._window_end == 0 and self._current is not None:
-            found = self._current[2][1]
-        return self._joined(found, window, after)
+            own = self._current[2][1]
+        return self._joined(own)
+
+
+def _until(order: Extremum) -> Callable[[Pair, Pair], Pair]:
+    """Return the product of an earlier and a later pair."""
+    better, worse, is_worse = order.better, order.worse, order.is_worse
+
+    def of_many(earlier: Pair, later: Pair) -> Pair:
+        return worse(earlier[0], later[0]), better(earlier[1], worse(earlier[0], later[1]))
+
+    def of_one(earlier: Pair, later: Pair) -> Pair:
+        # Comparisons are much faster than calls of `min` and `max`.
+        (left, right), (next_left, next_right) = earlier, later
+        reached = left if is_worse(left, next_right) else next_right
+        both = left if is_worse(left, next_left) else next_left
+        return both, reached if is_worse(right, reached) else right
+
+    return of_one if isinstance(order.neutral, tuple) else of_many
+
+
+def _since(order: Extremum) -> Callable[[Pair, Pair], Pair]:
+    """Return the product of an earlier and a later pair, the mirror of `until`."""
+    until = _until(order)
+    return lambda earlier, later: until(later, earlier)
