@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from dyknow_command.observing import add_duration_option, observe, observe_recording
+from dyknow_command.observing import add_duration_option, observe
 from dyknow_common import DyKnowError, ExitCode, replace_text, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import (
@@ -17,7 +17,7 @@ from dyknow_configuration import (
     read_robot,
     robot_text,
 )
-from dyknow_recordings import add_reading_options, message_types
+from dyknow_recordings import add_reading_options, message_types, observe_recording
 
 
 def init(options: argparse.Namespace) -> int:

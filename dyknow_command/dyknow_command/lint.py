@@ -11,11 +11,11 @@ from pathlib import Path
 
 from dyknow_command.linting.findings import Finding, FindingLevel, in_order, robot_error
 from dyknow_command.linting.inputs import LintInputs, read_inputs
-from dyknow_command.observing import add_duration_option, observe, observe_recording
+from dyknow_command.observing import add_duration_option, observe
 from dyknow_common import DyKnowError, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import ObservedTopic
-from dyknow_recordings import add_reading_options, message_types
+from dyknow_recordings import add_reading_options, message_types, observe_recording
 
 FINDINGS = 1
 """The exit code if something was found."""

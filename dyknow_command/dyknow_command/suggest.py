@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from dyknow_command.observing import absolute_topic, add_duration_option, observe, observe_recording
+from dyknow_command.observing import absolute_topic, add_duration_option, observe
 from dyknow_common import DyKnowError, ExitCode, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import (
@@ -18,7 +18,7 @@ from dyknow_configuration import (
     proposed_timing,
     timing_of,
 )
-from dyknow_recordings import add_reading_options, message_types
+from dyknow_recordings import add_reading_options, message_types, observe_recording
 
 
 def suggest(options: argparse.Namespace) -> int:

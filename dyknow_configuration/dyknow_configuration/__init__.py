@@ -2,6 +2,7 @@
 
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
 from dyknow_configuration.formula_notes import warn_of_notes
 from dyknow_configuration.formulas import read_formulas
@@ -68,6 +69,7 @@ __all__ = [
     'SeenValues',
     'Severity',
     'TextSource',
+    'TopicExpectation',
     'TopicTimes',
     'TopicTiming',
     'Trigger',

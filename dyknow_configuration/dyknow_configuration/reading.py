@@ -21,6 +21,7 @@ from typing import Final
 from dyknow_common import InlineText
 from dyknow_configuration.constants import read_constants
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml, texts
+from dyknow_configuration.expectations import read_expectations
 from dyknow_configuration.formulas import formulas_of
 from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.ontology_text import ontology_text
@@ -37,6 +38,7 @@ KEYS: Final = (
     'objects',
     'features',
     'streams',
+    'topics',
     'constants',
     'triggers',
     'formulas',
@@ -94,6 +96,7 @@ def robot_of(
         parameters=read_parameters(values['nodes']) if 'nodes' in values else {},
         guards=read_guards(values['guards'], formulas, constants) if 'guards' in values else (),
         units={name: each.unit for name, each in vocabulary.features.items() if each.unit},
+        topics=read_expectations(values['topics']) if 'topics' in values else (),
     )
 
 

@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 
 from dyknow_common import NANOSECONDS, BlackBoxOptions, InlineText, ValueType
+from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.triggers.trigger import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants, FieldReference, parse_formula, walk
 
@@ -191,6 +192,7 @@ class RobotConfiguration:
         parameters: of nodes, by the names of nodes and parameters.
         guards: of topics.
         units: of features, by name.
+        topics: what is expected of them.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -202,3 +204,4 @@ class RobotConfiguration:
     parameters: Mapping[str, Mapping[str, ParameterValue]] = field(default_factory=dict)
     guards: tuple[RequestedGuard, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    topics: tuple[TopicExpectation, ...] = ()

@@ -96,6 +96,7 @@ def _document(robot: RobotConfiguration, folder: Path) -> dict[str, Any]:
             name: trigger_document(each) for name, each in triggers.items() if each.is_named
         },
         'formulas': [_formula(each) for each in robot.formulas],
+        'topics': {each.topic: dict(each.document) for each in robot.topics},
         'nodes': {node: dict(given) for node, given in robot.parameters.items()},
     }
     return {key: part for key, part in parts.items() if part}

@@ -13,6 +13,7 @@ import yaml
 
 from dyknow_common import CONSTRAINT_KINDS, ValueType
 from dyknow_configuration import PACKAGES, Severity, reading
+from dyknow_configuration.expectations import EXPECTATION_KEYS
 from dyknow_configuration.formulas import FORMULA_KEYS
 from dyknow_configuration.reactions.guards import GUARD_KEYS
 from dyknow_configuration.stream_texts import TEMPLATE_KEYS
@@ -31,7 +32,9 @@ TYPES: dict[str, tuple[type, ...]] = {
 }  # fmt: skip
 
 WRONG = (
-    'bad_object_name', 'bare_duration', 'boolean_for_object', 'formula_without_name',
+    'bad_object_name', 'bare_duration', 'bare_gap', 'rate_without_unit', 'relative_topic',
+    'stamped_text', 'type_without_package', 'unknown_expectation_key',
+    'boolean_for_object', 'formula_without_name',
     'guard_without_input', 'list_for_message', 'no_action', 'no_field', 'no_list_of_objects',
     'no_mapping', 'no_type_of_message', 'number_for_object', 'number_in_command',
     'parameter_of_no_type', 'record_of_number', 'record_unknown_key', 'record_without_unit',
@@ -61,6 +64,7 @@ nodes: {stream_manager: {a: 1, b: [c], d: true, e: 1.5, f: g}, ontology_manager:
 ontology: a.owl
 annotations: [a.ssl, b.ssl]
 domains: {A: a1}
+topics: {/a: , /b: {type: a/msg/B, min_rate: 1 Hz, max_rate: 1.5Hz, max_gap: 1 s, stamped: true}}
 guards:
   - {name: g, input: /a, output: b, formulas: a, safe: {x: 1}, period: 1 s, type: a_msgs/msg/B}
   - {name: h, input: c, output: /d, formulas: [a, p = 1], safe: nothing, latch: true, timeout: 1 s}
@@ -136,6 +140,7 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert properties['source'] == {*SOURCE_KEYS} >= {*CONSTRAINT_KINDS}
     assert properties['formula'] == {*FORMULA_KEYS}
     assert properties['guard'] == {*GUARD_KEYS}
+    assert properties['expectation'] == {*EXPECTATION_KEYS}
     assert properties['trigger'] == {*TRIGGER_KEYS}
     assert {*DEFINITIONS['formula']['properties']['on']['properties']} == {*TriggerEvent}
     for kind, keys in ACTION_KEYS.items():

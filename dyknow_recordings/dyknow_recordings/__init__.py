@@ -16,6 +16,7 @@ from dyknow_recordings.evaluation.results import (
 )
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles, Vocabulary
+from dyknow_recordings.health.observing import observe_recording
 from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
@@ -70,6 +71,7 @@ __all__ = [
     'in_order',
     'load_vocabulary',
     'message_types',
+    'observe_recording',
     'open_recording',
     'read_black_box',
 ]

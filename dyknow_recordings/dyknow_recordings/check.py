@@ -10,9 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from dyknow_common import DyKnowError, add_utc_option, duration_option
+from dyknow_common import DyKnowError, add_utc_option, duration_option, with_readable_times
 from dyknow_common.executables import (
     ERROR,
+    FALSE,
     SIGNALLED,
     SUCCESS,
     Interruption,
@@ -23,6 +24,7 @@ from dyknow_common.executables import (
 from dyknow_configuration import (
     RequestedFormula,
     RobotConfiguration,
+    TopicExpectation,
     read_formulas,
     read_robot,
     warn_of_notes,
@@ -32,6 +34,7 @@ from dyknow_recordings.black_boxes.content import BlackBoxContent, read_black_bo
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.health.measures import health_of
 from dyknow_recordings.jobs.progress import ProgressBar
 from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob, run_here
 from dyknow_recordings.reading.opening import (
@@ -40,6 +43,7 @@ from dyknow_recordings.reading.opening import (
     message_types,
     open_recording,
 )
+from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.documents import failure_document, topics_document
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.outputs import (
@@ -69,15 +73,22 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
         'to topics.',
         (
             'dyknow check flight.mcap --topics',
+            'dyknow check flight.mcap --health',
             """dyknow check flight.mcap --formula 'always "/uav1/battery".voltage > 10'""",
             'dyknow check flight1 flight2 --config robot.yaml --json',
         ),
-        '0 if all is well, 1 if a formula is false, or undecided and that is a failure, 2 for an '
-        'error',
+        '0 if all is well, 1 if a formula is false, or undecided and that is a failure, or if a '
+        'topic is not as expected, 2 for an error',
     )
     _add_inputs(parser)
     parser.add_argument(
         '--topics', action='store_true', help='list the topics of the recordings, and end'
+    )
+    parser.add_argument(
+        '--health',
+        action='store_true',
+        help='measure the topics of the recordings, compare them with the key topics of a '
+        'robot.yaml, and end',
     )
     _add_times(parser)
     parser.add_argument(
@@ -197,10 +208,11 @@ def _add_executors(parser: argparse.ArgumentParser) -> None:
 
 def check(options: argparse.Namespace) -> int:
     """Check formulas over recordings, and print the results; return the exit code."""
-    if options.topics:
+    if options.topics or options.health:
         if _draws(options):
-            raise RecordingError('--topics draws nothing; leave out --html and --png')
-        return _list_topics(options)
+            name = '--topics' if options.topics else '--health'
+            raise RecordingError(f'{name} draws nothing; leave out --html and --png')
+        return _describe(options)
     status = ExitStatus(options.undecided, is_strict=options.strict)
     try:
         outputs = AllOutputs([*_outputs(options), status])
@@ -256,7 +268,8 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
         boxes = {path: box for path in options.recording if (box := read_black_box(path))}
         if len(boxes) == len(set(options.recording)):
             return tuple(_box_job(options, path, boxes[path]) for path in options.recording)
-    files, formulas = _configuration(options)
+    robot = RobotConfiguration() if options.config is None else read_robot(options.config)
+    files, formulas = _configuration(options, robot)
     types = message_types(options)
     return tuple(
         RecordingJob(
@@ -269,6 +282,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
             keep_signals=_draws(options),
             margins=options.margins,
             types=types,
+            expectations=robot.topics,
         )
         for path in options.recording
     )
@@ -343,20 +357,17 @@ def _add(outputs: CheckOutput, job: RecordingJob, result: JobResult) -> None:
         outputs.add(result)
 
 
-def _list_topics(options: argparse.Namespace) -> int:
+def _describe(options: argparse.Namespace) -> int:
+    """Print the topics of each recording, or their health; return the exit code."""
     code = SUCCESS
+    expected = read_robot(options.config).topics if options.health and options.config else ()
     for path in options.recording:
         try:
             with open_recording(path, message_types(options)) as recording:
-                if options.strict and recording.faults:
-                    code = ERROR
-                if options.json:
-                    print_document(topics_document(recording))
+                if options.health:
+                    code = max(code, _print_health(recording, expected, options))
                 else:
-                    from dyknow_recordings.reporting.table import print_topics  # noqa: PLC0415
-
-                    print_topics(recording)
-                    print_notes(str(path), recording.faults)
+                    code = max(code, _print_topics(recording, options))
         except DyKnowError as error:
             code = ERROR
             if options.json:
@@ -365,10 +376,39 @@ def _list_topics(options: argparse.Namespace) -> int:
     return code
 
 
-def _configuration(
+def _print_topics(recording: RecordingReader, options: argparse.Namespace) -> int:
+    if options.json:
+        print_document(topics_document(recording))
+    else:
+        from dyknow_recordings.reporting.table import print_topics  # noqa: PLC0415
+
+        print_topics(recording)
+        print_notes(str(recording.path), recording.faults)
+    return ERROR if options.strict and recording.faults else SUCCESS
+
+
+def _print_health(
+    recording: RecordingReader,
+    expected: Sequence[TopicExpectation],
     options: argparse.Namespace,
+) -> int:
+    from dyknow_recordings.health.report import health_document, print_health  # noqa: PLC0415
+
+    health = health_of(recording, expected)
+    if options.json:
+        print_document(health_document(health))
+    else:
+        print_health(health)
+        readable = (with_readable_times(each, health.start) for each in health.notes)
+        print_notes(health.recording, readable)
+    if options.strict and health.notes:
+        return ERROR
+    return FALSE if health.broken_expectations else SUCCESS
+
+
+def _configuration(
+    options: argparse.Namespace, robot: RobotConfiguration
 ) -> tuple[MonitoringFiles, tuple[RequestedFormula, ...]]:
-    robot = RobotConfiguration() if options.config is None else read_robot(options.config)
     files = MonitoringFiles(
         ontologies=(*robot.ontologies, *options.ontology),
         annotations=(*robot.annotations, *options.annotations),
@@ -378,7 +418,7 @@ def _configuration(
     )
     read = (formula for path in options.formulas for formula in read_formulas(path))
     formulas = (*robot.formulas, *read, *map(RequestedFormula, options.formula))
-    if not formulas:
+    if not (formulas or robot.topics):
         raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
     warn_of_notes(each.text for each in formulas)
     return files, formulas

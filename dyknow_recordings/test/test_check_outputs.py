@@ -93,7 +93,9 @@ def faults_of_object(
 
 
 DEFINITIONS: dict[str, Any] = json.loads(SCHEMA.read_text(encoding='utf-8'))['$defs']
-LINE = {'oneOf': [{'$ref': f'#/$defs/{name}'} for name in ('results', 'topics', 'failure')]}
+LINE = {
+    'oneOf': [{'$ref': f'#/$defs/{name}'} for name in ('results', 'topics', 'health', 'failure')]
+}
 
 
 @pytest.fixture(scope='module')
@@ -111,9 +113,10 @@ def test_lines_of_json_follow_their_schema(bag: Path, capsys: pytest.CaptureFixt
     main([str(bag), 'missing', *options, '--json', '--every', 'state'])
     main([str(bag), *options, '--json', '--margins'])
     main([str(bag), '--topics', '--json'])
+    main([str(bag), '--health', '--json'])
     main([str(bag), '--json'])
     documents = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert len(documents) == 5
+    assert len(documents) == 6
     documents.append(json.loads(json.dumps(recording_document(REPORT, Judgement.AUTO))))
     for each in documents:
         assert list(faults(LINE, each)) == []

@@ -23,6 +23,7 @@ from dyknow_configuration import (
     RobotConfiguration,
     RobotFaults,
     TextSource,
+    TopicExpectation,
     YamlValue,
     find_faults,
     read_formulas,
@@ -67,6 +68,7 @@ class LintInputs:
         texts: of the files, by their paths.
         has_robot: True if there is a robot.yaml.
         refused: the texts of formulas at fault: what they name is used.
+        expectations: of a robot.yaml about topics.
     """
 
     files: MonitoringFiles = field(default_factory=MonitoringFiles)
@@ -78,6 +80,7 @@ class LintInputs:
     texts: dict[str, str] = field(default_factory=dict)
     has_robot: bool = False
     refused: set[str] = field(default_factory=set)
+    expectations: list[TopicExpectation] = field(default_factory=list)
 
     def is_consequence(self, message: str) -> bool:
         """Return True if a message is due to a fault that is among the findings."""
@@ -153,6 +156,7 @@ def _add_robot(inputs: LintInputs, found: RobotFaults) -> None:
     )
     inputs.formulas += _placed(robot.formulas, found.document)
     inputs.formulas += _placed_of_guards(robot, found.document)
+    inputs.expectations += robot.topics
     for section, key, _ in _entries(found.document):
         place = FilePlace(str(key.document.path), key.document.text, key.position(0))
         inputs.places[section, key.text()] = place

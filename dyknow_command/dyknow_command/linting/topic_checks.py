@@ -99,6 +99,7 @@ def _uses(inputs: LintInputs) -> Iterator[TopicUse]:
             yield TopicUse(absolute_topic(annotation.stream), place, stated, is_shared)
     for source in inputs.files.streams:
         yield from _stream_uses(inputs, source)
+    yield from _expected_uses(inputs)
     for formula in inputs.formulas:
         for topic, _ in references_of(formula):
             index = max(0, formula.requested.text.find(topic))
@@ -106,6 +107,12 @@ def _uses(inputs: LintInputs) -> Iterator[TopicUse]:
         if formula.requested.record is not None:
             for topic in formula.requested.record.topics:
                 yield TopicUse(absolute_topic(topic), formula.place(0), is_shared=True)
+
+
+def _expected_uses(inputs: LintInputs) -> Iterator[TopicUse]:
+    for each in inputs.expectations:
+        place = inputs.place_of(InlineText(each.place, ''))
+        yield TopicUse(each.topic, place, each.constraints, is_shared=True)
 
 
 def _stream_uses(inputs: LintInputs, source: TextSource) -> Iterator[TopicUse]:

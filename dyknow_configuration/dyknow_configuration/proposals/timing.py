@@ -58,12 +58,14 @@ class TopicTimes:
         receipt_times: of shape (n,).
         end: the time until which the topic was observed.
         is_stamped: False if the messages have no stamp.
+        unset: True for each message whose stamp is unset; of shape (n,), or None without stamps.
     """
 
     valid_times: NDArray[np.int64]
     receipt_times: NDArray[np.int64]
     end: int
     is_stamped: bool = True
+    unset: NDArray[np.bool_] | None = None
 
     @classmethod
     def of(
@@ -72,7 +74,8 @@ class TopicTimes:
         """Return the times of messages whose stamp is 0 where it is unset; None without stamps."""
         if stamps is None:
             return cls(receipt_times, receipt_times, end, is_stamped=False)
-        return cls(np.where(stamps == 0, receipt_times, stamps), receipt_times, end)
+        unset = stamps == 0
+        return cls(np.where(unset, receipt_times, stamps), receipt_times, end, unset=unset)
 
     @property
     def delays(self) -> NDArray[np.int64]:

@@ -8,6 +8,7 @@ from enum import StrEnum
 from dyknow_common import DyKnowError, Margin, Verdict
 from dyknow_coordinator import SymbolGrounding
 from dyknow_recordings.evaluation.observation import StateSignals
+from dyknow_recordings.health.expectations import BrokenExpectation
 from dyknow_stream_processing import Violation
 
 
@@ -135,6 +136,7 @@ class RecordingReport:
         end_time: the log time of its last message.
         formulas: in the order of the requests.
         notes: faults of the recording and of the configuration that are no errors.
+        broken: the expectations about topics that the recording breaks.
     """
 
     recording: str
@@ -142,3 +144,4 @@ class RecordingReport:
     end_time: int
     formulas: tuple[FormulaReport, ...]
     notes: tuple[str, ...] = ()
+    broken: tuple[BrokenExpectation, ...] = ()

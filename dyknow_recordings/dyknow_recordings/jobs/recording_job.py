@@ -8,13 +8,14 @@ from pathlib import Path
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import error_text
-from dyknow_configuration import RequestedFormula
+from dyknow_configuration import RequestedFormula, TopicExpectation
 from dyknow_recordings.black_boxes.content import BlackBoxContent
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.health.expectations import broken_in
 from dyknow_recordings.reading.messages.message_types import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 
@@ -38,6 +39,7 @@ class RecordingJob:
         margins: True to compute the margins of the formulas.
         black_box: the content of the recording if it is one that is to be checked by itself.
         types: where the definitions of message types are that the recording lacks.
+        expectations: about its topics.
     """
 
     name: str
@@ -50,6 +52,7 @@ class RecordingJob:
     margins: bool = False
     black_box: BlackBoxContent | None = None
     types: MessageTypes | None = None
+    expectations: tuple[TopicExpectation, ...] = ()
 
     def run(self) -> JobResult:
         """Check the recording. A fault of any kind is an error of this recording alone."""
@@ -64,6 +67,7 @@ class RecordingJob:
                     keep_signals=self.keep_signals,
                     margins=self.margins,
                 )
+                report = replace(report, broken=broken_in(recording, self.expectations))
         except DyKnowError as error:
             return error
         except Exception as error:  # noqa: BLE001 - other recordings are checked all the same

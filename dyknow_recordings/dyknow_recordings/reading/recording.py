@@ -27,6 +27,9 @@ MAX_STEP_BACK_NS: Final = SECOND_NS
 _MAX_LOSSES: Final = 100
 """The most losses that are told apart: what follows is lost together."""
 
+MISSING: Final = 'a message is missing by the sequence numbers'
+"""The reason of the fault that counts the messages that the recorder has not received."""
+
 MAX_TIME: Final = 2**63
 """All times in nanoseconds are below."""
 

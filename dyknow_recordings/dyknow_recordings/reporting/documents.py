@@ -6,6 +6,7 @@ from typing import Any
 
 from dyknow_common import DyKnowError
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, RecordingReport
+from dyknow_recordings.health.expectations import BrokenExpectation
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_stream_processing import Violation
@@ -18,6 +19,7 @@ def recording_document(report: RecordingReport, judgement: Judgement) -> dict[st
         'start_ns': report.start_time,
         'end_ns': report.end_time,
         'formulas': [_formula(each, judgement) for each in report.formulas],
+        'broken_expectations': [_broken(each) for each in report.broken],
         'notes': list(report.notes),
         'error': None,
     }
@@ -70,6 +72,16 @@ def _formula(report: FormulaReport, judgement: Judgement) -> dict[str, Any]:
         'events': list(report.events),
         'waits_for': report.waits_for,
         'error': _error(report.error),
+    }
+
+
+def _broken(each: BrokenExpectation) -> dict[str, Any]:
+    return {
+        'topic': each.topic,
+        'rule': each.rule,
+        'message': each.message,
+        'begin_ns': each.begin,
+        'end_ns': each.end,
     }
 
 

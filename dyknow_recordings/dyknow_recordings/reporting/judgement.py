@@ -29,7 +29,9 @@ class Judgement(StrEnum):
 
     def exit_code(self, reports: Iterable[RecordingReport]) -> int:
         """Return the exit code of a command that has checked some recordings."""
+        reports = tuple(reports)
         formulas = [formula for report in reports for formula in report.formulas]
         if any(each.outcome is Outcome.ERROR for each in formulas):
             return ERROR
-        return SUCCESS if all(map(self.passes, formulas)) else FALSE
+        is_well = all(map(self.passes, formulas)) and not any(each.broken for each in reports)
+        return SUCCESS if is_well else FALSE

@@ -17,6 +17,7 @@ from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
+from dyknow_recordings.health.expectations import BrokenExpectation
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
 from dyknow_recordings.reporting.report_files import check_place, write_report
@@ -48,7 +49,9 @@ class JUnitReport:
 
     def add(self, report: RecordingReport) -> None:
         """Add the suite of a recording."""
-        suite = _suite(report.recording, [self._case(each, report) for each in report.formulas])
+        cases = [self._case(each, report) for each in report.formulas]
+        cases += [_broken_case(each, report) for each in report.broken]
+        suite = _suite(report.recording, cases)
         for number, note in enumerate(report.notes, start=1):
             suite.add_property(f'note {number}', _valid(note))
         for formula in report.formulas:
@@ -102,6 +105,15 @@ class JUnitReport:
         elif not self._judgement.passes(formula):
             case.result = _result(Failure, formula.outcome, *lines)
         return case
+
+
+def _broken_case(broken: BrokenExpectation, report: RecordingReport) -> TestCase:
+    name = f'{broken.topic} {broken.rule}'
+    end = report.end_time if broken.end is None else broken.end
+    time = _seconds(end - report.start_time)
+    case = TestCase(_valid(name), _class_name(report.recording), time)
+    case.result = _result(Failure, Outcome.FALSE, broken.message)
+    return case
 
 
 def _suite(name: str, cases: Sequence[TestCase]) -> TestSuite:

@@ -20,6 +20,7 @@ from dyknow_common import (
 )
 from dyknow_common.tables import Terminal, figure, fixed, folded, framed_table
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
+from dyknow_recordings.health.report import print_broken
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
@@ -35,7 +36,9 @@ class Tables:
 
     def add(self, report: RecordingReport) -> None:
         """Print the table of a recording."""
-        Terminal(highlight=False).print(recording_table(report, self._judgement))
+        table = recording_table(report, self._judgement) if report.formulas else _title(report)
+        Terminal(highlight=False).print(table)
+        print_broken(report.broken)
         sys.stdout.flush()
 
     def add_failure(self, recording: str | None, error: DyKnowError) -> None:
@@ -47,7 +50,6 @@ class Tables:
 
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     """Return the results of one recording: a row for each formula."""
-    duration = round_duration(report.end_time - report.start_time)
     has_margins = any(each.margin is not None for each in report.formulas)
     margins = [folded('margin')] if has_margins else []
     return framed_table(
@@ -56,9 +58,14 @@ def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
             _row(each, judgement, report.start_time, has_margins=has_margins)
             for each in report.formulas
         ),
-        title=Text(f'{report.recording} ({duration} from {date_time(report.start_time)} on)'),
+        title=_title(report),
         title_justify='left',
     )
+
+
+def _title(report: RecordingReport) -> Text:
+    duration = round_duration(report.end_time - report.start_time)
+    return Text(f'{report.recording} ({duration} from {date_time(report.start_time)} on)')
 
 
 def print_topics(recording: RecordingReader) -> None:

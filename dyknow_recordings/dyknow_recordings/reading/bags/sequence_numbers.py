@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_recordings.reading.bags.storage import StoredChannel
-from dyknow_recordings.reading.recording import FaultCounter
+from dyknow_recordings.reading.recording import MISSING, FaultCounter
 
 _FEWEST_STEPS: Final = 4
 _REGULAR_SHARE: Final = 2
@@ -58,7 +58,7 @@ class SequenceNumbers:
                 topic = channels[key].topic
                 faults.lose(
                     f"topic '{topic}'",
-                    'a message is missing by the sequence numbers',
+                    MISSING,
                     count,
                     topics={topic},
                     first=min(before + 1, after),

@@ -1,0 +1,110 @@
+"""Expectations of a robot.yaml about topics: what a recording of the robot must contain.
+
+topics:
+  /rover1/scan: {type: sensor_msgs/msg/LaserScan, min_rate: 9 Hz, max_gap: 500 ms}
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
+from dyknow_configuration.documents.yaml_values import YamlValue
+
+TIMING_KEYS: Final = ('max_gap', 'max_delay', 'max_lead')
+
+EXPECTATION_KEYS: Final = ('type', 'min_rate', 'max_rate', *TIMING_KEYS, 'stamped')
+
+_RATE: Final = re.compile(r'\s*([0-9]+(?:\.[0-9]+)?)\s*Hz\s*', re.ASCII)
+_TYPE: Final = re.compile(r'[A-Za-z]\w*(/[A-Za-z]\w*)+', re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicExpectation:
+    """What is expected of a topic, which must have messages.
+
+    Args:
+        topic: its absolute name.
+        message_type: such as `sensor_msgs/msg/LaserScan`; empty for any.
+        min_rate: the least number of messages in a second; None for any.
+        max_rate: the greatest.
+        constraints: `max_gap`, `max_delay` and `max_lead` of its messages.
+        stamped: True if each message has a stamp.
+        place: of the topic in the file.
+    """
+
+    topic: str
+    message_type: str = ''
+    min_rate: float | None = None
+    max_rate: float | None = None
+    constraints: StreamConstraints = NO_CONSTRAINTS
+    stamped: bool = False
+    place: str = ''
+
+    @property
+    def document(self) -> Mapping[str, Any]:
+        """The value of the topic in a robot.yaml."""
+        rates = {'min_rate': self.min_rate, 'max_rate': self.max_rate}
+        return {
+            **({'type': self.message_type} if self.message_type else {}),
+            **{key: f'{rate:g} Hz' for key, rate in rates.items() if rate is not None},
+            **self.constraints.texts(),
+            **({'stamped': True} if self.stamped else {}),
+        }
+
+
+def read_expectations(value: YamlValue) -> tuple[TopicExpectation, ...]:
+    """Return what a mapping from topics expects of them.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    return tuple(_expectations(value))
+
+
+def _expectations(value: YamlValue) -> Iterator[TopicExpectation]:
+    for key, given in value.entries('a mapping from topics to what is expected of them'):
+        topic = key.text('a topic').strip()
+        if not topic.startswith('/'):
+            raise key.error(f"'{topic}' is no absolute name of a topic; write '/{topic}'")
+        if '{' in topic:
+            raise key.error('a topic cannot have a variable here; write the topic of each object')
+        stated = given.mapping(EXPECTATION_KEYS)
+        rates = {each: _rate(stated[each]) for each in ('min_rate', 'max_rate') if each in stated}
+        if len(rates) > 1 and rates['min_rate'] > rates['max_rate']:
+            raise stated['min_rate'].error('min_rate is more than max_rate; exchange them')
+        yield TopicExpectation(
+            topic,
+            _message_type(stated['type']) if 'type' in stated else '',
+            **rates,
+            constraints=_constraints(stated),
+            stamped='stamped' in stated and stated['stamped'].truth(),
+            place=key.place,
+        )
+
+
+def _rate(value: YamlValue) -> float:
+    found = _RATE.fullmatch(value.text()) if value.is_text else None
+    if found is None or not float(found[1]):
+        raise value.expected('a rate, such as 9.5 Hz,')
+    return float(found[1])
+
+
+def _message_type(value: YamlValue) -> str:
+    found = value.text('a message type').strip()
+    if not _TYPE.fullmatch(found):
+        raise value.error(f"'{found}' is no message type, such as sensor_msgs/msg/LaserScan")
+    return found
+
+
+def _constraints(stated: Mapping[str, YamlValue]) -> StreamConstraints:
+    given: dict[str, Any] = {key: stated[key].duration() for key in TIMING_KEYS if key in stated}
+    constraints = StreamConstraints(**given)
+    try:
+        constraints.validate()
+    except DyKnowError as error:
+        raise stated[next(iter(given))].error(error.message) from None
+    return constraints

@@ -1,0 +1,1 @@
+"""The health of recordings: the timing, stamps and losses of their topics."""
