@@ -25,7 +25,6 @@ from dyknow_reactions.black_box.box_content import (
     StateOrigin,
     content_of,
     first_state,
-    horizon,
     objects_fault,
     state_origin,
     stream_text,
@@ -33,7 +32,7 @@ from dyknow_reactions.black_box.box_content import (
 from dyknow_reactions.black_box.box_folder import BoxFolder, TopicOffer
 from dyknow_reactions.black_box.failures import FormulaFailure, OpenBox
 from dyknow_reactions.black_box.message_ring import SerialisedMessage
-from dyknow_recordings import Bag, BlackBoxContent, read_black_box
+from dyknow_recordings import Bag, BlackBoxContent, horizon, read_black_box
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 S = SECOND_NS

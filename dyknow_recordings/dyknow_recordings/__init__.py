@@ -2,6 +2,8 @@
 
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.black_boxes.content import BLACK_BOX, BlackBoxContent, read_black_box
+from dyknow_recordings.black_boxes.suffixes import horizon
+from dyknow_recordings.cutting.bag_writing import offered_profile
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
@@ -68,10 +70,12 @@ __all__ = [
     'Vocabulary',
     'add_reading_options',
     'evaluate_recording',
+    'horizon',
     'in_order',
     'load_vocabulary',
     'message_types',
     'observe_recording',
+    'offered_profile',
     'open_recording',
     'read_black_box',
 ]

@@ -21,28 +21,16 @@ from dyknow_common.executables import (
     interruptible,
     run_main,
 )
-from dyknow_configuration import (
-    RequestedFormula,
-    RobotConfiguration,
-    TopicExpectation,
-    read_formulas,
-    read_robot,
-    warn_of_notes,
-)
-from dyknow_reasoning import add_domain_option, read_domains
+from dyknow_configuration import RobotConfiguration, TopicExpectation, read_robot
+from dyknow_reasoning import read_domains
 from dyknow_recordings.black_boxes.content import BlackBoxContent, read_black_box
+from dyknow_recordings.check_inputs import add_input_options, read_configuration
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
-from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.health.measures import health_of
 from dyknow_recordings.jobs.progress import ProgressBar
 from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob, run_here
-from dyknow_recordings.reading.opening import (
-    ENDINGS,
-    add_reading_options,
-    message_types,
-    open_recording,
-)
+from dyknow_recordings.reading.opening import message_types, open_recording
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.documents import failure_document, topics_document
 from dyknow_recordings.reporting.judgement import Judgement
@@ -80,16 +68,8 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
         '0 if all is well, 1 if a formula is false, or undecided and that is a failure, or if a '
         'topic is not as expected, 2 for an error',
     )
-    _add_inputs(parser)
-    parser.add_argument(
-        '--topics', action='store_true', help='list the topics of the recordings, and end'
-    )
-    parser.add_argument(
-        '--health',
-        action='store_true',
-        help='measure the topics of the recordings, compare them with the key topics of a '
-        'robot.yaml, and end',
-    )
+    add_input_options(parser)
+    _add_descriptions(parser)
     _add_times(parser)
     parser.add_argument(
         '--margins',
@@ -108,37 +88,16 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
     _add_executors(parser)
 
 
-def _add_inputs(parser: argparse.ArgumentParser) -> None:
+def _add_descriptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        'recording',
-        nargs='+',
-        type=Path,
-        help='a rosbag2 folder, or a .mcap, .db3, .ulg or .csv file',
+        '--topics', action='store_true', help='list the topics of the recordings, and end'
     )
     parser.add_argument(
-        '--config', type=Path, metavar='FILE', help='robot.yaml, which describes the robot'
+        '--health',
+        action='store_true',
+        help='measure the topics of the recordings, compare them with the key topics of a '
+        'robot.yaml, and end',
     )
-    for name, description in (
-        ('ontology', 'OWL files'),
-        ('annotations', 'files in SSL'),
-        ('streams', 'files in the stream language'),
-        ('bridges', 'files of bridge rules between the ontologies'),
-        ('formulas', 'files with formulas: YAML, or one a line'),
-    ):
-        parser.add_argument(
-            f'--{name}',
-            nargs='+',
-            action='extend',
-            type=_file,
-            default=[],
-            metavar='FILE',
-            help=description,
-        )
-    parser.add_argument(
-        '--formula', action='append', default=[], metavar='TEXT', help='a formula; repeatable'
-    )
-    add_domain_option(parser)
-    add_reading_options(parser)
 
 
 def _add_times(parser: argparse.ArgumentParser) -> None:
@@ -269,7 +228,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
         if len(boxes) == len(set(options.recording)):
             return tuple(_box_job(options, path, boxes[path]) for path in options.recording)
     robot = RobotConfiguration() if options.config is None else read_robot(options.config)
-    files, formulas = _configuration(options, robot)
+    files, formulas = read_configuration(options, robot)
     types = message_types(options)
     return tuple(
         RecordingJob(
@@ -404,33 +363,6 @@ def _print_health(
     if options.strict and health.notes:
         return ERROR
     return FALSE if health.broken_expectations else SUCCESS
-
-
-def _configuration(
-    options: argparse.Namespace, robot: RobotConfiguration
-) -> tuple[MonitoringFiles, tuple[RequestedFormula, ...]]:
-    files = MonitoringFiles(
-        ontologies=(*robot.ontologies, *options.ontology),
-        annotations=(*robot.annotations, *options.annotations),
-        streams=(*robot.streams, *options.streams),
-        bridges=(*robot.bridges, *options.bridges),
-        domains={**robot.domains, **read_domains(options.domain)},
-    )
-    read = (formula for path in options.formulas for formula in read_formulas(path))
-    formulas = (*robot.formulas, *read, *map(RequestedFormula, options.formula))
-    if not (formulas or robot.topics):
-        raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
-    warn_of_notes(each.text for each in formulas)
-    return files, formulas
-
-
-def _file(text: str) -> Path:
-    path = Path(text)
-    if path.suffix.lower() in ENDINGS or path.is_dir():
-        raise argparse.ArgumentTypeError(
-            f"'{text}' is a recording; give recordings before the options, or after --"
-        )
-    return path
 
 
 def _number(text: str) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
 from dyknow_coordinator import (
@@ -17,14 +17,7 @@ from dyknow_coordinator import (
 )
 from dyknow_reactions.black_box.failures import OpenBox
 from dyknow_reasoning import (
-    Always,
-    And,
-    Forall,
-    Formula,
     FormulaGroup,
-    Interval,
-    parse_formula,
-    parts,
 )
 from dyknow_recordings import BlackBoxContent
 from dyknow_stream_processing import (
@@ -161,35 +154,6 @@ def first_state(
     first = last.number - progressed + 1
     own = [each for each in states if each.stream_id == last.stream_id and each.number >= first]
     return own[0].valid_time, own[0].number == first
-
-
-def horizon(formula: str) -> int:
-    """Return the time that a verdict about one state looks ahead and back at most, nanoseconds.
-
-    Operators without an end are left out.
-
-    Raises:
-        DyKnowError: if it is no formula.
-    """
-    return _horizon(_body(parse_formula(formula)))
-
-
-def _body(formula: Formula) -> Formula:
-    """Return what an invariant says of each state."""
-    match formula:
-        case Forall():
-            return _body(formula.body)
-        case Always() if formula.interval == Interval():
-            return formula.body
-    return formula
-
-
-def _horizon(part: Any) -> int:
-    end = interval.end if isinstance(interval := getattr(part, 'interval', None), Interval) else 0
-    found = [_horizon(each) for each in parts(part)]
-    if isinstance(part, And):
-        return max(found)
-    return (end or 0) + max(found, default=0)
 
 
 @dataclass(slots=True)

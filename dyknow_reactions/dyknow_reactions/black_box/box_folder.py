@@ -13,24 +13,15 @@ from itertools import count
 from pathlib import Path
 from typing import Final
 
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_reactions.black_box.definitions import typestore_of
 from dyknow_reactions.black_box.message_ring import SerialisedMessage
-from dyknow_recordings import BLACK_BOX, BlackBoxContent
+from dyknow_recordings import BLACK_BOX, BlackBoxContent, offered_profile
 
 _BAG_VERSION: Final = 9
 _MAX_NAME: Final = 60
-_UNLIMITED: Final = QosTime(2147483647, 4294967295)
 _OVERHEAD: Final = 100_000
 """The bytes of a bag beside its messages, about: definitions, content and metadata."""
 
@@ -178,26 +169,12 @@ def _write_bag(
                 topic,
                 offer.message_type,
                 typestore=typestore_of(offer.message_type),
-                offered_qos_profiles=[_quality(*each) for each in offer.offers],
+                offered_qos_profiles=[offered_profile(*each) for each in offer.offers],
             )
             for topic, offer in topics.items()
         }
         for each in messages:
             writer.write(connections[each.topic], each.time, each.data)
-
-
-def _quality(reliable: bool, latched: bool, depth: int) -> Qos:  # noqa: FBT001 - of a TopicOffer
-    return Qos(
-        QosHistory.KEEP_LAST,
-        depth,
-        QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
-        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        _UNLIMITED,
-        _UNLIMITED,
-        QosLiveliness.AUTOMATIC,
-        _UNLIMITED,
-        avoid_ros_namespace_conventions=False,
-    )
 
 
 def _size(folder: Path) -> int:

@@ -5,11 +5,7 @@ YAML folds long texts with backslashes incorrectly. A check of the bag needs
 nothing else: the formula has its sorts, and its state stream names the source of each feature.
 
 A bag may begin after the first state of its formula. Then only what holds of any suffix of the
-states is a verdict of the formula:
-
-    always F, with F about the present and the future    false from a later state: false
-    the same formula asked at every state                the verdict from each state
-    eventually[0 s, 5 s] F, or F with past operators     unknown: the states before may decide it
+states is a verdict of the formula: see `black_boxes.suffixes`.
 """
 
 from __future__ import annotations
@@ -19,7 +15,7 @@ from base64 import b64decode, b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import yaml
 
@@ -33,16 +29,8 @@ from dyknow_common import (
     round_time,
 )
 from dyknow_configuration import RequestedFormula
-from dyknow_reasoning import (
-    Always,
-    And,
-    Forall,
-    Formula,
-    Interval,
-    PastFormula,
-    parse_formula,
-    parts,
-)
+from dyknow_reasoning import parse_formula
+from dyknow_recordings.black_boxes.suffixes import lacking_states
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
 from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
@@ -166,13 +154,12 @@ class BlackBoxContent:
     def _missing_states(self, found: FormulaReport) -> str:
         """Return why the states of the bag cannot decide the formula; empty if they can."""
         parsed = parse_formula(found.formula)
-        looks_back = _looks_back(parsed)
-        if not looks_back and (self.every_state or _is_invariant(parsed)):
+        reason = lacking_states(parsed, every_state=self.every_state)
+        if not reason:
             return ''
         begin = found.episodes[0].begin if found.episodes else None
         if self.is_complete and (self.every_state or begin in {None, self.begin}):
             return ''
-        reason = 'looks back to earlier states' if looks_back else 'depends on its first state'
         return (
             'the black box begins after the first state of the formula, whose verdict '
             f"{reason}; record more with a longer 'before'"
@@ -188,22 +175,6 @@ class BlackBoxContent:
 
 def _plain(text: str) -> str:
     return text.replace('\\', '/')
-
-
-def _is_invariant(formula: Formula) -> bool:
-    """Return True if the formula is false whenever it is false from a later state on."""
-    match formula:
-        case Forall():
-            return _is_invariant(formula.body)
-        case And():
-            return _is_invariant(formula.left) and _is_invariant(formula.right)
-        case Always():
-            return formula.interval == Interval()
-    return False
-
-
-def _looks_back(formula: Any) -> bool:
-    return isinstance(formula, PastFormula) or any(map(_looks_back, parts(formula)))
 
 
 def read_black_box(path: Path) -> BlackBoxContent | None:

@@ -158,6 +158,7 @@ class RecordingEvaluation:
             end_time=end,
             formulas=tuple(self._report(each) for each in self._requests),
             notes=(*self._vocabulary_notes, *self._streams.notes, *map(str, recording.faults)),
+            topics=tuple(self._fields),
         )
 
     def _take(self, batch: Sequence[MessageColumns]) -> None:

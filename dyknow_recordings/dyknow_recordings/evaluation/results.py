@@ -137,6 +137,7 @@ class RecordingReport:
         formulas: in the order of the requests.
         notes: faults of the recording and of the configuration that are no errors.
         broken: the expectations about topics that the recording breaks.
+        topics: that the formulas read.
     """
 
     recording: str
@@ -145,3 +146,4 @@ class RecordingReport:
     formulas: tuple[FormulaReport, ...]
     notes: tuple[str, ...] = ()
     broken: tuple[BrokenExpectation, ...] = ()
+    topics: tuple[str, ...] = ()

@@ -10,6 +10,7 @@ from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import error_text
 from dyknow_configuration import RequestedFormula, TopicExpectation
 from dyknow_recordings.black_boxes.content import BlackBoxContent
+from dyknow_recordings.black_boxes.suffixes import suffix_report
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
@@ -68,13 +69,28 @@ class RecordingJob:
                     margins=self.margins,
                 )
                 report = replace(report, broken=broken_in(recording, self.expectations))
+                is_suffix = recording.is_suffix and self.black_box is None
         except DyKnowError as error:
             return error
         except Exception as error:  # noqa: BLE001 - other recordings are checked all the same
             return RecordingError(f'{self.path}: {error_text(error)}', ExitCode.INTERNAL_ERROR)
         if self.black_box is not None:
             report = self.black_box.judged(report)
+        if is_suffix:
+            report = self._suffix_report(report)
         return replace(report, recording=self.name)
+
+    def _suffix_report(self, report: RecordingReport) -> RecordingReport:
+        pairs = zip(report.formulas, self.formulas, strict=True)
+        formulas = (
+            suffix_report(
+                each,
+                every_state=self.every == Every.STATE
+                or (self.every == Every.FIRST and requested.every_state),
+            )
+            for each, requested in pairs
+        )
+        return replace(report, formulas=tuple(formulas))
 
     def _start(self, start_time: int) -> EpisodeStart:
         if self.black_box is not None:

@@ -212,6 +212,9 @@ class RecordingReader(ABC):
         path: of the file or folder.
     """
 
+    is_suffix = False
+    """True if this is cut from a recording that has earlier messages."""
+
     def __init__(self, path: Path) -> None:
         self.path = path
         self._opening = FaultCounter()

@@ -70,6 +70,11 @@ class TraceRecording(RecordingReader):
         self._check_topics([topic])
         return self._fields
 
+    def states(self) -> Iterator[RecordedState]:
+        """Yield the rows up to the first that cannot be read."""
+        for batch in self._batches(FaultCounter()):
+            yield from batch
+
     def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
         """Return some columns; see `RecordingReader`."""
         self._check_topics(fields)

@@ -33,7 +33,6 @@ from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_mes
 from dyknow_reactions.black_box.box_content import (
     RecordedStateNumber,
     content_of,
-    horizon,
 )
 from dyknow_reactions.black_box.box_folder import BoxFolder
 from dyknow_reactions.black_box.failures import FailureWatch, FormulaKey, OpenBox
@@ -43,6 +42,7 @@ from dyknow_reactions.ros.black_box.formula_origins import FormulaOrigins
 from dyknow_reactions.ros.black_box.raw_topics import RawTopics
 from dyknow_reactions.ros.black_box.recorder_settings import RecorderSettings
 from dyknow_reactions.ros.black_box.snapshot import SnapshotService
+from dyknow_recordings import horizon
 from dyknow_stream_processing.ros import PAUSES, is_pause_recent
 
 PERIOD_S: Final = 0.1

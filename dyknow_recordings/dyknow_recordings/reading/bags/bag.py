@@ -49,12 +49,14 @@ class RecordedMessage:
         topic: its name.
         message_type: such as `nav_msgs/msg/Odometry`.
         data: the message as serialised by CDR.
+        sent_time: when it was sent; the log time if that is unknown.
     """
 
     log_time: int
     topic: str
     message_type: str
     data: bytes
+    sent_time: int = 0
 
 
 class Bag(RecordingReader):
@@ -84,6 +86,11 @@ class Bag(RecordingReader):
         self._numbers = {channel: number for number, channel in enumerate(self._channels)}
         self._topics = _topics(counts)
         self._compare(metadata)
+        self.is_suffix = metadata.is_suffix
+        for each in metadata.losses:
+            self._opening.lose(
+                str(path), each.reason, topics=each.topics, first=each.first, last=each.last
+            )
         for topic, channels in self._by_topic().items():
             names = dict.fromkeys(each.definition.name for each in channels if counts[each])
             if len(names) > 1:
@@ -107,6 +114,11 @@ class Bag(RecordingReader):
     def topics(self) -> tuple[RecordedTopic, ...]:
         """The recorded topics, sorted by name."""
         return self._topics
+
+    @property
+    def channels(self) -> Sequence[StoredChannel]:
+        """The channels of its files."""
+        return self._channels
 
     @cached_property
     def contents(self) -> Mapping[str, TopicContent]:
@@ -223,10 +235,10 @@ class Bag(RecordingReader):
     def _messages(self, channels: Collection[StoredChannel]) -> Iterator[RecordedMessage]:
         for batch in self._batches(channels):
             numbers = batch.channels.tolist()
-            rows = zip(batch.times.tolist(), numbers, batch.contents(), strict=True)
-            for time, number, data in rows:
+            times = batch.times.tolist(), batch.sent.tolist()
+            for time, sent, number, data in zip(*times, numbers, batch.contents(), strict=True):
                 channel = self._channels[number]
-                yield RecordedMessage(time, channel.topic, channel.definition.name, data)
+                yield RecordedMessage(time, channel.topic, channel.definition.name, data, sent)
 
     def _columns(
         self, readers: Mapping[int, _ChannelReader], left_out: Mapping[int, RecordingError]

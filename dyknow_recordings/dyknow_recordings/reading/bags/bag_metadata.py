@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from base64 import b64decode, b64encode
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any, Final
 
 import yaml
 
+from dyknow_recordings.reading.lost_messages import LostMessages
 from dyknow_recordings.reading.recording import FaultCounter
 
 METADATA: Final = 'metadata.yaml'
+
+CUT: Final = 'dyknow_cut'
+"""The key in the custom data of a bag that is cut from a recording: what that lacks."""
 
 _DAMAGE: Final = (
     yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError
@@ -30,11 +36,15 @@ class BagMetadata:
         files: the names of its files, each once.
         counts: the number of messages by topic.
         distro: the distribution of ROS 2 of its recorder, such as `humble`; empty if unknown.
+        losses: the messages that the recording lacks which the bag is cut from.
+        is_suffix: True if that recording has messages from before the bag.
     """
 
     files: tuple[str, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
     distro: str = ''
+    losses: tuple[LostMessages, ...] = ()
+    is_suffix: bool = False
 
 
 def read_metadata(folder: Path, faults: FaultCounter) -> BagMetadata:
@@ -51,9 +61,37 @@ def read_metadata(folder: Path, faults: FaultCounter) -> BagMetadata:
         names = tuple(dict.fromkeys(files))
         if len(names) < len(files):
             faults.add(str(folder), f'{METADATA} names a file again', len(files) - len(names))
-        return BagMetadata(names, _counts(information), _distro(information))
+        cut = _cut(information, str(folder), faults)
+        return BagMetadata(names, _counts(information), _distro(information), *cut)
     faults.add(str(folder), f'{reason}: the bag is read without it')
     return BagMetadata()
+
+
+def cut_data(losses: Iterable[LostMessages], *, is_suffix: bool) -> str:
+    """Return a text for the custom data of a bag that is cut from a recording; see BagMetadata."""
+    stated = [
+        [None if each.topics is None else sorted(each.topics), each.first, each.last, each.reason]
+        for each in losses
+    ]
+    # The library that writes YAML folds long texts with backslashes incorrectly.
+    return b64encode(json.dumps([stated, is_suffix]).encode()).decode()
+
+
+def _cut(
+    information: Mapping[str, Any], place: str, faults: FaultCounter
+) -> tuple[tuple[LostMessages, ...], bool]:
+    data = information.get('custom_data') or {}
+    if CUT not in data:
+        return (), False
+    try:
+        losses, is_suffix = json.loads(b64decode(data[CUT], validate=True))
+        return tuple(
+            LostMessages(None if topics is None else frozenset(topics), first, last, str(reason))
+            for topics, first, last, reason in losses
+        ), bool(is_suffix)
+    except _DAMAGE:
+        faults.lose(place, f'what {METADATA} says of the recording that it is cut from is damaged')
+        return (), True
 
 
 def distro_beside(path: Path) -> str:

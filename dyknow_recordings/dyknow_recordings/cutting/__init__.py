@@ -1,0 +1,1 @@
+"""Parts of recordings, cut out around failures."""
