@@ -206,3 +206,14 @@ formulas:
     assert "no formula uses the feature 'Height'" in shown
     assert "Speed'" not in shown
     assert "most'" not in shown
+
+
+def test_expected_topics_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot = tmp_path / 'robot.yaml'
+    robot.write_text('topics: {/uav1/battery: {max_gap: 100 ms}, /uav9/battery: , /uav2/battery: }')
+    recording = ROOT / 'dyknow_bringup' / 'recordings' / 'nominal'
+    code, shown = lint(capsys, robot, '--recording', recording)
+    assert code == 1
+    assert ':1:10: error: /uav1/battery: 99 of 99 intervals break max_gap = 100 ms' in shown
+    assert ':1:44: error: there is no topic /uav9/battery in' in shown
+    assert '/uav2/battery:' not in shown

@@ -307,3 +307,14 @@ def test_guards(tmp_path: Path) -> None:
     assert (arm.safe, arm.latch, arm.period, arm.timeout) == (None, True, 20_000_000, 10**9)
     assert arm.formulas[0].closed_text.startswith('let near = ')
     assert light.safe == {'data': {'x': [1, 2]}}
+
+
+def test_exported_expectations(tmp_path: Path) -> None:
+    text = 'topics: {/a: {type: a/msg/B, min_rate: 9.5 Hz, max_gap: 1500 ms, stamped: true}, /b: }'
+    path = tmp_path / 'robot.yaml'
+    path.write_text(text)
+    robot = read_robot(path)
+    exported = read_robot(export(robot, tmp_path / 'files', 'robot'))
+    assert [each.topic for each in exported.topics] == ['/a', '/b']
+    assert [each.document for each in exported.topics] == [each.document for each in robot.topics]
+    assert robot.topics[0].constraints.max_gap == 1_500_000_000

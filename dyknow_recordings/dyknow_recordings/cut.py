@@ -33,6 +33,7 @@ from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.health.expectations import MAX_MEASURED
 from dyknow_recordings.health.observing import observed_topics
 from dyknow_recordings.jobs.recording_job import RecordingJob
+from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.opening import message_types, open_recording
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.outputs import print_notes
@@ -90,6 +91,9 @@ def cut_recording(options: argparse.Namespace) -> int:
         raise RecordingError(text, ExitCode.ALREADY_EXISTS)
     job = _job(options) if options.around == _FAILURES else None
     report = None if job is None else _checked(job)
+    if report is not None:
+        errors = (each for each in report.formulas if each.error and not each.violations)
+        print_notes(str(path), (f"'{each.name}' has an error: {each.error}" for each in errors))
     failures = [] if report is None or job is None else list(failures_of(report, job.formulas))
     if report is not None and not failures:
         sys.stdout.write(f'{path}: no failure has a time, so nothing is cut\n')
@@ -97,7 +101,7 @@ def cut_recording(options: argparse.Namespace) -> int:
     with open_recording(path, message_types(options)) as recording:
         spans = _spans(recording, failures, report, options)
         paths = _write(recording, spans, folder, report)
-        print_notes(str(path), recording.faults)
+        print_notes(str(path), (*recording.faults, *_type_notes(recording)))
     return SUCCESS if job is None or _shows(job, paths, failures) else ERROR
 
 
@@ -112,8 +116,6 @@ def _checked(job: RecordingJob) -> RecordingReport:
     found = job.run()
     if isinstance(found, DyKnowError):
         raise found
-    errors = (each for each in found.formulas if each.error is not None and not each.violations)
-    print_notes(job.name, (f"'{each.name}' has an error: {each.error}" for each in errors))
     return found
 
 
@@ -170,6 +172,14 @@ def _write(
         shutil.rmtree(folder, ignore_errors=True)
         raise
     return paths
+
+
+def _type_notes(recording: RecordingReader) -> Iterator[str]:
+    if isinstance(recording, Bag) and any(not each.definition.text for each in recording.channels):
+        yield (
+            'it does not define all of its message types; check the parts with --distro '
+            f'{recording.distro}, and the same --messages'
+        )
 
 
 def _reasons(span: RecordingSpan) -> Iterator[str]:

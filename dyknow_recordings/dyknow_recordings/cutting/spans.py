@@ -82,7 +82,8 @@ def failures_of(
         reach = horizon(formula.formula) if is_local else 0
         for each in formula.episodes:
             last, first = each.decided_at, each.begin
-            if each.verdict is not Verdict.FALSE and not each.presumably_false:
+            is_false = each.verdict is Verdict.FALSE and last is not None
+            if not is_false and not each.presumably_false:
                 continue
             if not is_local or first is None:
                 first = _START
@@ -159,7 +160,8 @@ class SpanFinder:
         first, known = failure.first, failure.log_time
         if failure.last is not None:
             # A window may have ended after the state before the deciding one.
-            earlier = max(each.valid_before(failure.last) for each in self._topics.values())
+            ticks = (each.valid_before(failure.last) for each in self._topics.values())
+            earlier = max(ticks, default=failure.last)
             first -= max(0, failure.last - earlier)
             found = (each.completion(failure.last) for each in self._topics.values())
             known = max((each for each in found if each is not None), default=self._end)

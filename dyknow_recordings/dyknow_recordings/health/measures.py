@@ -83,7 +83,6 @@ class RecordingHealth:
         health: of its topics, by name.
         broken_expectations: of the topics.
         notes: its faults, for people.
-        error: always None, as in the documents of recordings that can be read.
     """
 
     recording: str
@@ -92,7 +91,6 @@ class RecordingHealth:
     health: tuple[TopicHealth, ...]
     broken_expectations: tuple[BrokenExpectation, ...]
     notes: tuple[str, ...]
-    error: None = None
 
 
 def health_of(

@@ -25,7 +25,7 @@ _TIMES: Final = frozenset({
 
 def health_document(health: RecordingHealth) -> dict[str, Any]:
     """Return the health of a recording as a line of JSON."""
-    return json_document(health, _TIMES)
+    return {**json_document(health, _TIMES), 'error': None}
 
 
 def print_health(health: RecordingHealth) -> None:

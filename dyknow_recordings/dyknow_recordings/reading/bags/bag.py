@@ -23,7 +23,12 @@ from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
 from dyknow_recordings.reading.messages.json_messages import JSON, JsonLayout, JsonReader
 from dyknow_recordings.reading.messages.layouts import MessageLayout, TypeLayout
-from dyknow_recordings.reading.messages.message_types import DISTROS, NO_TYPES, MessageTypes
+from dyknow_recordings.reading.messages.message_types import (
+    DISTROS,
+    LATEST,
+    NO_TYPES,
+    MessageTypes,
+)
 from dyknow_recordings.reading.messages.stored_messages import StoredMessages
 from dyknow_recordings.reading.recording import (
     FaultCounter,
@@ -114,6 +119,11 @@ class Bag(RecordingReader):
     def topics(self) -> tuple[RecordedTopic, ...]:
         """The recorded topics, sorted by name."""
         return self._topics
+
+    @property
+    def distro(self) -> str:
+        """The distribution of ROS 2 whose message types are taken where it defines none."""
+        return self._types.distro or LATEST
 
     @property
     def channels(self) -> Sequence[StoredChannel]:
