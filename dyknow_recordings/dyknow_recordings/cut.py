@@ -89,20 +89,33 @@ def cut_recording(options: argparse.Namespace) -> int:
     if folder.exists():
         text = f'{folder} exists; choose another folder by --output'
         raise RecordingError(text, ExitCode.ALREADY_EXISTS)
-    job = _job(options) if options.around == _FAILURES else None
-    report = None if job is None else _checked(job)
-    if report is not None:
-        errors = (each for each in report.formulas if each.error and not each.violations)
-        print_notes(str(path), (f"'{each.name}' has an error: {each.error}" for each in errors))
-    failures = [] if report is None or job is None else list(failures_of(report, job.formulas))
-    if report is not None and not failures:
-        sys.stdout.write(f'{path}: no failure has a time, so nothing is cut\n')
-        return FALSE
-    with open_recording(path, message_types(options)) as recording:
-        spans = _spans(recording, failures, report, options)
-        paths = _write(recording, spans, folder, report)
-        print_notes(str(path), (*recording.faults, *_type_notes(recording)))
-    return SUCCESS if job is None or _shows(job, paths, failures) else ERROR
+    if options.around != _FAILURES:
+        _cut(options, folder)
+        return SUCCESS
+    job = _job(options)
+    report = _checked(job)
+    errors = [each for each in report.formulas if each.error and not each.violations]
+    print_notes(str(path), (f"'{each.name}' has an error: {each.error}" for each in errors))
+    failures = list(failures_of(report, job.formulas))
+    if not failures:
+        sys.stdout.write(f'{path}: no formula fails, so nothing is cut\n')
+        return ERROR if errors else FALSE
+    paths = _cut(options, folder, failures, report.topics)
+    return SUCCESS if _shows(job, paths, failures) else ERROR
+
+
+def _cut(
+    options: argparse.Namespace,
+    folder: Path,
+    failures: Sequence[RecordedFailure] = (),
+    topics: Sequence[str] = (),
+) -> Sequence[Path]:
+    """Write the parts around failures of formulas that read some topics; return their paths."""
+    with open_recording(options.recording, message_types(options)) as recording:
+        spans = _spans(recording, failures, topics, options)
+        paths = _write(recording, spans, folder, topics)
+        print_notes(str(recording.path), (*recording.faults, *_type_notes(recording)))
+    return paths
 
 
 def _job(options: argparse.Namespace) -> RecordingJob:
@@ -122,20 +135,19 @@ def _checked(job: RecordingJob) -> RecordingReport:
 def _spans(
     recording: RecordingReader,
     failures: Sequence[RecordedFailure],
-    report: RecordingReport | None,
+    topics: Sequence[str],
     options: argparse.Namespace,
 ) -> Sequence[RecordingSpan]:
-    names = () if report is None else report.topics
-    observed = observed_topics(recording, lambda *_: (), names, MAX_MEASURED) if names else ()
+    observed = observed_topics(recording, lambda *_: (), topics, MAX_MEASURED) if topics else ()
     limits = recording.start_time, recording.end_time
     finder = SpanFinder(
         {each.name: each.times for each in observed if each.count},
-        [each for each in names if not recording.contents[each].has_stamp],
+        [each for each in topics if not recording.contents[each].has_stamp],
         limits,
         options.before,
         options.after,
     )
-    if report is None:
+    if not failures:
         time = limits[0] + options.around
         if time > limits[1]:
             end = round_time(limits[1] - limits[0])
@@ -154,12 +166,12 @@ def _write(
     recording: RecordingReader,
     spans: Sequence[RecordingSpan],
     folder: Path,
-    report: RecordingReport | None,
+    topics: Sequence[str],
 ) -> Sequence[Path]:
     start, paths = recording.start_time, []
     try:
         folder.mkdir(parents=True)
-        written = cut(recording, spans, folder, () if report is None else report.topics)
+        written = cut(recording, spans, folder, topics)
         for span, (path, count) in zip(spans, written, strict=True):
             paths.append(path)
             times = f'{round_time(span.begin - start)} to {round_time(span.end - start)}'

@@ -75,6 +75,8 @@ def failures_of(
 ) -> Iterator[RecordedFailure]:
     """Yield the failures of formulas: false episodes, unmet obligations, violations."""
     for formula, asked in zip(report.formulas, requested, strict=True):
+        if not (formula.episodes or formula.violations):
+            continue  # Perhaps the text is no formula.
         parsed, is_standing = parse_formula(formula.formula), asked.every_state
         is_local = not lacking_states(parsed, every_state=is_standing) and (
             is_standing or is_bounded(parsed)
@@ -174,7 +176,9 @@ class SpanFinder:
             if name in self._unstamped and newest - each > MAX_REACH_NS
         }
         begin = min((each for name, each in latest.items() if name not in repeated), default=newest)
-        span = RecordingSpan(*self._limited(begin, known or self._end), (failure.reason,))
+        span = RecordingSpan(
+            *self._limited(begin, self._end if known is None else known), (failure.reason,)
+        )
         return replace(span, repeated=_before(repeated, span.begin))
 
     def _limited(self, begin: int, end: int) -> tuple[int, int]:
