@@ -27,6 +27,9 @@ from dyknow_recordings.evaluation.results import RecordingReport
 MAX_REACH_NS: Final = 60 * SECOND_NS
 """The age from which on a value without a stamp comes again at the begin of a span."""
 
+CLOCK_NS: Final = SECOND_NS
+"""The time after which the clock makes a state certain without a later message of a topic."""
+
 _START: Final = -(1 << 62)
 """A time before all states, in nanoseconds."""
 
@@ -165,8 +168,9 @@ class SpanFinder:
             ticks = (each.valid_before(failure.last) for each in self._topics.values())
             earlier = max(ticks, default=failure.last)
             first -= max(0, failure.last - earlier)
-            found = (each.completion(failure.last) for each in self._topics.values())
+            found = [each.completion(failure.last) for each in self._topics.values()]
             known = max((each for each in found if each is not None), default=self._end)
+            known += CLOCK_NS if None in found else 0
         ages = ((name, each.latest(first)) for name, each in self._topics.items())
         latest = {name: time for name, time in ages if time is not None}
         newest = max(latest.values(), default=self._start)
