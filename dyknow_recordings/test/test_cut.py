@@ -190,7 +190,7 @@ def test_latched_messages_come_again(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert begin == 147_900 * MS
     assert found[:3] == [(begin, '/mode'), (begin, '/tf_static'), (begin, '/tf_static')]
     assert found[3] == (begin, '/a')
-    assert len(found) == 3 + 32
+    assert len(found) == 3 + 43
     assert 'is false at 150.000 s' in capsys.readouterr().out
     (report,) = checked(part, (RequestedFormula(formula),)).formulas
     assert report.episodes[0].decided_at == START + 150 * S

@@ -69,6 +69,8 @@ def _cut_bag(
             part.write(message)
             latest.add(message)
             message = next(messages, None)
+        if message is not None:
+            part.write(message)  # Nothing is known after the last message: the clock ends with it.
         losses = [each for each in bag.losses if each.first <= span.end and each.last >= span.begin]
         part.close(losses, is_suffix=span.begin > bag.start_time)
         yield path, part.count
