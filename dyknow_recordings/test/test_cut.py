@@ -121,6 +121,7 @@ def formulas_file(folder: Path) -> Path:
 
 
 @settings(max_examples=60, deadline=None)
+@example(QUIET, QUIET, [(1000, 0, 4)], '0', '0')
 @example(QUIET, [*QUIET[:5], (100, 0, 3), *QUIET[6:]], [(50, 0, 4), (50, 0, 0)], '0', '0')
 @given(SHORT, SHORT, LONG, st.sampled_from(('0', '0.5', '20')), st.sampled_from(('0', '1')))
 def test_parts_show_the_same_failures(
@@ -134,8 +135,10 @@ def test_parts_show_the_same_failures(
         options = ('--before', before, '--after', after, '-o', folder / 'parts')
         code = run_cut(path, '--formulas', formulas_file(folder), *options)
         expected = false_episodes(whole)
-        if code == 1:
+        if not (folder / 'parts').exists():
+            # 2: formulas may have had no state, which is an error without a time.
             assert not expected
+            assert code in {1, 2}
             return
         assert code == 0
         parts = sorted((folder / 'parts').iterdir())
