@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from collections.abc import Iterator
 
 from browser import Browser, missing_programs, open_browser
+from dashboards import dashboard
 from evaluations import Evaluations, Spares
 from fork_server import ForkingPopen
 from system import Batteries, Client, SharedSystem, System, private_environment
@@ -221,6 +222,15 @@ def composition(request: pytest.FixtureRequest) -> bool:
 def system(shared_system: SharedSystem, composition: bool) -> System:  # noqa: FBT001 - a fixture
     """DyKnow for two vehicles, shared by the modules of a unit."""
     return shared_system.get(composition=composition)
+
+
+@pytest.fixture(scope='module')
+def served(shared_system: SharedSystem) -> Iterator[tuple[System, str]]:
+    """A running system whose nodes may be killed, and the address of its live page."""
+    system = shared_system.get(composition=False)
+    with dashboard(system.environment) as address:
+        system.batteries.reset()
+        yield system, address
 
 
 @pytest.fixture

@@ -6,9 +6,7 @@ import os
 import socket
 import subprocess
 import urllib.request
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from selenium.webdriver.common.by import By
@@ -29,14 +27,6 @@ DISCONNECTED = 'WebSocket connection to'
 @pytest.fixture(scope='module')
 def page(browser: Browser) -> LivePage:
     return LivePage(browser)
-
-
-@pytest.fixture(scope='module')
-def served(shared_system: Any) -> Iterator[tuple[System, str]]:
-    system = shared_system.get(composition=False)
-    with dashboard(system.environment) as address:
-        system.batteries.reset()
-        yield system, address
 
 
 def ask(page: LivePage, formula: str, name: str, *, every_state: bool = False) -> None:

@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
-from dashboards import dashboard
 from page_client import receive
 from system import LIMIT, System
-
-
-@pytest.fixture(scope='module')
-def served(shared_system: Any) -> Iterator[tuple[System, str]]:
-    system = shared_system.get(composition=False)
-    with dashboard(system.environment) as address:
-        system.batteries.reset()
-        yield system, address
 
 
 def spin(system: System, seconds: float) -> None:

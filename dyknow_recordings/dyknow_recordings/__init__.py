@@ -3,7 +3,7 @@
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.black_boxes.content import BLACK_BOX, BlackBoxContent, read_black_box
 from dyknow_recordings.black_boxes.suffixes import horizon
-from dyknow_recordings.cutting.bag_writing import offered_profile
+from dyknow_recordings.cutting.bag_writing import BAG_VERSION, offered_profile
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
@@ -40,6 +40,7 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 
 __all__ = [
+    'BAG_VERSION',
     'BLACK_BOX',
     'Bag',
     'BlackBoxContent',

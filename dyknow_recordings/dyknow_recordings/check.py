@@ -21,10 +21,10 @@ from dyknow_common.executables import (
     interruptible,
     run_main,
 )
-from dyknow_configuration import RobotConfiguration, TopicExpectation, read_robot
+from dyknow_configuration import TopicExpectation
 from dyknow_reasoning import read_domains
 from dyknow_recordings.black_boxes.content import BlackBoxContent, read_black_box
-from dyknow_recordings.check_inputs import add_input_options, read_configuration
+from dyknow_recordings.check_inputs import add_input_options, given_robot, read_configuration
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
 from dyknow_recordings.health.measures import health_of
@@ -227,7 +227,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
         boxes = {path: box for path in options.recording if (box := read_black_box(path))}
         if len(boxes) == len(set(options.recording)):
             return tuple(_box_job(options, path, boxes[path]) for path in options.recording)
-    robot = RobotConfiguration() if options.config is None else read_robot(options.config)
+    robot = given_robot(options)
     files, formulas = read_configuration(options, robot)
     types = message_types(options)
     return tuple(
@@ -319,7 +319,7 @@ def _add(outputs: CheckOutput, job: RecordingJob, result: JobResult) -> None:
 def _describe(options: argparse.Namespace) -> int:
     """Print the topics of each recording, or their health; return the exit code."""
     code = SUCCESS
-    expected = read_robot(options.config).topics if options.health and options.config else ()
+    expected = given_robot(options).topics if options.health else ()
     for path in options.recording:
         try:
             with open_recording(path, message_types(options)) as recording:

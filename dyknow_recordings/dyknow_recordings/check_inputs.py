@@ -9,6 +9,7 @@ from dyknow_configuration import (
     RequestedFormula,
     RobotConfiguration,
     read_formulas,
+    read_robot,
     warn_of_notes,
 )
 from dyknow_reasoning import add_domain_option, read_domains
@@ -54,6 +55,15 @@ def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) 
     )
     add_domain_option(parser)
     add_reading_options(parser)
+
+
+def given_robot(options: argparse.Namespace) -> RobotConfiguration:
+    """Return the description of the robot, which is empty without --config.
+
+    Raises:
+        ConfigurationError: for a file that cannot be read.
+    """
+    return RobotConfiguration() if options.config is None else read_robot(options.config)
 
 
 def read_configuration(

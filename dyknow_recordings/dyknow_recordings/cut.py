@@ -18,8 +18,7 @@ from dyknow_common import (
     with_readable_times,
 )
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe
-from dyknow_configuration import RobotConfiguration, read_robot
-from dyknow_recordings.check_inputs import add_input_options, read_configuration
+from dyknow_recordings.check_inputs import add_input_options, given_robot, read_configuration
 from dyknow_recordings.cutting.parts import cut
 from dyknow_recordings.cutting.spans import (
     RecordedFailure,
@@ -119,8 +118,7 @@ def _cut(
 
 
 def _job(options: argparse.Namespace) -> RecordingJob:
-    robot = RobotConfiguration() if options.config is None else read_robot(options.config)
-    files, formulas = read_configuration(options, robot)
+    files, formulas = read_configuration(options, given_robot(options))
     path: Path = options.recording
     return RecordingJob(str(path), path, formulas, files, types=message_types(options))
 

@@ -23,6 +23,7 @@ from dyknow_bringup.simulation.simulation import Simulation
 from dyknow_bringup.simulation.telemetry import topic
 from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
 from dyknow_common import ExitCode
+from dyknow_recordings import BAG_VERSION
 
 STORAGES: Final = {
     'mcap': (StoragePlugin.MCAP, CompressionMode.STORAGE),
@@ -30,7 +31,6 @@ STORAGES: Final = {
 }
 """The storage formats of rosbag2, with the compression (zstd) that suits each of them."""
 
-_BAG_VERSION: Final = 9
 _UNLIMITED: Final = QosTime(0, 0)
 OFFERED: Final = Qos(
     history=QosHistory.KEEP_LAST,
@@ -67,7 +67,7 @@ def record(
         raise BringupError(f'{path}: exists already; move it away', ExitCode.ALREADY_EXISTS)
     simulation = Simulation(scenario, vehicles, start)
     plugin, compression = STORAGES[storage]
-    writer = Writer(path, version=_BAG_VERSION, storage_plugin=plugin)
+    writer = Writer(path, version=BAG_VERSION, storage_plugin=plugin)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     types = get_typestore(Stores.ROS2_JAZZY)
     with writer:

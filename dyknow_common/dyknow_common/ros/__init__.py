@@ -25,6 +25,7 @@ from dyknow_common.ros.node import (
     is_time_simulated,
     snake_case,
 )
+from dyknow_common.ros.parameter_limits import ParameterLimits
 from dyknow_common.ros.process import run
 from dyknow_common.ros.qos import (
     HEARTBEAT,
@@ -90,6 +91,7 @@ __all__ = [
     'MessageGuard',
     'NodeAdapter',
     'NodeExecutor',
+    'ParameterLimits',
     'PublisherWatch',
     'RCLError',
     'Refusal',

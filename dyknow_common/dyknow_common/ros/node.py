@@ -241,16 +241,6 @@ class DyKnowNode(Node):
                 )
         return SetParametersResult(successful=True)
 
-    def parameter(
-        self,
-        name: str,
-        default: Any,
-        description: str,
-        bounds: tuple[float, float] | None = None,
-    ) -> Any:
-        """Declare a parameter that is read at the start, and return its value."""
-        return self._declare(name, default, description, bounds, is_fixed=True)
-
     def changing_parameter(
         self,
         name: str,
@@ -259,18 +249,19 @@ class DyKnowNode(Node):
         bounds: tuple[float, float] | None = None,
     ) -> Callable[[], Any]:
         """Declare a parameter that may change at any time; return what reads its present value."""
-        self._declare(name, default, description, bounds, is_fixed=False)
+        self.parameter(name, default, description, bounds, is_fixed=False)
         return lambda: self.get_parameter(name).value
 
-    def _declare(
+    def parameter(
         self,
         name: str,
         default: Any,
         description: str,
-        bounds: tuple[float, float] | None,
+        bounds: tuple[float, float] | None = None,
         *,
-        is_fixed: bool,
+        is_fixed: bool = True,
     ) -> Any:
+        """Declare a parameter, and return its value; a fixed one is read at the start alone."""
         descriptor = ParameterDescriptor(
             description=description,
             read_only=is_fixed,

@@ -7,7 +7,7 @@ from math import prod
 from typing import Final
 
 from dyknow_common import ExitCode, Symbol
-from dyknow_common.ros import DyKnowNode
+from dyknow_common.ros import DyKnowNode, ParameterLimits
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.symbols import feature_symbols
 
@@ -25,18 +25,11 @@ _PARAMETERS: Final = {
 }
 
 
-class CoordinatorLimits:
-    """The parameters of a node that limit requests, which may change; each error names one."""
+class CoordinatorLimits(ParameterLimits):
+    """The parameters of a node that limit requests; each error names one."""
 
     def __init__(self, node: DyKnowNode) -> None:
-        self._values = {
-            name: node.changing_parameter(name, *rest, (1, 10_000_000))
-            for name, rest in _PARAMETERS.items()
-        }
-
-    def __getitem__(self, parameter: str) -> int:
-        """Return the present value of a parameter."""
-        return int(self._values[parameter]())
+        super().__init__(node, _PARAMETERS, 10_000_000)
 
     def check(
         self, parameter: str, count: int, what: str, code: ExitCode = ExitCode.INVALID_ARGUMENT

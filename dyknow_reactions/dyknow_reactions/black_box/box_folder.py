@@ -18,9 +18,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_reactions.black_box.definitions import typestore_of
 from dyknow_reactions.black_box.message_ring import SerialisedMessage
-from dyknow_recordings import BLACK_BOX, BlackBoxContent, offered_profile
+from dyknow_recordings import BAG_VERSION, BLACK_BOX, BlackBoxContent, offered_profile
 
-_BAG_VERSION: Final = 9
 _MAX_NAME: Final = 60
 _OVERHEAD: Final = 100_000
 """The bytes of a bag beside its messages, about: definitions, content and metadata."""
@@ -159,7 +158,7 @@ def _write_bag(
     topics: Mapping[str, TopicOffer],
 ) -> None:
     path.parent.mkdir(exist_ok=True)
-    writer = Writer(path, version=_BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
+    writer = Writer(path, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     for key, text in content.custom_data.items():
         writer.set_custom_data(key, text)

@@ -108,13 +108,7 @@ def _shown(node: Formula | Term) -> str:
 
 def _formula(node: Formula | Term) -> Formula:
     match node:
-        case (
-            terms.Number()
-            | terms.Quantity()
-            | terms.Arithmetic()
-            | terms.Function()
-            | terms.Aggregate()
-        ):
+        case _ if isinstance(node, terms.NumericTerm):
             raise PositionedError(
                 f"'{_shown(node)}' is a number, not a formula; compare it with another",
                 node.position,

@@ -204,19 +204,10 @@ class Aggregate(Quantifier):
         return f'{self.function}({self.body} for {self.variable}{sort})'
 
 
-Term: TypeAlias = (
-    Number
-    | Quantity
-    | TextLiteral
-    | Truth
-    | Object
-    | Variable
-    | Feature
-    | FieldReference
-    | Arithmetic
-    | Function
-    | Aggregate
-)
+NumericTerm: TypeAlias = Number | Quantity | Arithmetic | Function | Aggregate
+"""The terms that are numbers, whatever their parts are."""
+
+Term: TypeAlias = NumericTerm | TextLiteral | Truth | Object | Variable | Feature | FieldReference
 """An operand of a comparison."""
 
 

@@ -167,13 +167,7 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
-            case (
-                terms.Number()
-                | terms.Quantity()
-                | terms.Arithmetic()
-                | terms.Function()
-                | terms.Aggregate()
-            ):
+            case _ if isinstance(term, terms.NumericTerm):
                 return Kind.NUMBER
             case terms.TextLiteral():
                 return Kind.STRING

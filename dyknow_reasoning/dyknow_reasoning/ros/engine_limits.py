@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dyknow_common import ExitCode
-from dyknow_common.ros import DyKnowNode
+from dyknow_common.ros import DyKnowNode, ParameterLimits
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.progression.sizes import FormulaLimits, amount
 
@@ -35,18 +35,11 @@ _OF_ALL: Final = {
 }
 
 
-class EngineLimits:
-    """The parameters of a node that limit each group, and all groups; they may change."""
+class EngineLimits(ParameterLimits):
+    """The parameters of a node that limit each group, and all groups."""
 
     def __init__(self, node: DyKnowNode) -> None:
-        self._values = {
-            name: node.changing_parameter(name, *rest, (1, _MOST))
-            for name, rest in (_OF_GROUP | _OF_ALL).items()
-        }
-
-    def __getitem__(self, parameter: str) -> int:
-        """Return the present value of a parameter."""
-        return int(self._values[parameter]())
+        super().__init__(node, _OF_GROUP | _OF_ALL, _MOST)
 
     def of_group(self) -> FormulaLimits:
         """Return the limits of a new group."""

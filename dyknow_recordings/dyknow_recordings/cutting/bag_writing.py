@@ -26,6 +26,7 @@ from dyknow_recordings.reading.bags.bag_metadata import CUT, cut_data
 from dyknow_recordings.reading.lost_messages import LostMessages
 
 BAG_VERSION: Final = 9
+"""The version of the metadata of bags, as rosbag2 of Jazzy writes them."""
 
 _UNLIMITED: Final = QosTime(2147483647, 4294967295)
 _SENT_OFFSET: Final = 23

@@ -42,11 +42,11 @@ def document(both: tuple[Any, Any], options: argparse.Namespace) -> dict[str, An
     message, users = both[0], _users(both[1])
     if options.name:
         return as_json(_find(message, options.name), users)
-    topics = used_topics(_all(message), users)
+    reports = _reports(message)
     return {
         'engines': list(message.engines),
-        'streams': [as_json(each, users) for each in _shown(message, options)],
-        'topics': [topic_as_json(each) for each in topics],
+        'streams': [as_json(each, users) for each in _shown(reports, options)],
+        'topics': [topic_as_json(each) for each in used_topics(reports, users)],
     }
 
 
@@ -55,10 +55,11 @@ def rendered(both: tuple[Any, Any], options: argparse.Namespace) -> RenderableTy
     message, users = both[0], _users(both[1])
     if options.name:
         return stream_details(_find(message, options.name), time_to_nanoseconds(message.stamp))
-    reports = _shown(message, options)
-    hidden = len(message.streams) - len(reports)
-    streams = stream_table(reports, list(message.engines), hidden, users)
-    topics = used_topics(_all(message), users)
+    reports = _reports(message)
+    shown = _shown(reports, options)
+    hidden = len(reports) - len(shown)
+    streams = stream_table(shown, list(message.engines), hidden, users)
+    topics = used_topics(reports, users)
     return Group(streams, Text(), topic_table(topics)) if topics else streams
 
 
@@ -71,17 +72,17 @@ def _users(message: Any) -> list[StreamUser]:
     ]
 
 
-def _all(message: Any) -> list[StreamReport]:
+def _reports(message: Any) -> list[StreamReport]:
     return [report_from_message(each) for each in message.streams]
 
 
-def _shown(message: Any, options: argparse.Namespace) -> list[StreamReport]:
+def _shown(reports: list[StreamReport], options: argparse.Namespace) -> list[StreamReport]:
     """Return the reports of all streams, or of those that are not hidden, as ROS has it."""
-    return [each for each in _all(message) if options.all or not is_hidden(each.name)]
+    return [each for each in reports if options.all or not is_hidden(each.name)]
 
 
 def _find(message: Any, name: str) -> StreamReport:
-    reports = {status.name: report_from_message(status) for status in message.streams}
+    reports = {each.name: each for each in _reports(message)}
     if name not in reports:
         raise unknown_stream(name, reports)
     return reports[name]
