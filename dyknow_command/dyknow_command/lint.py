@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from dyknow_command.linting.findings import Finding, FindingLevel, in_order, robot_error
-from dyknow_command.linting.inputs import LintInputs, read_inputs
+from dyknow_command.linting.inputs import YAML_ENDINGS, LintInputs, read_inputs
 from dyknow_command.observing import add_duration_option, observe
 from dyknow_common import DyKnowError, round_duration
 from dyknow_common.executables import SUCCESS, describe
-from dyknow_configuration import ObservedTopic
+from dyknow_configuration import ObservedTopic, add_quotes
 from dyknow_recordings import add_reading_options, message_types, observe_recording
 
 FINDINGS = 1
@@ -23,6 +23,9 @@ FINDINGS = 1
 
 def lint(options: argparse.Namespace) -> int:
     """Check files, print the findings, and return the exit code."""
+    for each in options.file if options.fix else ():
+        if each.suffix.lower() in YAML_ENDINGS and add_quotes(each):
+            sys.stderr.write(f'dyknow lint: {each}: put texts with a colon in quotes\n')
     inputs = read_inputs(options.file)
     topics = _observed(options) if inputs.is_complete else None
     findings = in_order(
@@ -37,7 +40,7 @@ def lint(options: argparse.Namespace) -> int:
     if not inputs.is_complete:
         sys.stderr.write('dyknow lint: names and topics are checked when these are mended\n')
     elif not findings and not options.json:
-        print(_success(options.file, inputs, topics))  # noqa: T201
+        print(_success(options.file, inputs))  # noqa: T201
     return FINDINGS if findings else SUCCESS
 
 
@@ -52,6 +55,7 @@ def add_lint_options(parser: argparse.ArgumentParser) -> None:
         '--recording, also the fields, types, publishers and timing of topics.',
         (
             'dyknow lint robot.yaml',
+            'dyknow lint robot.yaml --fix',
             'dyknow lint robot.yaml --live --duration 10',
             'dyknow lint robot.yaml --recording flight.mcap',
             'dyknow lint rover.owl rover.ssl rover.streams',
@@ -59,6 +63,11 @@ def add_lint_options(parser: argparse.ArgumentParser) -> None:
         '0 if nothing was found, 1 if something was, 2 if a file cannot be checked',
     )
     parser.add_argument('file', nargs='+', type=Path, help='files that are used together')
+    parser.add_argument(
+        '--fix',
+        action='store_true',
+        help='first, put the texts of YAML files in quotes that contain a colon and lack them',
+    )
     source = parser.add_mutually_exclusive_group()
     source.add_argument(
         '--live', action='store_true', help='check the topics of the running robot, too'
@@ -117,11 +126,12 @@ def _finding_of(error: DyKnowError, inputs: LintInputs) -> Finding:
     return robot_error(error, inputs.texts.get(path, ''), path)
 
 
-def _success(
-    files: Iterable[Path], inputs: LintInputs, topics: tuple[ObservedTopic, ...] | None
-) -> str:
+def _success(files: Iterable[Path], inputs: LintInputs) -> str:
     """Return what was checked, without a finding."""
-    counts = {'formula': len(inputs.formulas), 'topic': len(topics or ())}
+    from dyknow_command.linting.topic_checks import topic_uses  # noqa: PLC0415 - as above
+
+    topics = {each.topic for each in topic_uses(inputs)}
+    counts = {'formula': len(inputs.formulas), 'topic': len(topics)}
     checked = [f'{count} {what}{"s" * (count > 1)}' for what, count in counts.items() if count]
     return f'{", ".join(map(str, files))}: {", ".join([*checked, "nothing to mend"])}'
 

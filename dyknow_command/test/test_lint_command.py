@@ -110,9 +110,9 @@ def test_named_pipes(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.parametrize(
     ('files', 'checked'),
     [
-        ([ROVER / 'rover.yaml'], '2 formulas, '),
-        ([ROVER / 'rover.owl', ROVER / 'rover.ssl', ROVER / 'rover.streams'], ''),
-        ([ROVER / 'rover.ssl'], ''),
+        ([ROVER / 'rover.yaml'], '2 formulas, 2 topics, '),
+        ([ROVER / 'rover.owl', ROVER / 'rover.ssl', ROVER / 'rover.streams'], '2 topics, '),
+        ([ROVER / 'rover.ssl'], '1 topic, '),
     ],
 )
 def test_correct_files(files: list[Path], checked: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -217,3 +217,23 @@ def test_expected_topics_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFi
     assert ':1:10: error: /uav1/battery: 99 of 99 intervals break max_gap = 100 ms' in shown
     assert ':1:44: error: there is no topic /uav9/battery in' in shown
     assert 'error: /uav2' not in shown
+
+
+def test_texts_that_lack_quotes_get_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Comments, other values and a value with both kinds of quotes stay as they are."""
+    path = tmp_path / 'robot.yaml'
+    text = (ROVER / 'rover.yaml').read_text(encoding='utf-8')
+    formula = 'forall r in Rover: always Speed[r] < 1.5'
+    before = text.replace(f"'{formula}'", f'{formula}  # too fast')
+    assert before != text
+    path.write_text(before, encoding='utf-8')
+    assert lint(capsys, path)[0] == 2
+    code, shown = lint(capsys, '--fix', path)
+    assert (code, shown) == (0, f'{path}: 2 formulas, 2 topics, nothing to mend\n')
+    assert path.read_text(encoding='utf-8') == before.replace(formula, f'"{formula}"')
+    both = """formulas: [{name: a, formula: b}]\ndescription: it's "a: b": c\n"""
+    path.write_text(both)
+    assert lint(capsys, '--fix', path)[0] == 2
+    assert path.read_text() == both

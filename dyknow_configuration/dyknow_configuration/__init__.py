@@ -1,6 +1,6 @@
 """The file that describes a robot and what is monitored: robot.yaml."""
 
-from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
+from dyknow_configuration.documents.yaml_values import YamlValue, add_quotes, read_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
@@ -76,6 +76,7 @@ __all__ = [
     'TriggerEvent',
     'TriggerKind',
     'YamlValue',
+    'add_quotes',
     'add_recipe',
     'broken_constraints',
     'export',

@@ -80,7 +80,7 @@ def test_too_many_objects(tmp_path: Path) -> None:
 def test_a_bad_file_of_formulas_is_named(tmp_path: Path) -> None:
     (tmp_path / 'more.yaml').write_text("- {name: a, formula: 'always alway p q'}\n")
     (tmp_path / 'robot.yaml').write_text('formulas: more.yaml\n')
-    with pytest.raises(ConfigurationError, match=r'more\.yaml:1:36: unexpected'):
+    with pytest.raises(ConfigurationError, match=r'more\.yaml:1:36: did you mean'):
         read_robot(tmp_path / 'robot.yaml')
 
 

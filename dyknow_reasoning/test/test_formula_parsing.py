@@ -345,7 +345,7 @@ def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str
 def test_advice_on_what_other_languages_write(text: str, advice: str) -> None:
     with pytest.raises(LanguageError) as error:
         parse_formula(text)
-    assert error.value.message.splitlines()[0].endswith(f'; {advice}')
+    assert f': {advice} (unexpected ' in error.value.message.splitlines()[0]
 
 
 @pytest.mark.parametrize(
@@ -354,7 +354,7 @@ def test_advice_on_what_other_languages_write(text: str, advice: str) -> None:
 def test_no_advice_where_none_is_known(text: str) -> None:
     with pytest.raises(LanguageError) as error:
         parse_formula(text)
-    assert ';' not in error.value.message
+    assert '(unexpected' not in error.value.message
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,7 @@ _KINDS: Final = {'.ssl': 'annotations', '.streams': 'streams', '.bridges': 'brid
 """The kinds of texts by the endings of their files."""
 
 _SECTIONS: Final = ('sorts', 'objects', 'features', 'constants')
+YAML_ENDINGS: Final = frozenset({'.yaml', '.yml'})
 _PLACE: Final = re.compile(r'(?P<path>.*):(?P<line>\d+):(?P<column>\d+)', re.DOTALL)
 
 
@@ -104,7 +105,7 @@ def read_inputs(paths: Iterable[Path]) -> LintInputs:
     inputs = LintInputs()
     for path in paths:
         ending = path.suffix.lower()
-        if ending in {'.yaml', '.yml'}:
+        if ending in YAML_ENDINGS:
             _read_yaml_file(inputs, path)
         elif ending in ONTOLOGY_ENDINGS:
             if not path.is_file():

@@ -62,7 +62,7 @@ def topic_findings(
         topics: that were observed, by absolute name.
         where: they were observed, such as `in flight.mcap`.
     """
-    for use in _uses(inputs):
+    for use in topic_uses(inputs):
         topic = topics.get(use.topic)
         if topic is None or topic.publishers == 0:
             near = nearest_topics(use.topic, list(topics))[:2]
@@ -89,7 +89,8 @@ def _observed_findings(use: TopicUse, topic: ObservedTopic) -> Iterator[Finding]
         yield error_at(use.place, f'{use.topic}: {text}')
 
 
-def _uses(inputs: LintInputs) -> Iterator[TopicUse]:
+def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
+    """Yield the topics that files name: in annotations, streams, expectations and formulas."""
     for source, annotation in annotations_of(inputs):
         if annotation.is_topic:
             place = inputs.place_of(source)

@@ -206,7 +206,9 @@ class Language:
         self, found: str, place: Any, text: str, offset: int, terminals: Iterable[str] | None
     ) -> PositionedError:
         hint = correction(text, offset, self._corrections, self._advice)
-        message = f'unexpected {found}{self._expected(terminals)}{hint and f"; {hint}"}'
+        # Who is told the mend needs no list of what else may stand there.
+        unexpected = f'unexpected {found}'
+        message = f'{hint} ({unexpected})' if hint else unexpected + self._expected(terminals)
         return PositionedError(message, TextPosition.of(place))
 
     def _expected(self, terminals: Iterable[str] | None) -> str:

@@ -8,11 +8,12 @@ robot.yaml:3:5: unknown key 'object'; did you mean 'objects'?
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import yaml
 
@@ -23,6 +24,7 @@ from dyknow_common import (
     parse_duration,
     position_at,
     read_text,
+    replace_text,
     shortened,
     unknown,
 )
@@ -33,6 +35,9 @@ Read = TypeVar('Read')
 
 MAX_VALUES: Final = 50_000
 """The number of values of a file: keys, texts, lists and mappings."""
+
+MAX_QUOTED: Final = 100
+"""The number of values that get quotes at once."""
 
 _TAG: Final = 'tag:yaml.org,2002:'
 _MERGE: Final = _TAG + 'merge'
@@ -293,7 +298,11 @@ def _yaml_errors(document: YamlDocument) -> Iterator[None]:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         index = mark.index if mark else 0
-        reason = _unquoted(document.text, index) or error.problem or error.context
+        reason = error.problem or error.context
+        if unquoted := _unquoted(document.text, index):
+            quoted = unquoted.quoted
+            example = f': {shortened(quoted)} ("dyknow lint --fix" adds them)' if quoted else ''
+            reason = f'a text with a colon needs quotes{example}'
         raise document.error(f'not YAML: {reason}', position_at(document.text, index)) from None
     except yaml.reader.ReaderError as error:
         position = position_at(document.text, error.position)
@@ -302,15 +311,62 @@ def _yaml_errors(document: YamlDocument) -> Iterator[None]:
         raise document.error('not YAML: it nests too deep', TextPosition(1, 1)) from None
 
 
-def _unquoted(text: str, index: int) -> str:
-    """Return the message about a colon in a text that is a value without quotes; or ''."""
-    line = text[text.rfind('\n', 0, index) + 1 :].partition('\n')[0]
-    _, colon, value = line.partition(': ')
+def add_quotes(path: Path) -> bool:
+    """Put quotes around the values of a YAML file that lack them and contain a colon.
+
+    For example, `formula: forall r in Rover: always Speed[r] < 2` becomes
+    `formula: "forall r in Rover: always Speed[r] < 2"`. Returns True if the file was changed.
+
+    Raises:
+        ConfigurationError: if it cannot be read (NOT_FOUND) or written, or is too large.
+    """
+    text = read_text(path, 'configuration', ConfigurationError)
+    quoted = with_quotes(text)
+    if quoted != text:
+        try:
+            replace_text(path, quoted)
+        except OSError as error:
+            raise ConfigurationError(f'cannot write {path}: {error.strerror}') from None
+    return quoted != text
+
+
+def with_quotes(text: str) -> str:
+    """Return a YAML text with quotes around at most MAX_QUOTED values that need them."""
+    for _ in range(MAX_QUOTED if len(text) <= MAX_CHARACTERS else 0):
+        try:
+            deque(yaml.parse(text, yaml.SafeLoader), maxlen=0)
+        except yaml.MarkedYAMLError as error:
+            value = _unquoted(text, error.problem_mark.index if error.problem_mark else 0)
+            if value is None or not value.quoted:
+                break
+            text = f'{text[: value.start]}{value.quoted}{text[value.end :]}'
+        except (yaml.reader.ReaderError, RecursionError):
+            break
+        else:
+            break
+    return text
+
+
+class _Unquoted(NamedTuple):
+    """A value that lacks quotes: its place, and how it should be written; empty if unknown."""
+
+    start: int
+    end: int
+    quoted: str
+
+
+def _unquoted(text: str, index: int) -> _Unquoted | None:
+    """Return the value without quotes that ends at a colon in it, which YAML does not allow."""
+    begin = text.rfind('\n', 0, index) + 1
+    key, colon, rest = text[begin:].partition('\n')[0].partition(': ')
+    value = rest.partition(' #')[0].strip()
     if text[index : index + 1] != ':' or not colon or ':' not in value:
-        return ''
+        return None
+    start = begin + len(key) + len(colon) + len(rest) - len(rest.lstrip())
     quote = next((each for each in ('"', "'") if each not in value), '')
-    example = f': {quote}{shortened(value.strip())}{quote}' if quote else ''
-    return f'a text with a colon needs quotes{example}'
+    # What begins like this is in quotes already, or is no text at all; `\` differs in quotes.
+    is_plain = value[0] not in '"\'[{&*!|>%@`' and '\\' not in value
+    return _Unquoted(start, start + len(value), f'{quote}{value}{quote}' * bool(quote and is_plain))
 
 
 def texts(values: Mapping[str, YamlValue], key: str) -> list[YamlValue]:
