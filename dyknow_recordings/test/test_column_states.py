@@ -318,6 +318,24 @@ def test_a_standby_whose_first_state_waits() -> None:
         compare(made(drawn), 1, formulas)
 
 
+@pytest.mark.parametrize('start', STARTS[:3])
+def test_a_stand_in_that_waits_for_a_topic_of_another_group(start: EpisodeStart) -> None:
+    """The other group has an operator of /d, with a sample from before the stand-in was made."""
+    drawn: Drawn = [
+        ('a', 1, 0, 0.0, 'nan'),
+        ('d', 1, 0, 0.0, ''),
+        *[('a', 1, 0, 0.0, '')] * 7,
+        ('a', 100, 0, 0.0, 'lacks'),
+        ('e', 1, 0, 0.0, ''),
+    ]
+    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+        compare(made(drawn), 1, formulas, start)
+        messages = recording(made(drawn), 1)
+        report = evaluate_recording(messages, [RequestedFormula(each) for each in formulas])
+    assert report.formulas[1].waits_for == '/d has fallen silent'
+
+
 @pytest.mark.parametrize('batch', [16, 64, 1000])
 def test_a_stand_in_after_states_as_columns(batch: int) -> None:
     """The states that are kept of it were made as columns, too."""

@@ -237,19 +237,23 @@ class StateGroup:
         """
         if not self._stream or self.episodes.has_ended:
             return
+        # Operators that it shares may have had samples before it was made; it has not had them.
+        first = max(start, self._begin) - 1
+        made = self._created_at if self._created_at > first + 1 else first
         # What would pass for an undecided formula may be one whose states have failed.
         if self._silence is not None:
             text = _describe(self._silence[1])
             self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
         elif self._is_in_gap and not self.episodes.has_losses:
-            reason = self._streams.waits_for(self._stream, start - 1) or 'no state has come since'
+            reason = self._streams.waits_for(self._stream, made) or 'no state has come since'
             error = self._latest_error
             self.episodes.fail(CoordinationError(f'{error.message}; {reason}', error.code))
         self.episodes.finish()
+        since = end - WAITING_LIMIT_NS
         if self._latest is None:
-            since = max(start, self._begin) - 1
-            self.waits_for = self._streams.waits_for(self._stream, since)
-        elif self._latest_receipt <= (since := end - WAITING_LIMIT_NS):
+            self.waits_for = self._streams.waits_for(self._stream, made)
+        elif self._latest_receipt <= since:
+            since = max(since, made)
             self.waits_for = self._streams.waits_for(self._stream, since, (start, end))
 
     def _choose(self, now: int) -> tuple[FeatureSource, ...]:
