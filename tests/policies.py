@@ -67,14 +67,26 @@ class GraphRecorder:
         self.uses: set[Use] = set()
         self.names: defaultdict[str, set[str]] = defaultdict(set)
         """The names of the nodes in each enclave."""
+        self.without_enclave: set[str] = set()
+        """The names of the nodes that are on the graph now, and whose enclave was never known."""
 
     def look(self) -> None:
-        """Note what is on the graph now."""
+        """Note what is on the graph now.
+
+        The middleware hears of a participant and of its nodes by different topics: a node of which
+        it hears before its participant, or after its end, has an empty enclave.
+        """
         own = self._node.get_name()
+        nodes: defaultdict[str, set[str]] = defaultdict(set)
         for name, namespace, enclave in self._node.get_node_names_and_namespaces_with_enclaves():
             if name != own:
-                self.names[enclave].add(f'{namespace.rstrip("/")}/{name}')
-                self.uses.update(self._uses(name, namespace, enclave))
+                nodes[enclave].add(f'{namespace.rstrip("/")}/{name}')
+                if enclave:
+                    self.uses.update(self._uses(name, namespace, enclave))
+        self.without_enclave = nodes.pop('', set())
+        for enclave, names in nodes.items():
+            self.names[enclave] |= names
+        self.without_enclave.difference_update(*self.names.values())
 
     def _uses(self, name: str, namespace: str, enclave: str) -> Iterator[Use]:
         for permission, names_and_types in (
