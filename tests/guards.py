@@ -89,6 +89,10 @@ class GuardedBase:
         """Why it is closed."""
         return self.statuses[-1].reason if self.statuses else ''
 
+    def reasons(self, begin: int = 0) -> list[str]:
+        """Why it was closed, in the reports from one on."""
+        return [each.reason for each in self.statuses[begin:] if each.reason]
+
     def wait_for(self, state: int, reason: str = '') -> None:
         """Waits until the guard reports a state, with a reason that has some words."""
         self.client.spin_until(

@@ -7,7 +7,7 @@ engine and the coordinator would be longer.
     0.0 s  the goal of MonitorFormula is sent
     0.4 s  ~/evaluations: it is RUNNING, with the stream states_1; the objects of its sorts are read
     0.5 s  the first state of states_1 is received
-    9.0 s  a violation of states_1: no state counts any more
+    9.0 s  a violation of states_1, or ~/evaluations: it is INTERRUPTED. No state counts any more
     9.2 s  ~/evaluations: it is RUNNING, with states_2; all begins anew. Otherwise, the goal ends
            with an error, and is sent again after RETRY_DELAY_S
 """
@@ -17,13 +17,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
-from dyknow_interfaces.msg import EvaluationStatus
 from dyknow_interfaces.srv import ConceptGetInstances
 
 from dyknow_common import DyKnowError, SymbolKind, Value
-from dyknow_common.ros import DyKnowNode, RemoteNode, time_to_nanoseconds
+from dyknow_common.ros import DyKnowNode, RemoteNode
 from dyknow_coordinator import Answer
 from dyknow_coordinator.ros import FormulaClient, Monitor
+from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
+from dyknow_reactions.guard.state_source import StateSource, latest_source, why_unusable
 from dyknow_reasoning import parse_formula, symbols_of
 from dyknow_reasoning.ros.state_subscription import Breach, State, StateSubscription
 from dyknow_stream_processing.ros import sample_fields
@@ -33,8 +34,6 @@ RETRY_DELAY_S: Final = 0.5
 
 RESUME_TIMEOUT_S: Final = 4.0
 """The time within which the coordinator must replace states that cannot be used."""
-
-_PHASES: Final = (EvaluationStatus.RUNNING, EvaluationStatus.WAITING)
 
 
 class StateReceiver(Protocol):
@@ -68,14 +67,6 @@ class StateServices(NamedTuple):
     ontology: RemoteNode
 
 
-class StateSource(NamedTuple):
-    """An evaluation of the coordinator, with the stream of its states."""
-
-    started: int
-    group: int
-    stream: str
-
-
 class FormulaStates:
     """The states of one formula, from one evaluation after the other.
 
@@ -103,24 +94,22 @@ class FormulaStates:
         self._every_state = every_state
         self._source: StateSource | None = None
         self._states: StateSubscription | None = None
-        # The one before, until a state of the present one has come: its violation, of which the
-        # guard may learn later than of the other states, closes the gate all the same.
+        self._used = StateSource(0, 0, '', '')
+        # The one before, until a state of the next one has come: its violation, of which the guard
+        # may learn later than of the other states, closes the gate all the same.
         self._former: StateSubscription | None = None
         self._monitor: Monitor | None = None
         self._ask()
 
     def note_evaluations(self, statuses: Iterable[Any]) -> None:
         """Take the reports of the coordinator on all evaluations."""
-        found = [
-            StateSource(time_to_nanoseconds(each.started), each.formula_group_id, each.state_stream)
-            for each in statuses
-            if each.name == self._name and each.phase in _PHASES and each.state_stream
-        ]
-        formulas = {each.state_stream: each.formula for each in statuses if each.name == self._name}
-        latest = max(found, default=None)
+        own = [status_from_message(each) for each in statuses if each.name == self._name]
+        if self._states is not None and (reason := why_unusable(self._used, own)):
+            self._give_up(reason)
+        latest = latest_source(own)
         if latest is not None and latest != self._source:
             self._source = latest
-            self._services.node.spawn(self._begin, latest, formulas[latest.stream])
+            self._services.node.spawn(self._begin, latest)
 
     def _ask(self) -> None:
         self._monitor = self._services.client.monitor(
@@ -139,23 +128,24 @@ class FormulaStates:
         self._stop(f'its evaluation has ended: {reason}')
         node.deadlines.after(RETRY_DELAY_S).add_done_callback(lambda _: self._ask())
 
-    async def _begin(self, source: StateSource, formula: str) -> None:
+    async def _begin(self, source: StateSource) -> None:
         """Subscribe to the states of an evaluation, once the objects of its sorts are known."""
         try:
             sorts = [
                 each.name
-                for each in symbols_of(parse_formula(formula))
+                for each in symbols_of(parse_formula(source.formula))
                 if each.kind is SymbolKind.SORT
             ]
             domains = {sort: await self._objects(sort) for sort in sorts}
             if source != self._source:
                 return  # There are newer states.
-            self._receiver.begin(formula, domains)
+            self._receiver.begin(source.formula, domains)
         except DyKnowError as error:
-            self._give_up(source, error.message)
+            if source == self._source:
+                self._give_up(error.message)
             return
-        self._destroy_former()
-        self._former = self._states
+        self._leave_states()
+        self._used = source
         self._states = StateSubscription(
             self._services.node, source.stream, self._on_state, self._on_breach
         )
@@ -172,27 +162,20 @@ class FormulaStates:
         try:
             values = sample_fields(state.message)
         except DyKnowError as error:
-            self._give_up(self._source, error.message)
+            self._give_up(error.message)
             return
         self._receiver.receive(state.valid_time, values, is_after_gap=bool(state.loss))
 
     def _on_breach(self, states: StateSubscription, breach: Breach) -> None:
         if states is self._states:
-            self._give_up(self._source, breach.message)
+            self._give_up(breach.message)
         elif states is self._former:
             self._receiver.fail(breach.message)
 
-    def _destroy_former(self) -> None:
-        if self._former is not None:
-            self._former.destroy()
-            self._former = None
-
-    def _give_up(self, source: StateSource | None, reason: str) -> None:
+    def _give_up(self, reason: str) -> None:
         """Stop reading states, and ask anew unless the coordinator soon reports others."""
-        if source != self._source:
-            return
         self._stop(reason)
-        monitor = self._monitor
+        source, monitor = self._source, self._monitor
         due = self._services.node.deadlines.after(RESUME_TIMEOUT_S)
 
         def ask_anew(_: object) -> None:
@@ -203,8 +186,15 @@ class FormulaStates:
 
     def _stop(self, reason: str) -> None:
         """Read no more states, until the coordinator reports others."""
-        self._destroy_former()
-        if self._states is not None:
-            self._states.destroy()
-            self._states = None
+        self._leave_states()
         self._receiver.fail(reason)
+
+    def _leave_states(self) -> None:
+        if self._states is not None:
+            self._destroy_former()
+            self._former, self._states = self._states, None
+
+    def _destroy_former(self) -> None:
+        if self._former is not None:
+            self._former.destroy()
+            self._former = None
