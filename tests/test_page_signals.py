@@ -18,14 +18,14 @@ def spin(system: System, seconds: float) -> None:
 
 def test_a_formula_that_failed_before_it_is_opened_shows_why(served: tuple[System, str]) -> None:
     system, address = served
-    answer = system.ask('forall u in UAV: always (Power[u] < 150)')
+    name = 'forall u in UAV: always (Power[u] < 150)'
+    answer = system.ask(name)
     system.wait_until_running(answer)
     spin(system, 3.0)
     system.batteries.power['uav2'] = 170.0
     system.client.spin_until(answer.done, 'the verdict')
     system.batteries.reset()
     spin(system, 2.0)  # Now somebody hears the alarm.
-    name = answer.result().canonical_formula
     drawing = receive(
         address, 'formulas', name, lambda found: found['type'] == 'drawing' and found['signals']
     )

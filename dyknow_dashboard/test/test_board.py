@@ -272,20 +272,6 @@ def test_an_evaluation_that_vanished_is_no_longer_running() -> None:
     assert row['state'] == 'running'
 
 
-def test_a_formula_without_a_name_is_shown_once_while_its_text_changes() -> None:
-    asked = replace(
-        POWER, name='Power < 5 kW', formula='Power < 5 kW', phase=EvaluationPhase.GROUNDING
-    )
-    other = replace(asked, started=11 * SECOND_NS)
-    board = board_of(asked, other)
-    evaluated = replace(POWER, name='(Power < 5000)', formula='(Power < 5000)')
-    board.formulas.update([evaluated], 22 * SECOND_NS)
-    assert [(each['name'], each['state']) for each in board.formulas.rows()] == [
-        ('Power < 5 kW', 'unavailable'),  # The other one, which has vanished.
-        ('(Power < 5000)', 'running'),
-    ]
-
-
 def test_the_number_of_evaluations_is_bounded() -> None:
     board = Board()
     for number in range(200):

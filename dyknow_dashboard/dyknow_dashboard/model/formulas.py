@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from typing import Any, Final
@@ -94,10 +94,6 @@ class FormulaTable:
         self._now = now
         self.hidden = max(len(statuses) - MAX_SHOWN, 0)
         known, reported = self._known, dict(_keyed(statuses[:MAX_SHOWN]))
-        new = {status.started for key, status in reported.items() if key not in known}
-        for key in [key for key in known if key not in reported]:
-            if _is_renamed(known[key].status, new):
-                del known[key]
         for key, status in reported.items():
             evaluation = known.get(key) or MonitoredEvaluation(key, status)
             known[key] = evaluation
@@ -221,19 +217,6 @@ def _keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, Evaluati
         name = blake2b(each.name.encode(), digest_size=8).hexdigest()
         yield f'{each.started}-{seen[identity]}-{name}', each
         seen[identity] += 1
-
-
-def _is_renamed(status: EvaluationStatus, new: Collection[int]) -> bool:
-    """Return True if an evaluation is reported under another name.
-
-    One without a name has its text for a name: as it was requested, then as it is evaluated.
-
-    Args:
-        status: of an evaluation that is reported no more.
-        new: when the evaluations were started that are reported for the first time.
-    """
-    is_unnamed = status.name == status.formula
-    return is_unnamed and status.phase is EvaluationPhase.GROUNDING and status.started in new
 
 
 def _retire(evaluation: MonitoredEvaluation) -> None:

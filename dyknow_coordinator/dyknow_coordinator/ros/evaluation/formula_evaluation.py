@@ -16,7 +16,7 @@ from typing import Any, Final
 from dyknow_interfaces.msg import FormulaProgress
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed
+from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed, one_line
 from dyknow_common.ros import margin_from_message, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
@@ -114,13 +114,14 @@ class FormulaEvaluation(Evaluation):
 
     @property
     def title(self) -> str:
-        """The name that operators see."""
-        return self.request.name or self.canonical_formula or self.request.formula
+        """The name that operators see: without one of its own, the formula as it was written."""
+        return self.request.name or one_line(self.request.formula)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names that end it: its title, or without a name of its own, the formula as sent."""
-        return (self.title,) if self.request.name else (self.title, self.request.formula)
+        """The names that end it: its own, or without one, the formula as sent and in full."""
+        formulas = (self.title, self.request.formula, self.canonical_formula)
+        return (self.request.name,) if self.request.name else formulas
 
     @property
     def waits_for(self) -> str:
