@@ -6,7 +6,8 @@ python benchmarks/guard.py [--json] [--only passing] [--closings 100] [--rounds 
   it is; both are sent alternately in the same run, so a busy computer delays both. Then the time
   from a deciding sample to the safe message.
 - rover: that time in a closed loop, of a simulated rover that drives towards an obstacle.
-- closing: the time from each event that closes a guard, such as the end of a node.
+- closing: the time from each event that closes a guard, such as the end of a node, and from its
+  repair, such as the start of the node, until messages pass again.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / 'tests'))
 import rclpy
 from dyknow_interfaces.msg import GuardStatus
 from geometry_msgs.msg import Twist
-from guard_closings import closings
+from guard_closings import Closing, closings
 from guarded_approaches import BARE_STOP, approaches
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
@@ -42,7 +43,7 @@ from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import (
     SystemConfiguration,
     dyknow_processes,
-    guard_processes,
+    watching_processes,
 )
 from dyknow_common.ros import LATCHED
 from guarded_rover import LIMIT_M
@@ -194,7 +195,7 @@ def measure(messages: int, closings: int, *, composition: bool) -> dict[str, Any
         processes = (*(composed(nodes, {}) if composition else nodes),)
         with Launcher(Path(name), environment=environment) as launcher, bare_relay(environment):
             bench = Bench(environment)
-            launcher.start_all((*processes, *guard_processes(configuration)))
+            launcher.start_all((*processes, *watching_processes(configuration)))
             bench.wait_until_open()
             passing = bench.passing(messages)
             closed = bench.closing(closings)
@@ -223,12 +224,18 @@ def rover(count: int, *, composition: bool) -> dict[str, Any]:
 
 def closing(rounds: int, *, composition: bool) -> dict[str, Any]:
     """Measure each way of closing; SIGINT ends it early."""
-    times: defaultdict[str, list[float]] = defaultdict(list)
+    times: defaultdict[str, list[Closing]] = defaultdict(list)
     with suppress(KeyboardInterrupt):
-        for way, each in closings(rounds, composition=composition):
-            times[way].append(each)
+        for each in closings(rounds, composition=composition):
+            times[each.way].append(each)
     return {
-        way: {**summary(found), 'max_ms': round(max(found), 3), 'rounds': len(found)}
+        way: {
+            **summary([each.closed for each in found]),
+            'max_ms': round(max(each.closed for each in found), 3),
+            'reopened_median_ms': round(statistics.median(each.reopened for each in found)),
+            'reopened_max_ms': round(max(each.reopened for each in found)),
+            'rounds': len(found),
+        }
         for way, found in times.items()
     }
 

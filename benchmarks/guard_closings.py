@@ -1,7 +1,9 @@
-"""Each way in which a guard closes: the time from the event to the first safe message.
+"""Each way in which a guard closes, with the times until it has closed and until it opens again.
 
-The guard has the timeout of 0.3 s that it has by default. The topic of its formula comes 5 times a
-second, as in the system tests.
+The first is the time from the event to the first safe message, the second that from the repair,
+such as the start of a node that was killed, to the first message that passes again. The guard has
+the timeout of 0.3 s that it has by default. The topic of its formula comes 5 times a second, as in
+the system tests.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from dyknow_bringup.processes.composition import NODES
 from dyknow_reactions.ros.guard.node_pulses import WATCHED
@@ -26,12 +28,27 @@ ENGINE = 'stream_processing_engine'
 LATE_NS = 20_000_000
 MINUTE_NS = 60_000_000_000
 
+
+class Closing(NamedTuple):
+    """The times of a closing, in ms.
+
+    Args:
+        way: the event that has closed the guard.
+        closed: from the event to the first safe message.
+        reopened: from the repair to the first message that passes again; 0 if it passed before.
+    """
+
+    way: str
+    closed: float
+    reopened: float
+
+
 Event = Callable[[], AbstractContextManager[None]]
 """Makes the event; its end repairs the system."""
 
 
-def closings(rounds: int, *, composition: bool) -> Iterator[tuple[str, float]]:
-    """Yield the times of each way of closing, in ms; each round has all ways.
+def closings(rounds: int, *, composition: bool) -> Iterator[Closing]:
+    """Yield the times of each way of closing; each round has all ways.
 
     Raises:
         AssertionError: if a command has passed while the guard was closed.
@@ -47,7 +64,7 @@ def closings(rounds: int, *, composition: bool) -> Iterator[tuple[str, float]]:
                 _wait_until_settled(base, 'its start')
                 for _ in range(rounds):
                     for way, event in ways:
-                        yield way, _time_of(base, way, event)
+                        yield _times_of(base, way, event)
 
 
 def _ways(system: System, *, composition: bool) -> Iterator[tuple[str, Event]]:
@@ -92,7 +109,7 @@ def _ended(system: System, event: Any, node: str) -> Iterator[None]:
     system.batteries.reset()
 
 
-def _jumps(rounds: int) -> Iterator[tuple[str, float]]:
+def _jumps(rounds: int) -> Iterator[Closing]:
     """Yield the times after jumps of simulated time."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -107,19 +124,22 @@ def _jumps(rounds: int) -> Iterator[tuple[str, float]]:
                             simulation.jump(step)
                             return nullcontext()
 
-                        yield way, _time_of(base, way, event)
+                        yield _times_of(base, way, event)
 
 
-def _time_of(base: GuardedBase, way: str, event: Event) -> float:
-    """Return the time from an event to the first safe message, in ms, and wait for its repair."""
+def _times_of(base: GuardedBase, way: str, event: Event) -> Closing:
+    """Wait for an event, and for its repair, and return their times."""
     begin = time.monotonic()
     with event():
         base.client.spin_until(lambda: bool(_safe_since(base, begin)), f'closed by {way}')
         first = _safe_since(base, begin)[0]
         _spin(base, SETTLING_S / 2)
+        repair = time.monotonic()
     base.assert_nothing_passed_while_closed()
     _wait_until_settled(base, way)
-    return 1e3 * (first - begin)
+    closed = _safe_since(base, begin)[-1]
+    passed = next(at for at, each in base.received if at > closed and not is_zero(each))
+    return Closing(way, 1e3 * (first - begin), 1e3 * max(passed - repair, 0.0))
 
 
 def _wait_until_settled(base: GuardedBase, way: str) -> None:

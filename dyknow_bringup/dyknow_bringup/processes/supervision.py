@@ -2,13 +2,13 @@
 
 Example, with a process that is killed again and again, and then has a fault at its start:
 
-     0 s  killed by SIGKILL; started again after 2 s
-     3 s  killed by SIGKILL; started again after 4 s
-     8 s  killed by SIGKILL; started again after 8 s
-    50 s  it has run for 30 s, and ends with exit code 70; started again after 2 s
-    53 s  it ends with exit code 70, 1 s after its start: the first fault; started again after 4 s
-    58 s  the same: the second fault; started again after 8 s
-    67 s  the same: the third fault ends the system
+     0 s  killed by SIGKILL; started again at once
+     1 s  killed by SIGKILL; started again after 2 s
+     4 s  killed by SIGKILL; started again after 4 s
+    50 s  it has run for 30 s, and ends with exit code 70; started again at once
+    51 s  it ends with exit code 70, 1 s after its start: the first fault; started again after 2 s
+    54 s  the same: the second fault; started again after 4 s
+    59 s  the same: the third fault ends the system
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ from dyknow_common import SECOND_NS, ExitCode, format_duration
 from dyknow_common.executables import CANNOT_START
 
 RESTART_DELAY_NS: Final = 2 * SECOND_NS
-"""By then, the other nodes have noticed the end in most cases. Each further end doubles it."""
+"""After the second end in a row, which each further end doubles; the first one needs no wait.
+
+A guard stays closed meanwhile. The other nodes tell by the times of start that a node is a new one.
+"""
 
 MAX_DELAY_NS: Final = 30 * SECOND_NS
 STABLE_NS: Final = 30 * SECOND_NS
@@ -81,8 +84,9 @@ class Supervisor:
             if name not in self._restart_at:
                 delay = self._delay(ended, now - self._started_at[name])
                 self._restart_at[name] = now + delay
-                self._report(f'{ended}; it will be started again in {format_duration(delay)}')
-            elif now >= self._restart_at[name]:
+                when = f'in {format_duration(delay)}' if delay else 'at once'
+                self._report(f'{ended}; it will be started again {when}')
+            if now >= self._restart_at[name]:
                 del self._restart_at[name]
                 self._launcher.start(self._processes[name])
                 self._started_at[name] = now
@@ -101,4 +105,4 @@ class Supervisor:
             raise BringupError(f'{ended}{often}:\n{ended.last_lines}', ExitCode.UNAVAILABLE)
         before = self._ends[name] if ran < STABLE_NS else 0
         self._ends[name] = before + 1
-        return min(RESTART_DELAY_NS << before, MAX_DELAY_NS)
+        return min(RESTART_DELAY_NS << before - 1, MAX_DELAY_NS) if before else 0

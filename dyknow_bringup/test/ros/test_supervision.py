@@ -53,16 +53,20 @@ class Restarts:
         self.supervisor.update(self.now)
 
 
-def test_a_process_that_ends_is_started_again_after_a_delay() -> None:
+def test_a_process_that_ends_is_started_again_at_once_and_then_after_a_delay() -> None:
     node = Restarts()
     node.end(-9)
+    assert node.processes.starts == 2
+    node.end(-9)
     node.wait(RESTART_DELAY_NS - 1)
-    assert node.processes.starts == 1
+    assert node.processes.starts == 2
     node.wait(1)
-    assert node.processes.starts == 2
+    assert node.processes.starts == 3
     node.wait(RESTART_DELAY_NS)
-    assert node.processes.starts == 2
+    assert node.processes.starts == 3
     assert node.said == [
+        'node was killed by SIGKILL; it will be started again at once',
+        'node was started again',
         'node was killed by SIGKILL; it will be started again in 2 s',
         'node was started again',
     ]
@@ -75,7 +79,7 @@ def test_a_process_that_cannot_start_ends_the_system() -> None:
 
 def test_a_process_that_ends_again_at_once_ends_the_system() -> None:
     node = Restarts()
-    for delay in (RESTART_DELAY_NS, 2 * RESTART_DELAY_NS):
+    for delay in (0, RESTART_DELAY_NS):
         node.end(70)
         node.wait(delay)
         node.wait(AT_ONCE_NS - 1)
@@ -89,12 +93,12 @@ def test_a_process_that_is_killed_again_and_again_is_started_later_and_later() -
     node = Restarts()
     delays = []
     for code in (-9, -15, -9, -9, -9, -9):
-        node.end(code)
         began, starts = node.now, node.processes.starts
+        node.end(code)
         while node.processes.starts == starts:
             node.wait(RESTART_DELAY_NS // 2)
         delays.append(node.now - began)
-    assert delays == [RESTART_DELAY_NS << n for n in range(4)] + [MAX_DELAY_NS] * 2
+    assert delays == [0, *(RESTART_DELAY_NS << n for n in range(4)), MAX_DELAY_NS]
 
 
 def test_a_process_that_has_run_for_long_is_started_again_soon() -> None:
