@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from dyknow_bringup.processes.composition import NODES
-from dyknow_reactions.ros.guard.node_pulses import WATCHED
+from dyknow_reactions.ros.guard.guard import WATCHED
 from guards import GuardedBase, guarded_base, is_zero
 from system import System
 from test_sim_time_jumps import Simulation

@@ -18,7 +18,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from dyknow_reactions.ros.guard.safe_message import safe_message
+from dyknow_reactions.ros.guard.passage import safe_message
 from dyknow_stream_processing.ros import message_class
 from publisher_program import run_until_stopped
 

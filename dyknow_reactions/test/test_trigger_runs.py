@@ -7,8 +7,15 @@ from hypothesis import strategies as st
 
 from dyknow_common import Verdict
 from dyknow_configuration import RequestedFormula, Trigger, TriggerEvent, TriggerKind
-from dyknow_reactions.triggers import TriggerAttempt, TriggerReport, TriggerRuns, TriggerState
-from dyknow_reactions.triggers.runs import FIRST_BACKOFF, MAX_BACKOFF, MAX_WAITING
+from dyknow_reactions.triggers import (
+    FIRST_BACKOFF,
+    MAX_BACKOFF,
+    MAX_WAITING,
+    TriggerAttempt,
+    TriggerReport,
+    TriggerRuns,
+    TriggerState,
+)
 
 SECOND = 1_000_000_000
 TARGETS = ('/a', '/b')

@@ -13,12 +13,9 @@ from dyknow_coordinator import (
     KnownStreams,
     feature_symbols,
     parse_sources,
-    sort_names,
 )
 from dyknow_reactions.black_box.failures import OpenBox
-from dyknow_reasoning import (
-    FormulaGroup,
-)
+from dyknow_reasoning import FormulaGroup
 from dyknow_recordings import BlackBoxContent
 from dyknow_stream_processing import (
     SinkDeclaration,
@@ -107,17 +104,6 @@ def stream_text(stream: KnownStream, namespace: str) -> str:
         and not (isinstance(each, StreamDeclaration) and each.name == name)
     ]
     return ';\n'.join([*others, f'stream {name} = {term}', f'sink {name}'])
-
-
-def sorts_of(formula: str) -> Sequence[str]:
-    """Return the sorts in a canonical formula.
-
-    Raises:
-        DyKnowError: if it is no formula.
-    """
-    group = FormulaGroup()
-    group.add_formula(formula, formula)
-    return tuple(sort_names(tuple(group.symbols())))
 
 
 def objects_fault(formula: str, domains: Mapping[str, Sequence[str]], states: str) -> str:

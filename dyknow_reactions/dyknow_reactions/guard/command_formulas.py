@@ -12,9 +12,10 @@ come with the states of another formula, which is about the same features and is
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from dyknow_common import SymbolKind, Value, quoted
+from dyknow_reactions.guard.gate import GateReports
 from dyknow_reasoning import (
     Domains,
     Feature,
@@ -96,6 +97,67 @@ class CommandFormula:
         """Add the command to the history, as it passes."""
         if self._trial is not None:
             self._trial.accept()
+
+
+class CommandStates:
+    """The receiver of the states of a formula over commands and states; see `StateReceiver`.
+
+    Args:
+        name: of the formula in the gate.
+        formula: the formula.
+        reports: to the gate, of each state.
+    """
+
+    def __init__(self, name: str, formula: CommandFormula, reports: GateReports) -> None:
+        self._name, self._formula, self._reports = name, formula, reports
+
+    def begin(self, _formula: str, domains: Mapping[str, Sequence[str]]) -> None:
+        """Begin with other states; the history of commands begins anew."""
+        self._formula.begin(domains)
+
+    def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:  # noqa: ARG002
+        """Keep the values of a state."""
+        self._formula.set_state(values)
+        self._reports.state(self._name, valid_time)
+
+    def fail(self, reason: str) -> None:
+        """Close the gate."""
+        self._reports.fault(self._name, reason)
+
+
+class CommandFormulas:
+    """The formulas that a guard tries at each command."""
+
+    def __init__(self, formulas: Mapping[str, CommandFormula]) -> None:
+        self._formulas = dict(formulas)
+        self._latest = 0
+        for each in self._formulas.values():
+            if not each.state_formula and not each.sorts:
+                each.begin({})
+
+    def __bool__(self) -> bool:
+        return bool(self._formulas)
+
+    @property
+    def paths(self) -> frozenset[str]:
+        """The paths in a command that are read."""
+        return frozenset(path for each in self._formulas.values() for path in each.fields.values())
+
+    def refusal(self, command: Mapping[str, Value], now: int) -> str:
+        """Return why a command must not pass; if it may, it is part of the history.
+
+        Args:
+            command: the values by their paths.
+            now: the monotonic time, in nanoseconds.
+        """
+        self._latest = max(now, self._latest + 1)
+        for name, each in self._formulas.items():
+            values = {key: command[path] for key, path in each.fields.items() if path in command}
+            if reason := each.refusal(self._latest, values):
+                return f'{name}: {reason}'
+        for each in self._formulas.values():
+            each.accept()
+        return ''
 
 
 def _state_formula(formula: Formula, commanded: Mapping[str, str], text: str) -> str:

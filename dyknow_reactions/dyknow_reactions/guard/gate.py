@@ -22,11 +22,18 @@ something became too old before its time, so a latch does not depend on when it 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
-from dyknow_common import format_duration, round_duration
+from dyknow_common import NANOSECONDS, SECOND_NS, format_duration, round_duration
+
+TOLERANCE_NS: Final = 100 * NANOSECONDS['ms']
+"""The largest correction of the system clock between two looks."""
+
+STEP_NS: Final = SECOND_NS
+"""The largest advance of simulated time between two looks: a simulation may be fast."""
 
 
 class GateState(IntEnum):
@@ -171,3 +178,59 @@ class Gate:
                 distance = round_duration(known.silence)
                 return f'{name}: the latest {what} comes {distance} after its predecessor'
         return ''
+
+
+class GateReports:
+    """Reports on formulas to a gate, at the times of the clocks of a guard.
+
+    Args:
+        gate: the gate.
+        now: returns the monotonic time, in nanoseconds.
+        age: returns the time that has passed since a valid time, at least 0.
+        settle: called with the monotonic time after each report.
+    """
+
+    def __init__(
+        self,
+        gate: Gate,
+        now: Callable[[], int],
+        age: Callable[[int], int],
+        settle: Callable[[int], None],
+    ) -> None:
+        self._gate, self._now, self._age, self._settle = gate, now, age, settle
+
+    def state(self, formula: str, valid_time: int, failure: str = '') -> None:
+        """Report a state of a formula, and why it does not hold; empty if it does."""
+        now = self._now()
+        self._gate.note_state(formula, now, failure, age=self._age(valid_time))
+        self._settle(now)
+
+    def fault(self, formula: str, reason: str) -> None:
+        """Report why a formula cannot be asked."""
+        now = self._now()
+        self._gate.note_fault(formula, now, reason)
+        self._settle(now)
+
+
+class ClockJumps:
+    """Compares the time of a node with the monotonic time, each time that it is looked at."""
+
+    def __init__(self) -> None:
+        self._latest: tuple[int, int] | None = None
+
+    def has_jumped(self, time: int, monotonic: int, *, is_simulated: bool) -> bool:
+        """Return True if the time has jumped since the look before.
+
+        Args:
+            time: of the node, in nanoseconds.
+            monotonic: the time of the monotonic clock, in nanoseconds.
+            is_simulated: True if the node takes its time from /clock.
+        """
+        latest, self._latest = self._latest, (time, monotonic)
+        if latest is None:
+            return False
+        advance, passed = time - latest[0], monotonic - latest[1]
+        if is_simulated:
+            # The first message of /clock sets the time, which is 0 until then.
+            return latest[0] > 0 and not 0 <= advance <= max(STEP_NS, passed)
+        return abs(advance - passed) > TOLERANCE_NS

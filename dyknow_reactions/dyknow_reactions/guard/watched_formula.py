@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
+from dyknow_common import Value
+from dyknow_reactions.guard.gate import GateReports
 from dyknow_reasoning import Domains, FormulaGroup, Values
 
 
@@ -45,3 +49,33 @@ class WatchedFormula:
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         self._group.gap()
+
+
+class WatchedStates:
+    """The receiver of the states of a watched formula; see `StateReceiver`.
+
+    Args:
+        name: of the formula in the gate.
+        reports: to the gate, of each state.
+    """
+
+    def __init__(self, name: str, reports: GateReports) -> None:
+        self._name, self._reports = name, reports
+        self._formula: WatchedFormula | None = None
+
+    def begin(self, formula: str, domains: Mapping[str, Sequence[str]]) -> None:
+        """Begin with the states of another stream."""
+        self._formula = WatchedFormula(formula, domains)
+
+    def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:
+        """Ask the formula at a state."""
+        if self._formula is None:
+            return
+        if is_after_gap:
+            self._formula.gap()
+        failure = self._formula.failure(valid_time, values)
+        self._reports.state(self._name, valid_time, failure)
+
+    def fail(self, reason: str) -> None:
+        """Close the gate."""
+        self._reports.fault(self._name, reason)

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Byte, String, UInt8
 
 from dyknow_reactions.errors import ReactionError
-from dyknow_reactions.ros.guard.safe_message import safe_bytes, safe_message
+from dyknow_reactions.ros.guard.passage import safe_bytes, safe_message
 
 
 def test_fields() -> None:

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import BlackBoxReport, EvaluationStatusArray, Sample
@@ -37,13 +38,31 @@ from dyknow_reactions.black_box.box_content import (
 from dyknow_reactions.black_box.box_folder import BoxFolder
 from dyknow_reactions.black_box.failures import FailureWatch, FormulaKey, OpenBox
 from dyknow_reactions.black_box.message_ring import MessageRing, SerialisedMessage
-from dyknow_reactions.ros.black_box.box_writing import BoxWriting, WriteBox
+from dyknow_reactions.ros.black_box.box_writing import BoxWriting, SnapshotService, WriteBox
 from dyknow_reactions.ros.black_box.formula_origins import FormulaOrigins
 from dyknow_reactions.ros.black_box.raw_topics import RawTopics
-from dyknow_reactions.ros.black_box.recorder_settings import RecorderSettings
-from dyknow_reactions.ros.black_box.snapshot import SnapshotService
 from dyknow_recordings import horizon
 from dyknow_stream_processing.ros import PAUSES, is_pause_recent
+
+_NAMES = {
+    'coordinator': ('stream_reasoning_coordinator', 'Name of the coordinator node.'),
+    'stream_manager': ('stream_manager', 'Name of the stream manager node.'),
+    'ontology_manager': ('ontology_manager', 'Name of the ontology manager node.'),
+    'folder': ('~/.ros/dyknow/black_boxes', 'Folder of the black boxes; it is made if needed.'),
+    'robot': ('', 'robot.yaml of the system, whose text is put into the boxes.'),
+    'snapshot_service': (
+        '',
+        'Snapshot service of a recorder of rosbag2, which is called instead of writing boxes.',
+    ),
+}
+_LIMITS = {
+    'memory_bytes': (200_000_000, 'Bytes of all messages that are kept in memory.'),
+    'memory_messages': (200_000, 'Messages that are kept in memory.'),
+    'folder_bytes': (1_000_000_000, 'Bytes of all boxes; the oldest are removed for new ones.'),
+    'max_boxes': (100, 'Boxes in the folder; the oldest are removed for new ones.'),
+    'max_per_minute': (10, 'Boxes that are written within a minute.'),
+}
+
 
 PERIOD_S: Final = 0.1
 """The period in which boxes are closed, and publishers are looked for."""
@@ -330,6 +349,35 @@ class BlackBoxRecorder(DyKnowNode):
             values=list(self.latest_status.values),
         )
         self._diagnostics.publish([status])
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderSettings:
+    """Values of the parameters of the recorder, which are their names."""
+
+    coordinator: str
+    stream_manager: str
+    ontology_manager: str
+    folder: str
+    robot: str
+    snapshot_service: str
+    memory_bytes: int
+    memory_messages: int
+    folder_bytes: int
+    max_boxes: int
+    max_per_minute: int
+
+    @classmethod
+    def declare(cls, node: DyKnowNode) -> Self:
+        """Declare the parameters of a node, and return their values."""
+        names = {name: node.parameter(name, *rest) for name, rest in _NAMES.items()}
+        limits = {name: node.parameter(name, *rest, (1, 10**12)) for name, rest in _LIMITS.items()}
+        return cls(**names, **limits)
+
+    @property
+    def path(self) -> Path:
+        """The folder of the black boxes."""
+        return Path(self.folder).expanduser().absolute()
 
 
 def _report(status: EvaluationStatus, reason: str, time: int) -> BlackBoxReport:

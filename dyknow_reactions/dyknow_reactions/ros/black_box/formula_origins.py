@@ -15,10 +15,10 @@ from dyknow_coordinator.ros.streams_mirror import StreamsMirror
 from dyknow_reactions.black_box.box_content import (
     FormulaOrigin,
     StateOrigin,
-    sorts_of,
     state_origin,
 )
 from dyknow_reactions.black_box.failures import FormulaKey
+from dyknow_reactions.ros.formula_objects import objects_of
 
 SEARCH_ATTEMPTS: Final = 3
 """The number of attempts to find the objects and streams of a formula."""
@@ -105,12 +105,9 @@ class FormulaOrigins:
 
     async def _find_objects(self, formula: str, found: FormulaOrigin) -> None:
         """Ask for the objects of a formula's sorts."""
-        domains: dict[str, tuple[str, ...]] = {}
         try:
-            for sort in sorts_of(formula):
-                answer = await self._ontology.call(ConceptGetInstances, concept_name=sort)
-                domains[sort] = tuple(answer.instances)
+            found.domains = await objects_of(self._ontology, formula)
         except DyKnowError as error:
             found.objects_fault = f'the objects of the sorts are not known: {error.message}'
-            return
-        found.domains, found.objects_fault = domains, ''
+        else:
+            found.objects_fault = ''

@@ -17,15 +17,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
-from dyknow_interfaces.srv import ConceptGetInstances
-
-from dyknow_common import DyKnowError, SymbolKind, Value
+from dyknow_common import DyKnowError, Value
 from dyknow_common.ros import DyKnowNode, RemoteNode
 from dyknow_coordinator import Answer
 from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 from dyknow_reactions.guard.state_source import StateSource, latest_source, why_unusable
-from dyknow_reasoning import parse_formula, symbols_of
+from dyknow_reactions.ros.formula_objects import objects_of
 from dyknow_reasoning.ros.state_subscription import Breach, State, StateSubscription
 from dyknow_stream_processing.ros import sample_fields
 
@@ -131,12 +129,7 @@ class FormulaStates:
     async def _begin(self, source: StateSource) -> None:
         """Subscribe to the states of an evaluation, once the objects of its sorts are known."""
         try:
-            sorts = [
-                each.name
-                for each in symbols_of(parse_formula(source.formula))
-                if each.kind is SymbolKind.SORT
-            ]
-            domains = {sort: await self._objects(sort) for sort in sorts}
+            domains = await objects_of(self._services.ontology, source.formula)
             if source != self._source:
                 return  # There are newer states.
             self._receiver.begin(source.formula, domains)
@@ -149,11 +142,6 @@ class FormulaStates:
         self._states = StateSubscription(
             self._services.node, source.stream, self._on_state, self._on_breach
         )
-
-    async def _objects(self, sort: str) -> Sequence[str]:
-        response = await self._services.ontology.call(ConceptGetInstances, concept_name=sort)
-        found: Sequence[str] = response.instances
-        return found
 
     def _on_state(self, states: StateSubscription, state: State) -> None:
         if states is not self._states:

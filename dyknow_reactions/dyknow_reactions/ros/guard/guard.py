@@ -9,16 +9,20 @@ safe message in the same callback.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from dyknow_interfaces.msg import EvaluationStatusArray, GuardStatus
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from dyknow_interfaces.msg import EvaluationStatusArray, GuardStatus, Heartbeat
 from std_srvs.srv import Trigger
 
 from dyknow_common import DyKnowError
 from dyknow_common.ros import (
+    HEARTBEAT,
     LATCHED,
+    DiagnosticsPublisher,
     DyKnowNode,
     RemoteNode,
     Throttle,
@@ -30,21 +34,23 @@ from dyknow_common.ros import (
 from dyknow_configuration import RequestedGuard, read_robot
 from dyknow_coordinator.ros import FormulaClient
 from dyknow_reactions.errors import ReactionError
-from dyknow_reactions.guard.clock_jumps import ClockJumps
-from dyknow_reactions.guard.command_formulas import CommandFormula
-from dyknow_reactions.guard.gate import Gate, GateState
-from dyknow_reactions.ros.guard.formula_states import FormulaStates, StateServices
-from dyknow_reactions.ros.guard.guard_diagnostics import GuardDiagnostics
-from dyknow_reactions.ros.guard.guarded_formulas import (
+from dyknow_reactions.guard.command_formulas import (
+    CommandFormula,
     CommandFormulas,
     CommandStates,
-    GuardClock,
-    WatchedStates,
 )
-from dyknow_reactions.ros.guard.node_pulses import WATCHED, NodePulses, age_of
+from dyknow_reactions.guard.gate import ClockJumps, Gate, GateReports, GateState
+from dyknow_reactions.guard.watched_formula import WatchedStates
+from dyknow_reactions.ros.guard.formula_states import FormulaStates, StateServices
 from dyknow_reactions.ros.guard.passage import Passage
 from dyknow_reasoning import asked_of_each_state, parse_formula
 from dyknow_stream_processing.ros import PAUSES
+
+WATCHED: Final = ('stream_reasoning_coordinator', 'stream_reasoning_engine', 'stream_manager')
+"""The nodes without which no formula is evaluated, or its states are not replaced.
+
+The engines that make the states are not among them: they give signs of life by the states.
+"""
 
 TICK_S: Final = 0.02
 """The time between two looks at what may have become too old."""
@@ -119,16 +125,18 @@ class GuardNode(DyKnowNode):
     def _watch_formulas(self) -> None:
         services = StateServices(self, FormulaClient(self), RemoteNode(self, 'ontology_manager'))
         self._client, self._states = services.client, list[FormulaStates]()
-        clock = GuardClock(self._now, lambda valid_time: max(self.now() - valid_time, 0))
+        reports = GateReports(
+            self._gate, self._now, lambda valid: max(self.now() - valid, 0), self._settle
+        )
         for each in self._guard.formulas:
             command = self._commands.get(each.name)
             title = f'{self.get_fully_qualified_name()}: {each.name}'
             if command is None:
-                watched = WatchedStates(each.name, self._gate, clock, self._settle)
+                watched = WatchedStates(each.name, reports)
                 text = str(asked_of_each_state(parse_formula(each.text, each.constants)))
                 self._states.append(FormulaStates(services, text, title, watched, every_state=True))
             elif command.state_formula:
-                tried = CommandStates(each.name, command, self._gate, clock, self._settle)
+                tried = CommandStates(each.name, command, reports)
                 self._states.append(
                     FormulaStates(services, command.state_formula, title, tried, every_state=False)
                 )
@@ -247,6 +255,64 @@ class GuardNode(DyKnowNode):
         super().destroy_node()
 
 
+class NodePulses:
+    """Subscriptions to the pulses of other nodes.
+
+    Args:
+        node: that subscribes.
+        names: of the other nodes, relative to its namespace.
+        on_pulse: receives the name of the node of each pulse, and the time since its receipt.
+    """
+
+    def __init__(
+        self, node: DyKnowNode, names: Iterable[str], on_pulse: Callable[[str, int], None]
+    ) -> None:
+        def note(name: str, _message: object, info: Mapping[str, Any]) -> None:
+            on_pulse(name, age_of(info))
+
+        for name in names:
+            node.create_subscription(
+                Heartbeat,
+                f'{name}/_pulse',
+                partial(note, name),
+                HEARTBEAT,
+                refusal=only_owner,
+                callback_group=node.reentrant,
+            )
+
+
+class GuardDiagnostics:
+    """Publisher of the state of a guard on `/diagnostics`.
+
+    Args:
+        node: the guard.
+        guard: its description.
+    """
+
+    def __init__(self, node: DyKnowNode, guard: RequestedGuard) -> None:
+        self._node = node
+        self._guard = guard
+        self._diagnostics = DiagnosticsPublisher(node)
+
+    def publish(self, gate: Gate, passed: int, refused: int, bypass: str) -> None:
+        """Publish the state; `bypass` says who can publish the output beside the guard."""
+        level, text = DiagnosticStatus.OK, 'open'
+        if gate.state is not GateState.OPEN:
+            level, text = DiagnosticStatus.ERROR, f'{gate.state.name.lower()}: {gate.reason}'
+        elif bypass:
+            level, text = DiagnosticStatus.WARN, bypass
+        counts = {
+            'input': self._guard.input,
+            'output': self._guard.output,
+            'passed': str(passed),
+            'refused': str(refused),
+        }
+        values = [KeyValue(key=key, value=value) for key, value in counts.items()]
+        name = self._node.get_fully_qualified_name()
+        status = DiagnosticStatus(level=level, name=name, message=text, values=values)
+        self._diagnostics.publish([status])
+
+
 def chosen_guard(guards: tuple[RequestedGuard, ...], name: str, path: str) -> RequestedGuard:
     """Return the guard of a name, or the only one.
 
@@ -259,6 +325,15 @@ def chosen_guard(guards: tuple[RequestedGuard, ...], name: str, path: str) -> Re
         wanted = f"there is no guard '{name}'" if name else 'name one of the guards'
         raise ReactionError(f'{path}: {wanted} (there are: {names})')
     return found[0]
+
+
+def age_of(info: Mapping[str, Any]) -> int:
+    """Return the time since the middleware received a message, in nanoseconds.
+
+    A busy process may take messages late; until then they wait in a queue.
+    """
+    received = info.get('received_timestamp') or 0
+    return max(time.time_ns() - received, 0) if received else 0
 
 
 def main() -> int:

@@ -8,14 +8,15 @@ from typing import Any, Final
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 from dyknow_common import DyKnowError, Value
 from dyknow_common.ros import DyKnowNode, absolute_topic
 from dyknow_configuration import RequestedGuard
 from dyknow_reactions.errors import ReactionError
-from dyknow_reactions.ros.guard.safe_message import safe_bytes, safe_message
 from dyknow_stream_processing.ros import (
+    FieldError,
+    MessageWriter,
     Publication,
     check_fields,
     extractor,
@@ -161,3 +162,30 @@ class Passage:
             ),
             callback_group=self._group,
         )
+
+
+def safe_message(class_: Any, fields: Mapping[str, object]) -> Any:
+    """Return a message with some fields; the others keep their defaults.
+
+    Raises:
+        ReactionError: naming a field that the message lacks, or whose value does not fit.
+    """
+    try:
+        return MessageWriter(class_).tree(fields)
+    except FieldError as error:
+        raise ReactionError(f'safe: {error}') from None
+
+
+def safe_bytes(message: Any) -> Callable[[Any], bytes]:
+    """Return a function that serialises a message with a time as its stamp, if it has a header."""
+    header = getattr(message, 'header', None)
+    if header is None or not hasattr(header, 'stamp'):
+        data = serialize_message(message)
+        return lambda _: data
+
+    def stamped(stamp: Any) -> bytes:
+        header.stamp = stamp
+        data: bytes = serialize_message(message)
+        return data
+
+    return stamped
