@@ -117,7 +117,7 @@ class SystemReader:
         now = time_to_nanoseconds(message.stamp)
 
         def update() -> None:
-            self._board.formulas.update(statuses, now)
+            self._board.report(statuses, now)
             self._on_formulas()
 
         self._deliver(update)

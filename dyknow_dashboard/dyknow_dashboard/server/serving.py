@@ -22,6 +22,7 @@ from dyknow_dashboard.server.pages import MAX_FRAME, OpenPages, PageSocket
 from dyknow_dashboard.server.requests import (
     ActionHandler,
     FileHandler,
+    HistoryHandler,
     MissingHandler,
     ServedSystem,
     SystemOperator,
@@ -46,8 +47,18 @@ _FILES: Final = (
     ('/dashboard.css', _PAGE, 'dashboard.css', 'text/css; charset=utf-8'),
     *(
         (f'/{name}.js', _PAGE, f'{name}.js', 'text/javascript; charset=utf-8')
-        for name in ('elements', 'formulas', 'tables', 'graph', 'ask', 'alarms', 'dashboard')
+        for name in (
+            'elements',
+            'formulas',
+            'history',
+            'tables',
+            'graph',
+            'ask',
+            'alarms',
+            'dashboard',
+        )
     ),
+    ('/openapi.json', _PAGE, 'openapi.json', 'application/json'),
     ('/icon.svg', _PAGE, 'icon.svg', 'image/svg+xml'),
 )
 """The paths of the files of the page, with their packages, names and types."""
@@ -138,6 +149,7 @@ def _routes(system: ServedSystem, pages: OpenPages) -> Any:
     yield '/plotly.js', FileHandler, {'system': system, 'kind': kind, 'content': _plotly}
     served = {'system': system, 'kind': CONTENT_TYPE, 'content': pages.serve_metrics}
     yield '/metrics', FileHandler, served
+    yield '/api/(history|junit)', HistoryHandler, {'system': system}
     yield '/api/([a-z]+)', ActionHandler, {'system': system}
     yield '/live', PageSocket, {'pages': pages}
 
