@@ -15,11 +15,10 @@ from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEp
 from dyknow_coordinator.reporting.node_status import NodeState
 from dyknow_dashboard.model.board import MAX_KEPT, MAX_KEPT_SIGNALS, Board, PageState
 from dyknow_dashboard.model.formulas import MAX_ENDED, MAX_MARGINS, MAX_SHOWN
-from dyknow_dashboard.model.graph import MAX_NODES, graph
 from dyknow_dashboard.model.health import STALE_NS, DiagnosedPart, HealthTable, NodeHealth
 from dyknow_dashboard.model.metrics import metrics_of
 from dyknow_dashboard.model.requests import Interest
-from dyknow_dashboard.model.streams import source_of
+from dyknow_dashboard.model.streams import MAX_NODES, graph, source_of
 from dyknow_stream_processing.reporting.stream_report import (
     Flow,
     SourceReport,

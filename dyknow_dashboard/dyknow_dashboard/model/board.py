@@ -21,12 +21,11 @@ from dyknow_common import Value
 from dyknow_coordinator import EvaluationStatus
 from dyknow_dashboard.model.concepts import ConceptTable
 from dyknow_dashboard.model.formulas import FormulaTable, MonitoredEvaluation
-from dyknow_dashboard.model.graph import graph
 from dyknow_dashboard.model.health import HealthTable
 from dyknow_dashboard.model.history import FailureHistory
 from dyknow_dashboard.model.live_signals import LiveSignals
 from dyknow_dashboard.model.requests import Interest
-from dyknow_dashboard.model.streams import StreamTable
+from dyknow_dashboard.model.streams import StreamTable, graph
 from dyknow_dashboard.model.verdict_events import EventCounts, VerdictEvent, VerdictWatch
 
 MAX_KEPT: Final = 100

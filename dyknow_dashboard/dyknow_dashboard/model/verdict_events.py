@@ -84,44 +84,31 @@ class VerdictWatch:
     def _events(
         self, before: EvaluationStatus | None, status: EvaluationStatus
     ) -> Iterator[VerdictEvent]:
+        def event(
+            kind: TriggerEvent, word: str, at: int | None, text: str, begin: int = 0
+        ) -> VerdictEvent:
+            text = with_readable_times(text, status.started)
+            name, formula, started = status.name, status.formula, status.started
+            return VerdictEvent(name, formula, kind, word, started, begin, at, text)
+
         if status.episodes is not None:
-            yield from self._episodes(before, status, status.episodes)
+            earlier = (None if before is None else before.episodes) or StandingVerdicts()
+            missed = status.episodes.episode_count - earlier.episode_count
+            for each, has_ended in status.episodes.changes(earlier):
+                if has_ended:
+                    yield event(TriggerEvent.CLEAR, 'true', each.end, each.past_text, each.begin)
+                else:
+                    missed -= 1
+                    at, begin = each.decided_at, each.begin
+                    yield event(TriggerEvent.FALSE, 'false', at, each.text, begin)
+            if before is not None and missed > 0:
+                self._counts['report', 'more episodes than it names'] += missed
         was_over = before is not None and before.phase is EvaluationPhase.ENDED
         if was_over or status.phase is not EvaluationPhase.ENDED:
             return
         word, text = outcome(status), reason_of(status)
         if status.error is not None:
             if status.error.code not in ENDS:
-                yield _event(status, TriggerEvent.VIOLATION, word, status.latest_valid_time, text)
+                yield event(TriggerEvent.VIOLATION, word, status.latest_valid_time, text)
         elif status.episodes is None and status.verdict is not Verdict.UNDECIDED:
-            yield _event(status, TriggerEvent(word), word, status.decided_at, text)
-
-    def _episodes(
-        self, before: EvaluationStatus | None, status: EvaluationStatus, verdicts: StandingVerdicts
-    ) -> Iterator[VerdictEvent]:
-        earlier = (None if before is None else before.episodes) or StandingVerdicts()
-        missed = verdicts.episode_count - earlier.episode_count
-        for each, has_ended in verdicts.changes(earlier):
-            if has_ended:
-                text = each.past_text
-                yield _event(status, TriggerEvent.CLEAR, 'true', each.end, text, each.begin)
-            else:
-                missed -= 1
-                at, begin = each.decided_at, each.begin
-                yield _event(status, TriggerEvent.FALSE, 'false', at, each.text, begin)
-        if before is not None and missed > 0:
-            self._counts['report', 'more episodes than it names'] += missed
-
-
-def _event(
-    status: EvaluationStatus,
-    event: TriggerEvent,
-    word: str,
-    at: int | None,
-    text: str,
-    begin: int = 0,
-) -> VerdictEvent:
-    readable = with_readable_times(text, status.started)
-    return VerdictEvent(
-        status.name, status.formula, event, word, status.started, begin, at, readable
-    )
+            yield event(TriggerEvent(word), word, status.decided_at, text)

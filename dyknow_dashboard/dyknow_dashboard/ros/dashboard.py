@@ -230,11 +230,9 @@ def _warn(text: str) -> None:
 
 
 def _history_file(option: str, namespace: str) -> Path | None:
-    """Return the file of the history; each namespace has one."""
-    if option == NO_HISTORY:
-        return None
     name = f'history{namespace.replace("/", "_").rstrip("_")}.db'
-    return Path(os.path.expanduser(option or f'~/.ros/dyknow/{name}'))  # noqa: PTH111 - never fails
+    path = Path(os.path.expanduser(option or f'~/.ros/dyknow/{name}'))  # noqa: PTH111 - never fails
+    return None if option == NO_HISTORY else path
 
 
 def _port(text: str) -> int:

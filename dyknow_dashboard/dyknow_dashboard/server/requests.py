@@ -186,11 +186,11 @@ class HistoryHandler(GuardedHandler):
                 query = history_query(arguments, MAX_FAILURES, MAX_FAILURES)
                 self.set_header('Content-Type', 'application/xml; charset=utf-8')
                 self.finish(await history.do(partial(junit, query=query)))
-            else:
-                query = history_query(arguments, PAGE, MAX_IDS)
-                found = await history.do(partial(failures, query=query))
-                more = found[-1]['id'] if found and len(found) == query.limit else None
-                self.finish({'failures': found, 'next': more})
+                return
+            query = history_query(arguments, PAGE, MAX_IDS)
+            found = await history.do(partial(failures, query=query))
+            more = found[-1]['id'] if found and len(found) == query.limit else None
+            self.finish({'failures': found, 'next': more})
         except DyKnowError as error:
             self.finish_error(error)
 
@@ -230,9 +230,9 @@ async def _clear(system: ServedSystem, document: Mapping[str, Any]) -> dict[str,
     return {'cleared': await system.board.history.do(work)}
 
 
-ACTIONS: Final[
-    Mapping[str, Callable[[ServedSystem, Mapping[str, Any]], Awaitable[dict[str, Any]]]]
-] = {
+_Work = Callable[[ServedSystem, Mapping[str, Any]], Awaitable[dict[str, Any]]]
+
+ACTIONS: Final[Mapping[str, _Work]] = {
     'check': _check,
     'ask': _ask,
     'cancel': _cancel,

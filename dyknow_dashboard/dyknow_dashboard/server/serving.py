@@ -40,24 +40,14 @@ PING_S: Final = 10.0
 _PICTURES: Final = 'dyknow_recordings.reporting.pictures'
 _PAGE: Final = 'dyknow_dashboard.page'
 
+_CODE: Final = ('alarms', 'ask', 'dashboard', 'elements', 'formulas', 'graph', 'history', 'tables')
+
 _FILES: Final = (
     ('/', _PAGE, 'index.html', 'text/html; charset=utf-8'),
     ('/report.css', _PICTURES, 'page.css', 'text/css; charset=utf-8'),
     ('/drawing.js', _PICTURES, 'drawing.js', 'text/javascript; charset=utf-8'),
     ('/dashboard.css', _PAGE, 'dashboard.css', 'text/css; charset=utf-8'),
-    *(
-        (f'/{name}.js', _PAGE, f'{name}.js', 'text/javascript; charset=utf-8')
-        for name in (
-            'elements',
-            'formulas',
-            'history',
-            'tables',
-            'graph',
-            'ask',
-            'alarms',
-            'dashboard',
-        )
-    ),
+    *((f'/{name}.js', _PAGE, f'{name}.js', 'text/javascript; charset=utf-8') for name in _CODE),
     ('/openapi.json', _PAGE, 'openapi.json', 'application/json'),
     ('/icon.svg', _PAGE, 'icon.svg', 'image/svg+xml'),
 )

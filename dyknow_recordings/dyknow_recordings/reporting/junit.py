@@ -74,8 +74,7 @@ class JUnitSuites:
         document.failures = sum(each.failures for each in self._suites)
         document.errors = sum(each.errors for each in self._suites)
         document.time = round(sum(each.time for each in self._suites), 3)
-        content: bytes = document.tostring()
-        return b'<?xml version="1.0" encoding="utf-8"?>\n' + content + b'\n'
+        return b'<?xml version="1.0" encoding="utf-8"?>\n%b\n' % document.tostring()
 
     def _case(self, formula: FormulaReport, recording: RecordingReport) -> TestCase:
         decisive = decisive_episode(formula)

@@ -20,12 +20,7 @@ def plotly_script() -> str:
 
 
 def optional_library(module: str, option: str, package: str = '') -> Any:
-    """Return a module of a library that only an option needs.
-
-    Args:
-        module: its name.
-        option: for the error.
-        package: the name to install the library by; empty: the first part of the module's.
+    """Return a module of a library that only an option needs, installed by the name of a package.
 
     Raises:
         RecordingError: naming the mend, if the library is not installed.
