@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -113,7 +114,7 @@ def test_a_path_of_the_collector_is_kept() -> None:
     assert collector_url('https://a.example/x/y') == 'https://a.example/x/y'
     assert collector_url('http://[::1]:4318/') == 'http://[::1]:4318/v1/logs'
     for text in ('localhost:4318', 'ftp://a', 'http://', 'http://[::1'):
-        with pytest.raises(ValueError, match=r'.'):
+        with pytest.raises(argparse.ArgumentTypeError, match='is no address of HTTP; give one'):
             collector_url(text)
 
 

@@ -6,6 +6,7 @@ dropped and counted.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from contextlib import suppress
 from queue import Full, Queue
@@ -28,15 +29,13 @@ CLOSE_S: Final = 2.0
 
 
 def collector_url(text: str) -> str:
-    """Return the address to which logs are sent, given the one of a collector.
-
-    Raises:
-        ValueError: if it is no address of HTTP.
-    """
-    parts = urlsplit(text)
-    if parts.scheme not in {'http', 'https'} or not parts.hostname:
-        raise ValueError('it is no address of HTTP')
-    return text if parts.path.strip('/') else parts._replace(path='/v1/logs').geturl()
+    """Return the address to which logs are sent, given the one of a collector as an option."""
+    with suppress(ValueError):
+        parts = urlsplit(text)
+        if parts.scheme in {'http', 'https'} and parts.hostname:
+            return text if parts.path.strip('/') else parts._replace(path='/v1/logs').geturl()
+    mend = 'give one such as http://localhost:4318'
+    raise argparse.ArgumentTypeError(f"'{text}' is no address of HTTP; {mend}")
 
 
 class Collector:
