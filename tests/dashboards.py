@@ -17,8 +17,8 @@ from commands import command, running
 
 @contextmanager
 def dashboard(environment: dict[str, str], port: int = 0, *arguments: str) -> Iterator[str]:
-    """Run `dyknow dashboard`, and yield its address."""
-    line = command('dyknow', 'dashboard', '--port', str(port), *arguments)
+    """Run `dyknow dashboard`, which keeps no failures unless told so; yield its address."""
+    line = command('dyknow', 'dashboard', '--port', str(port), '--history', 'none', *arguments)
     with running(line, environment) as process:
         assert process.stdout is not None
         said = process.stdout.readline()

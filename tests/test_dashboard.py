@@ -132,7 +132,7 @@ def test_all_parts_fit_the_screen(
 def test_the_tabs_by_keyboard(page: LivePage, served: tuple[System, str]) -> None:
     page.show(served[1])
     page.find('#tab-formulas').send_keys(Keys.ARROW_RIGHT)
-    assert page.find('#streams').is_displayed()
+    assert page.find('#history').is_displayed()
     page.driver.switch_to.active_element.send_keys(Keys.END)
     assert page.find('#ontology').is_displayed()
     assert page.driver.switch_to.active_element.get_attribute('id') == 'tab-ontology'

@@ -26,7 +26,19 @@ PAGES = [
 ]
 
 OTHERS = (
-    *('source', 'export', 'cp', 'ssh', 'pip', 'make', 'python3 -m', 'colcon', 'rosdep', 'rqt_plot'),
+    *(
+        'curl',
+        'source',
+        'export',
+        'cp',
+        'ssh',
+        'pip',
+        'make',
+        'python3 -m',
+        'colcon',
+        'rosdep',
+        'rqt_plot',
+    ),
     *('ros2 topic', 'ros2 service', 'ros2 action', 'ros2 bag', 'ros2 run watch_cpp'),
 )
 """Programs that are not of this repository, or need an installed ROS.

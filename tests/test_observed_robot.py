@@ -39,9 +39,10 @@ def test_a_robot_yaml_for_a_running_robot(environment: dict[str, str], tmp_path:
     assert {each.name for each in robot.formulas} == {'charge', 'voltage', 'speed', 'turn rate'}
     assert 'objects:\n  Rover: [rover1, rover2]\n' in path.read_text(encoding='utf-8')
     done = run(environment, 'lint', str(path))
-    assert (done.returncode, done.stdout) == (0, f'{path}: 4 formulas, 4 topics, nothing to mend\n'), (
-        done.stderr
-    )
+    assert (done.returncode, done.stdout) == (
+        0,
+        f'{path}: 4 formulas, 4 topics, nothing to mend\n',
+    ), done.stderr
 
 
 def test_topics_of_dyknow_itself_are_not_proposed(tmp_path: Path) -> None:

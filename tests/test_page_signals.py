@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import time
+import urllib.request
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from page_client import receive
+from dashboards import dashboard
+from page_client import post, receive
 from system import LIMIT, System
 
 
@@ -61,3 +65,31 @@ def test_the_topics_of_a_formula(served: tuple[System, str]) -> None:
 
     found = receive(address, 'streams', '', has_rate)
     assert f'states of {formula}' in [each['shown'] for each in found['streams']]
+
+
+def test_failures_outlive_the_page(served: tuple[System, str], tmp_path: Path) -> None:
+    system, _ = served
+    path = tmp_path / 'history.db'
+
+    def power(address: str) -> list[dict[str, Any]]:
+        with urllib.request.urlopen(f'{address}/api/history?name=150') as answer:  # noqa: S310
+            return list(json.load(answer)['failures'])
+
+    with dashboard(system.environment, 0, '--history', str(path)) as address:
+        if not power(address):
+            answer = system.ask('always (uav1_power.power < 150)')
+            system.wait_until_running(answer)
+            system.batteries.power['uav1'] = 170.0
+        system.client.spin_until(lambda: bool(power(address)), 'the failure')
+        system.batteries.reset()
+        failure = power(address)[0]
+        assert 'is not < 150' in failure['explanation']
+        assert failure['known_at'] / 1e9 == pytest.approx(time.time(), abs=600.0)
+        assert post(address, 'acknowledge', ids=[failure['id']], by='Ada') == 200
+        before = power(address)
+    with dashboard(system.environment, 0, '--history', str(path)) as address:
+        # The coordinator reports them again.
+        receive(address, 'formulas', '', lambda each: each['type'] == 'formulas' and each['rows'])
+        assert power(address) == before
+        (seen,) = [each for each in before if each['acknowledged_by']]
+        assert seen['id'] == failure['id']

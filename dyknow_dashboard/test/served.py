@@ -6,9 +6,11 @@ import asyncio
 import json
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Self
 
 from dyknow_common import DyKnowError, ExitCode
@@ -36,7 +38,9 @@ class RecordingOperator:
         return 1
 
     async def save(self, name: str) -> list[str]:
-        raise DyKnowError(f'no recorder has {name}', ExitCode.UNAVAILABLE)
+        if name != 'saved':
+            raise DyKnowError(f'no recorder has {name}', ExitCode.UNAVAILABLE)
+        return ['/boxes/1']
 
 
 @dataclass
@@ -163,7 +167,7 @@ class PageConnection:
 
 
 @contextmanager
-def serving(*, read_only: bool = False) -> Iterator[Served]:
+def serving(*, read_only: bool = False, history: Path | None = None) -> Iterator[Served]:
     """A server on a free port, in a thread of its own."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever)
@@ -175,7 +179,7 @@ def serving(*, read_only: bool = False) -> Iterator[Served]:
 
         return asyncio.run_coroutine_threadsafe(call(), loop).result(TIMEOUT_S)
 
-    board, operator = Board(), RecordingOperator()
+    board, operator = Board(time.time_ns, history), RecordingOperator()
     changes: list[int] = []
 
     def start() -> tuple[DashboardServer, int]:
@@ -192,6 +196,7 @@ def serving(*, read_only: bool = False) -> Iterator[Served]:
         yield Served(board, operator, port, server, run, changes)
     finally:
         asyncio.run_coroutine_threadsafe(server.stop(), loop).result(TIMEOUT_S)
+        asyncio.run_coroutine_threadsafe(board.history.close(), loop).result(TIMEOUT_S)
         loop.call_soon_threadsafe(loop.stop)
         thread.join()
         loop.close()

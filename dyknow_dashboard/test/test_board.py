@@ -15,11 +15,10 @@ from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEp
 from dyknow_coordinator.reporting.node_status import NodeState
 from dyknow_dashboard.model.board import MAX_KEPT, MAX_KEPT_SIGNALS, Board, PageState
 from dyknow_dashboard.model.formulas import MAX_ENDED, MAX_MARGINS, MAX_SHOWN
-from dyknow_dashboard.model.graph import MAX_NODES, graph
 from dyknow_dashboard.model.health import STALE_NS, DiagnosedPart, HealthTable, NodeHealth
 from dyknow_dashboard.model.metrics import metrics_of
 from dyknow_dashboard.model.requests import Interest
-from dyknow_dashboard.model.streams import source_of
+from dyknow_dashboard.model.streams import MAX_NODES, graph, source_of
 from dyknow_stream_processing.reporting.stream_report import (
     Flow,
     SourceReport,
@@ -67,7 +66,7 @@ STREAMS = (
 
 
 def board_of(*statuses: EvaluationStatus) -> Board:
-    board = Board()
+    board = Board(lambda: 0)
     board.formulas.update(statuses, 21 * SECOND_NS)
     return board
 
@@ -121,7 +120,7 @@ def test_metrics() -> None:
 
 def test_a_page_gets_what_has_changed() -> None:
     board, page = board_of(POWER), PageState()
-    assert set(messages(board, page)) == {'formulas', 'nodes'}
+    assert set(messages(board, page)) == {'formulas', 'nodes', 'history'}
     assert messages(board, page) == {}
     board.formulas.update([POWER], 22 * SECOND_NS)
     assert set(messages(board, page)) == {'formulas'}
@@ -251,7 +250,7 @@ def test_times_are_sent_as_offsets_and_on_the_clock() -> None:
 
 def test_a_formula_that_is_not_known_is_not_sent() -> None:
     page = PageState(Interest('formulas', ('unknown',)))
-    assert set(messages(board_of(POWER), page)) == {'formulas', 'nodes'}
+    assert set(messages(board_of(POWER), page)) == {'formulas', 'nodes', 'history'}
 
 
 def test_evaluations_are_kept_after_their_last_report() -> None:
@@ -273,7 +272,7 @@ def test_an_evaluation_that_vanished_is_no_longer_running() -> None:
 
 
 def test_the_number_of_evaluations_is_bounded() -> None:
-    board = Board()
+    board = Board(lambda: 0)
     for number in range(200):
         board.formulas.update([replace(POWER, started=number)], number)
     assert len(board.formulas.rows()) == MAX_ENDED + 1
@@ -289,7 +288,7 @@ def test_evaluations_of_one_name_are_distinct() -> None:
 
 
 def test_margins_are_kept_over_time() -> None:
-    board = Board()
+    board = Board(lambda: 0)
     for second in range(MAX_MARGINS + 10):
         margin = Margin(-1 if second else float('-inf'), second)
         latest = (20 + second) * SECOND_NS

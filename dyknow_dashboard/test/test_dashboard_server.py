@@ -202,7 +202,8 @@ def until(condition: Callable[[], bool]) -> None:
 def test_a_page_receives_what_changes(served: Served) -> None:
     with PageConnection(served, Origin=f'http://{served.host}') as page:
         assert page.status == 101
-        assert [page.receive()['type'] for _ in range(3)] == ['hello', 'formulas', 'nodes']
+        expected = ['hello', 'formulas', 'nodes', 'history']
+        assert [page.receive()['type'] for _ in expected] == expected
         served.run(lambda: served.board.formulas.update([], 1))
         assert page.receive()['type'] == 'formulas'
         page.send(json.dumps({'view': 'graph', 'opened': []}))
@@ -281,7 +282,7 @@ def test_a_port_that_is_taken(served: Served) -> None:
     options = ServerOptions('127.0.0.1', served.port)
 
     async def start() -> None:
-        DashboardServer(Board(), served.operator, options, lambda: None).start()
+        DashboardServer(Board(lambda: 0), served.operator, options, lambda: None).start()
 
     with pytest.raises(DashboardError, match=r'cannot listen on 127.0.0.1:\d+: .*--port'):
         asyncio.run(start())

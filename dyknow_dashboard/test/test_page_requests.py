@@ -63,7 +63,7 @@ def test_refused_formulas(change: dict[str, Any], message: str) -> None:
 @pytest.mark.parametrize(
     ('view', 'opened', 'message'),
     [
-        ('map', [], "there is no view 'map' (there are: formulas, streams, graph, "),
+        ('map', [], "there is no view 'map' (there are: formulas, history, streams, "),
         ('graph', ['a'] * (MAX_OPEN + 1), f'at most {MAX_OPEN} formulas'),
         ('graph', [3], "'opened' is not a list of keys of evaluations"),
         ('graph', 'a', "lacks 'opened'"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import sqlite3
 import stat
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -87,6 +87,39 @@ def prepare_file(file: Path, kind: str, tables: frozenset[str]) -> None:
     if found and not tables <= found:
         reason = f'it has the tables {listed(sorted(found))}, which are not those of such a store'
         raise _unusable(kind, file, reason, _MENDS['SQLITE_NOTADB'])
+
+
+def opened_store(
+    file: Path | None, kind: str, version: int, tables: Mapping[str, str]
+) -> sqlite3.Connection:
+    """Open a store, which is created if there is none. Then no other process may write to it.
+
+    Args:
+        file: its file; `None` keeps it in memory.
+        kind: of the store in messages.
+        version: of the tables; stores from before it was written have 0.
+        tables: the statements that create each table, if it does not exist.
+
+    Raises:
+        SemanticsError: UNAVAILABLE, if it cannot be used, is damaged, or is something else.
+    """
+    if file is not None:
+        prepare_file(file, kind, frozenset(tables))
+    with store_errors(kind, file), ExitStack() as resources:
+        connection = sqlite3.connect(file or ':memory:', timeout=LOCK_TIMEOUT_S)
+        resources.callback(connection.close)
+        connection.execute('PRAGMA locking_mode = EXCLUSIVE')
+        # Writes survive the end of the process, and do not wait for the disk.
+        connection.execute('PRAGMA journal_mode = WAL')
+        connection.execute('PRAGMA synchronous = NORMAL')
+        (found,) = connection.execute('PRAGMA user_version').fetchone()
+        if found > version:
+            raise newer_version(kind, file, found, version)
+        connection.executescript(
+            f'BEGIN; {"".join(tables.values())} PRAGMA user_version = {version}; COMMIT;'
+        )
+        resources.pop_all()
+    return connection
 
 
 def newer_version(kind: str, file: Path | None, version: int, known: int) -> SemanticsError:

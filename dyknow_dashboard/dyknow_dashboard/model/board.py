@@ -12,18 +12,21 @@ A page asks for what has changed when it is ready to receive it, so no page has 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 from dyknow_common import Value
+from dyknow_coordinator import EvaluationStatus
 from dyknow_dashboard.model.concepts import ConceptTable
 from dyknow_dashboard.model.formulas import FormulaTable, MonitoredEvaluation
-from dyknow_dashboard.model.graph import graph
 from dyknow_dashboard.model.health import HealthTable
+from dyknow_dashboard.model.history import FailureHistory
 from dyknow_dashboard.model.live_signals import LiveSignals
 from dyknow_dashboard.model.requests import Interest
-from dyknow_dashboard.model.streams import StreamTable
+from dyknow_dashboard.model.streams import StreamTable, graph
+from dyknow_dashboard.model.verdict_events import EventCounts, VerdictEvent, VerdictWatch
 
 MAX_KEPT: Final = 100
 """The number of formulas whose signals are kept."""
@@ -64,16 +67,34 @@ class PageState:
 
 
 class Board:
-    """The state of the system, as the latest reports tell it."""
+    """The state of the system, as the latest reports tell it.
 
-    def __init__(self) -> None:
+    Args:
+        clock: returns the present time, nanoseconds.
+        history: the file that keeps failures; None keeps none.
+    """
+
+    def __init__(self, clock: Callable[[], int], history: Path | None = None) -> None:
         self.formulas = FormulaTable()
         self.streams = StreamTable()
         self.health = HealthTable()
         self.concepts = ConceptTable()
+        self.counts = EventCounts()
+        self.history = FailureHistory(history, clock, self.counts)
+        self.sinks: list[Callable[[list[VerdictEvent]], None]] = [self.history.put]
+        """Take each change of a verdict, and never wait."""
+        self._watch = VerdictWatch(self.counts)
+        self.clock = clock
         self.can_save = False
         """True if a black box recorder runs."""
         self._signals: dict[str, LiveSignals] = {}
+
+    def report(self, statuses: Sequence[EvaluationStatus], now: int) -> None:
+        """Take a report of the coordinator, of a time in nanoseconds on its clock."""
+        self.formulas.update(statuses, now)
+        if events := self._watch.update(statuses, self.clock()):
+            for each in self.sinks:
+                each(events)
 
     def state_topics(self, pages: Iterable[PageState]) -> set[str]:
         """Return the topics of the states that signals are kept of, and forget other signals.
@@ -127,6 +148,7 @@ class Board:
         )
         # A page tells at all times which nodes are missing.
         yield 'nodes', health.version, health.document
+        yield 'history', self.history.state.version, lambda: asdict(self.history.state)
         both = streams.version, formulas.version
         if view == 'streams':
             yield 'streams', both, lambda: streams.document(formulas.running())

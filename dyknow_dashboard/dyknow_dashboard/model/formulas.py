@@ -93,14 +93,14 @@ class FormulaTable:
         """Take a report of the coordinator, of a time in nanoseconds."""
         self._now = now
         self.hidden = max(len(statuses) - MAX_SHOWN, 0)
-        known, reported = self._known, dict(_keyed(statuses[:MAX_SHOWN]))
+        known, reported = self._known, dict(keyed(statuses[:MAX_SHOWN]))
         for key, status in reported.items():
             evaluation = known.get(key) or MonitoredEvaluation(key, status)
             known[key] = evaluation
             evaluation.update(status)
         gone = [key for key in known if key not in reported]
         for key in gone:
-            _retire(known[key])
+            known[key].status = lost(known[key].status)
         for key in gone[: max(len(gone) - MAX_ENDED, 0)]:
             del known[key]
         self._latest = {}
@@ -146,7 +146,7 @@ class FormulaTable:
         status = evaluation.status
         return {
             'name': status.name,
-            'explanation': _reason(status),
+            'explanation': reason_of(status),
             'residual': '' if status.phase is EvaluationPhase.ENDED else status.residual_formula,
             'waits_for': status.waits_for,
             'decided_at': _moment(status.decided_at, status.started),
@@ -209,7 +209,7 @@ class FormulaTable:
         return GROUPS.index(group), order
 
 
-def _keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, EvaluationStatus]]:
+def keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, EvaluationStatus]]:
     """Yield evaluations with keys that later reports give them, too."""
     seen: Counter[tuple[int, str]] = Counter()
     for each in statuses:
@@ -219,14 +219,15 @@ def _keyed(statuses: Iterable[EvaluationStatus]) -> Iterable[tuple[str, Evaluati
         seen[identity] += 1
 
 
-def _retire(evaluation: MonitoredEvaluation) -> None:
-    """Note that the coordinator reports an evaluation no more: it has ended, or was lost."""
-    if evaluation.status.phase is not EvaluationPhase.ENDED:
-        lost = DyKnowError(
-            'the coordinator no longer reports it: it was restarted, or has ended the evaluation',
-            ExitCode.UNAVAILABLE,
-        )
-        evaluation.status = replace(evaluation.status, phase=EvaluationPhase.ENDED, error=lost)
+def lost(status: EvaluationStatus) -> EvaluationStatus:
+    """Return the last status of an evaluation that the coordinator reports no more."""
+    if status.phase is EvaluationPhase.ENDED:
+        return status
+    error = DyKnowError(
+        'the coordinator no longer reports it: it was restarted, or has ended the evaluation',
+        ExitCode.UNAVAILABLE,
+    )
+    return replace(status, phase=EvaluationPhase.ENDED, error=error)
 
 
 def _failures(status: EvaluationStatus) -> int:
@@ -256,7 +257,8 @@ def _kind(status: EvaluationStatus, level: Level) -> str:
     return 'undecided' if level is Level.OK else 'warning'
 
 
-def _reason(status: EvaluationStatus) -> str:
+def reason_of(status: EvaluationStatus) -> str:
+    """Return why an evaluation has its outcome, for people."""
     text = '' if status.episodes is None else status.episodes.text
     if status.error is not None or status.explanation:
         text = status.explanation if status.error is None else status.error.message

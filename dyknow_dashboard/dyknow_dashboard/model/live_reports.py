@@ -22,7 +22,7 @@ from dyknow_recordings.reporting.pictures.timeline import Span, segments
 _OBJECTS: Final = 'for '
 """The beginning of an explanation that names the objects which decide a formula."""
 
-_ENDS: Final = frozenset({ExitCode.CANCELLED, ExitCode.TIMEOUT})
+ENDS: Final = frozenset({ExitCode.CANCELLED, ExitCode.TIMEOUT})
 """The ends of a formula without a verdict that are no errors."""
 
 
@@ -37,7 +37,7 @@ def live_report(status: EvaluationStatus, signals: StateSignals | None = None) -
         status.name,
         status.formula,
         tuple(episodes),
-        None if error is not None and error.code in _ENDS else error,
+        None if error is not None and error.code in ENDS else error,
         status.states_progressed,
         status.groundings,
         events=status.events,

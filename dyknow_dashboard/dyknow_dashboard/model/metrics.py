@@ -49,6 +49,17 @@ class _BoardCollector(Collector):
         named = [each for each in self._board.streams.reports if not is_hidden(each.name)]
         yield from _of_streams(named[:MAX_STREAMS])
         yield from self._of_nodes()
+        yield from self._of_events()
+
+    def _of_events(self) -> Iterator[Metric]:
+        events = _counter('events', 'Changes of verdicts, and their fate.', 'place', 'fate')
+        for labels, count in list(self._board.counts.items()):
+            events.add_metric(labels, count)
+        state = self._board.history.state
+        failures = _gauge('history_failures', 'Failures in the history.', 'acknowledged')
+        failures.add_metric(['no'], state.unacknowledged)
+        failures.add_metric(['yes'], state.count - state.unacknowledged)
+        yield from (events, failures)
 
     def _of_nodes(self) -> Iterator[Metric]:
         alive = _gauge('node_alive', 'Whether a node of DyKnow runs.', 'node')

@@ -10,6 +10,7 @@ from typing import Any, Final, TypeVar
 
 from dyknow_common import shortened
 from dyknow_dashboard.errors import DashboardError
+from dyknow_dashboard.model.history import LAST, HistoryQuery
 from dyknow_dashboard.model.typed_formulas import check_length
 
 MAX_NAME: Final = 10_000
@@ -18,9 +19,15 @@ MAX_NAME: Final = 10_000
 MAX_KEY: Final = 100
 """The number of characters of the key of an evaluation."""
 
+MAX_IDS: Final = 1000
+"""The number of failures that a request may acknowledge, clear or ask for."""
+
+MAX_OPERATOR: Final = 100
+"""The number of characters of the text that says who has acknowledged a failure."""
+
 MAX_TIMEOUT_S: Final = 7 * 86_400.0
 
-VIEWS: Final = ('formulas', 'streams', 'graph', 'nodes', 'ontology')
+VIEWS: Final = ('formulas', 'history', 'streams', 'graph', 'nodes', 'ontology')
 
 MAX_OPEN: Final = 8
 """The number of formulas that one page may have open."""
@@ -148,6 +155,56 @@ def interest(document: Mapping[str, Any]) -> Interest:
     if not all(isinstance(each, str) and len(each) <= MAX_KEY for each in opened):
         raise DashboardError("'opened' is not a list of keys of evaluations")
     return Interest(view, tuple(dict.fromkeys(opened)))
+
+
+def failure_ids(document: Mapping[str, Any], *others: str) -> list[int]:
+    """Return the failures in a request, given the names of its other parts.
+
+    Raises:
+        DashboardError: naming the part that is missing or wrong.
+    """
+    _check_names(document, {'ids', *others})
+    ids: list[Any] = _part(document, 'ids', list)
+    if len(ids) > MAX_IDS or not all(type(each) is int and 0 <= each <= LAST for each in ids):
+        raise DashboardError(f"'ids' is not a list of the ids of at most {MAX_IDS} failures")
+    return ids
+
+
+def acknowledgement(document: Mapping[str, Any]) -> tuple[list[int], str]:
+    """Return the failures in a request, and who has seen them.
+
+    Raises:
+        DashboardError: naming the part that is missing or wrong.
+    """
+    ids, by = failure_ids(document, 'by'), _part(document, 'by', str).strip()
+    if not 0 < len(by) <= MAX_OPERATOR:
+        raise DashboardError(f"'by' says who has seen them, in 1 to {MAX_OPERATOR} characters")
+    return ids, by
+
+
+def history_query(arguments: Mapping[str, str], usual: int, limit: int) -> HistoryQuery:
+    """Return which failures a request asks for.
+
+    Args:
+        arguments: of the request.
+        usual: the most failures if it does not say how many.
+        limit: the most that it may ask for.
+
+    Raises:
+        DashboardError: naming the argument that is wrong.
+    """
+
+    def number(name: str, default: int, limit: int = LAST) -> int:
+        text = arguments.get(name, str(default))
+        is_number = text.isascii() and text.isdecimal() and len(text) <= len(str(LAST))
+        if not (is_number and int(text) <= limit):
+            raise DashboardError(f"'{name}' is no whole number up to {limit}")
+        return int(text)
+
+    _check_names(arguments, {'from', 'to', 'name', 'before', 'limit'})
+    span = number('from', 0), number('to', LAST)
+    name = arguments.get('name', '')
+    return HistoryQuery(*span, name, number('before', LAST), number('limit', usual, limit))
 
 
 def named(document: Mapping[str, Any], *, allow_empty: bool = False) -> str:

@@ -1,7 +1,7 @@
 'use strict';
 // The page: its parts, and the connection to the server.
 
-const VIEWS = ['formulas', 'streams', 'graph', 'nodes', 'ontology'];
+const VIEWS = ['formulas', 'history', 'streams', 'graph', 'nodes', 'ontology'];
 const MAX_RETRY_MS = 5000;
 const TAB_KEYS = {ArrowRight: 1, ArrowLeft: -1};
 
@@ -10,6 +10,7 @@ const tables = new Tables();
 const graphView = new Graph($('graph-view'));
 const askForm = new AskForm();
 const alarms = new Alarms();
+const kept = new KeptFailures();
 let socket = null;
 let retry = 500;
 let view = 'formulas';
@@ -17,6 +18,8 @@ let view = 'formulas';
 const HANDLERS = {
   hello(message) {
     list.readOnly = message.read_only;
+    kept.readOnly = message.read_only;
+    $('history-actions').hidden = message.read_only;
     $('asking').hidden = message.read_only;
   },
   formulas(message) {
@@ -31,6 +34,7 @@ const HANDLERS = {
     setText($('count'), `${failing} failing, ${running} running, ${ended} ended${message.hidden ? `, ${message.hidden} more are not shown` : ''}`);
     alarms.update(message.rows);
   },
+  history: (message) => kept.update(message),
   details: (message) => list.get(message.id)?.details(message),
   drawing: (message) => list.get(message.id)?.draw(message),
   points: (message) => list.get(message.id)?.extend(message),
@@ -84,6 +88,7 @@ function showView(name, focus) {
     $(each).hidden = each !== name;
   }
   if (focus) $(`tab-${name}`).focus();
+  if (name === 'history') kept.show(null);
   history.replaceState(null, '', `#${name}`);
   sendInterest();
 }
@@ -103,6 +108,7 @@ $('filter').addEventListener('input', () => list.filter($('filter').value));
 $('zone').addEventListener('click', () => {
   setZone(!isUtc);
   list.refresh();
+  kept.show(kept.before);
 });
 $('health').addEventListener('click', () => showView('nodes', true));
 $('save-all').addEventListener('click', async () => {

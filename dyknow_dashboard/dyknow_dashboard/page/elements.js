@@ -55,8 +55,8 @@ function loadPlotly() {
 
 // A table whose rows are updated in place, so that the focus and what is open stay.
 //
-// A row has a key, cells (texts, or {text, kind}) and `more`: pairs of a label and a text, which
-// are shown when the row is opened.
+// A row has a key, cells (texts, {text, kind}, or {text, act} for a button) and `more`: pairs of a
+// label and a text, which are shown when the row is opened.
 class KeyedTable {
   constructor(place, heads, empty) {
     this.heads = heads;
@@ -90,7 +90,7 @@ class KeyedTable {
   }
 
   add(row) {
-    const texts = this.heads.map(() => make('span'));
+    const texts = row.cells.map((each) => each.act ? make('button', {type: 'button'}) : make('span'));
     const cells = this.heads.map((head, number) => make('td', {'data-label': head}, texts[number]));
     const entry = {element: make('tr', {}, ...cells), cells, texts};
     if (row.more) {
@@ -111,8 +111,9 @@ class KeyedTable {
 
   fill(entry, row) {
     row.cells.forEach((cell, number) => {
-      const {text, kind} = typeof cell === 'object' ? cell : {text: cell, kind: ''};
+      const {text, kind, act} = typeof cell === 'object' ? cell : {text: cell, kind: ''};
       setText(entry.texts[number], String(text));
+      entry.texts[number].onclick = act ?? null;
       setClass(entry.texts[number], kind ?? '');
       setClass(entry.cells[number], String(text) ? '' : 'blank');
     });
@@ -124,12 +125,15 @@ class KeyedTable {
 }
 
 // Sends a request to the server, and returns its answer, or {error}.
-async function request(action, document_) {
+function request(action, document_) {
+  return answerOf(fetch(`api/${action}`, {
+    method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify(document_),
+  }));
+}
+
+async function answerOf(response) {
   try {
-    const response = await fetch(`api/${action}`, {
-      method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify(document_),
-    });
-    return await response.json();
+    return await (await response).json();
   } catch {
     return {error: 'the server does not answer'};
   }

@@ -11,9 +11,11 @@ import asyncio
 import os
 import signal
 import sys
+import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from threading import Thread
 from typing import Any, Final
 
@@ -26,17 +28,20 @@ from dyknow_common.executables import SUCCESS, describe
 from dyknow_common.ros import NodeAdapter, command_main, node_executor, start_ros
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board
+from dyknow_dashboard.model.collector import Collector, collector_url
 from dyknow_dashboard.model.requests import AskedFormula
 from dyknow_dashboard.ros.operations import Operations
 from dyknow_dashboard.ros.system_reader import SystemReader
 from dyknow_dashboard.server.guards import is_loopback
 from dyknow_dashboard.server.serving import DashboardServer, ServerOptions
-from dyknow_recordings.reporting.pictures.libraries import picture_library
+from dyknow_recordings.reporting.pictures.libraries import optional_library
 
 PORT: Final = 8520
 
 REQUEST_TIMEOUT_S: Final = 40.0
 """The time after which a page is told that a request to the nodes was not answered."""
+
+NO_HISTORY: Final = 'none'
 
 _MAX_PORT: Final = 65_535
 
@@ -144,22 +149,27 @@ class ThreadedOperator:
 
 def dashboard(options: argparse.Namespace) -> int:
     """Serve the page until a signal, and return the exit code."""
-    picture_library('plotly', 'dyknow dashboard')
+    optional_library('plotly', 'dyknow dashboard')
     served = ServerOptions(options.host, options.port, options.read_only)
     start_ros()
     try:
-        asyncio.run(_serve(served, options.namespace))
+        asyncio.run(_serve(served, options))
     finally:
         rclpy.try_shutdown()
     return SUCCESS
 
 
-async def _serve(options: ServerOptions, namespace: str) -> None:
+async def _serve(served: ServerOptions, options: argparse.Namespace) -> None:
     loop, stopped = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
-    board = Board()
-    with _running_node(loop, namespace, stopped.set) as thread:
+    with _running_node(loop, options.namespace, stopped.set) as thread:
+        namespace = thread.node.get_namespace()
+        board = Board(time.time_ns, _history_file(options.history, namespace))
+        collector = None
+        if options.collector:
+            collector = Collector(options.collector, namespace, board.counts)
+            board.sinks.append(collector.put)
         operations = Operations(thread.adapter)
 
         def attend() -> None:
@@ -169,12 +179,18 @@ async def _serve(options: ServerOptions, namespace: str) -> None:
 
         reader = SystemReader(thread.adapter, board, thread.deliver, attend)
         operator = ThreadedOperator(thread, operations)
-        server = DashboardServer(board, operator, options, attend)
+        server = DashboardServer(board, operator, served, attend)
         port = server.start()
+        await board.history.open()
         thread.start()
-        _announce(options, port)
+        _announce(served, port)
+        if options.history != NO_HISTORY and board.history.state.fault:
+            _warn(f'failures are not kept: {board.history.state.fault}')
         await stopped.wait()
         await server.stop()
+        await board.history.close()
+        if collector is not None:
+            await asyncio.to_thread(collector.close)
         if thread.fault is not None:
             raise thread.fault
         await thread.call(partial(_close, operations))
@@ -203,13 +219,20 @@ def _announce(options: ServerOptions, port: int) -> None:
         may = (
             'see the system'
             if options.read_only
-            else 'see the system, ask formulas and cancel those of others (--read-only prevents it)'
+            else 'see the system, ask formulas, cancel those of others and clear failures '
+            '(--read-only prevents it)'
         )
-        print(  # noqa: T201
-            f'warning: everyone who reaches {host}:{port} can {may}; there is no password',
-            file=sys.stderr,
-            flush=True,
-        )
+        _warn(f'everyone who reaches {host}:{port} can {may}; there is no password')
+
+
+def _warn(text: str) -> None:
+    print(f'warning: {text}', file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _history_file(option: str, namespace: str) -> Path | None:
+    name = f'history{namespace.replace("/", "_").rstrip("_")}.db'
+    path = Path(os.path.expanduser(option or f'~/.ros/dyknow/{name}'))  # noqa: PTH111 - never fails
+    return None if option == NO_HISTORY else path
 
 
 def _port(text: str) -> int:
@@ -229,6 +252,7 @@ def add_dashboard_options(parser: argparse.ArgumentParser) -> None:
             'dyknow dashboard',
             'dyknow dashboard --port 9000 --namespace /robot1',
             'dyknow dashboard --host 0.0.0.0 --read-only',
+            'dyknow dashboard --collector http://localhost:4318',
         ),
         '0 after Ctrl-C, 2 for an error',
     )
@@ -239,7 +263,21 @@ def add_dashboard_options(parser: argparse.ArgumentParser) -> None:
         '--port', type=_port, default=PORT, help=f'0 for any free one (default: {PORT})'
     )
     parser.add_argument(
-        '--read-only', action='store_true', help='pages can neither ask formulas nor cancel any'
+        '--read-only', action='store_true', help='pages can change nothing, such as ask a formula'
+    )
+    parser.add_argument(
+        '--history',
+        default='',
+        metavar='FILE',
+        help='keeps failures over restarts; none: keep none (default: ~/.ros/dyknow/history.db, '
+        'with the namespace in its name)',
+    )
+    parser.add_argument(
+        '--collector',
+        type=collector_url,
+        metavar='URL',
+        help='collector that gets changes of verdicts as logs of OpenTelemetry, '
+        'http://localhost:4318',
     )
     parser.add_argument(
         '--namespace', default='', metavar='NS', help='of the system (default: that of --ros-args)'

@@ -1,24 +1,35 @@
-"""Reads the reports of a running system, more of them while a page is open."""
+"""Reads the reports of a running system, more of them while a page is open.
+
+A formula may have fifty states a second, and all are read of those that signals are kept of, so
+states are taken many at a time, as bytes. A callback for each message, and rclpy's objects for its
+fields, take five times as long.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
-from dyknow_interfaces.msg import EvaluationStatusArray, StreamStatusArray
+from dyknow_interfaces.msg import EvaluationStatusArray, Sample, StreamStatusArray
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
+from rclpy.callback_groups import CallbackGroup
 from rclpy.qos import QoSProfile
 
+from dyknow_common import DyKnowError
 from dyknow_common.ros import (
     LATCHED,
     NO_SUBSCRIPTION_EVENTS,
+    STREAM,
     NodeAdapter,
+    ros_errors,
     time_to_nanoseconds,
 )
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
-from dyknow_dashboard.model.board import Board
+from dyknow_dashboard.model.board import Board, State
 from dyknow_dashboard.model.health import DiagnosedPart
 from dyknow_dashboard.ros.nodes_of_system import (
     COORDINATOR,
@@ -27,15 +38,80 @@ from dyknow_dashboard.ros.nodes_of_system import (
     STREAM_MANAGER,
     SystemNodes,
 )
-from dyknow_dashboard.ros.state_topics import StateTopics
 from dyknow_semantics import ALL_TRIPLES, Matcher, bridged
 from dyknow_semantics.ros.mirrors import annotations_by_text, faults_of, triples_of
+from dyknow_stream_processing.ros import SampleReader, take_waiting
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
 PERIOD_S: Final = 1.0
 
+STATE_PERIOD_S: Final = 0.2
+"""The time between two looks at the states, of which the middleware keeps up to 1000."""
+
 _MAX_ENTRIES: Final = 100
 """The number of entries of a message of `/diagnostics` that are read."""
+
+
+class _NeverCalled(CallbackGroup):
+    """The group of subscriptions that no executor waits for."""
+
+    def can_execute(self, _entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, _entity: Any) -> bool:
+        return False
+
+
+@dataclass(slots=True)
+class _StateTopic:
+    subscription: Any
+    reader: SampleReader = field(default_factory=SampleReader)
+
+
+class StateTopics:
+    """Subscriptions to topics of states, which a timer reads.
+
+    Args:
+        adapter: of the node that reads; its methods are called in the thread of its executor.
+        on_states: called with the states that have come, those of a topic in their order.
+    """
+
+    def __init__(self, adapter: NodeAdapter, on_states: Callable[[list[State]], None]) -> None:
+        self._node = adapter.node
+        self._on_states = on_states
+        self._group = _NeverCalled()
+        self._topics: dict[str, _StateTopic] = {}
+        adapter.create_timer(STATE_PERIOD_S, self._read, clock=adapter.wall_clock)
+
+    def read(self, topics: frozenset[str]) -> None:
+        """Read these topics from now on, and no others."""
+        for topic in self._topics.keys() - topics:
+            self._node.destroy_subscription(self._topics.pop(topic).subscription)
+        for topic in topics - self._topics.keys():
+            # A report may name a topic that cannot exist: there is nothing to show of it.
+            with suppress(DyKnowError), ros_errors():
+                self._topics[topic] = _StateTopic(
+                    self._node.create_subscription(
+                        Sample,
+                        topic,
+                        lambda _: None,
+                        STREAM,
+                        callback_group=self._group,
+                        event_callbacks=NO_SUBSCRIPTION_EVENTS,
+                        raw=True,
+                    )
+                )
+
+    def _read(self) -> None:
+        if states := [each for topic in self._topics for each in self._states(topic)]:
+            self._on_states(states)
+
+    def _states(self, topic: str) -> Iterator[State]:
+        held = self._topics[topic]
+        for data, _ in take_waiting(held.subscription):
+            # The reasoning engine has reported a state that cannot be used.
+            with suppress(DyKnowError):
+                yield (topic, *held.reader.read(data))
 
 
 class SystemReader:
@@ -117,7 +193,7 @@ class SystemReader:
         now = time_to_nanoseconds(message.stamp)
 
         def update() -> None:
-            self._board.formulas.update(statuses, now)
+            self._board.report(statuses, now)
             self._on_formulas()
 
         self._deliver(update)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, Protocol
 
 from tornado.ioloop import IOLoop
@@ -15,15 +16,23 @@ from tornado.web import HTTPError, RequestHandler
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_dashboard.model.board import Board
+from dyknow_dashboard.model.history import MAX_FAILURES, acknowledge, clear, failures, junit
 from dyknow_dashboard.model.requests import (
+    MAX_IDS,
     AskedFormula,
+    acknowledgement,
     asked_formula,
     evaluation_name,
+    failure_ids,
+    history_query,
     read_document,
     typed_text,
 )
 from dyknow_dashboard.model.typed_formulas import check, proposals
 from dyknow_dashboard.server.guards import HEADERS, RateLimit, is_own_host, is_same_origin
+
+PAGE: Final = 100
+"""The number of failures in an answer, unless the request says how many."""
 
 _STATUSES: Final = {
     ExitCode.INVALID_ARGUMENT: 400,
@@ -34,7 +43,7 @@ _STATUSES: Final = {
 }
 """The HTTP statuses of errors; all others have 422."""
 
-_CHANGING: Final = frozenset({'ask', 'cancel', 'save'})
+_CHANGING: Final = frozenset({'ask', 'cancel', 'save', 'acknowledge', 'clear'})
 
 
 class SystemOperator(Protocol):
@@ -91,6 +100,16 @@ class GuardedHandler(RequestHandler):
         if not is_same_origin(self.request.headers.get('Origin'), host):
             raise HTTPError(403, reason='the request comes from another site')
 
+    def check_rate(self) -> None:
+        """Refuse one request too many."""
+        if not self.system.limit.allows(IOLoop.current().time()):
+            raise HTTPError(429, reason='too many requests; wait a second')
+
+    def finish_error(self, error: DyKnowError) -> None:
+        """Send the status and the reason of an error."""
+        self.set_status(_STATUSES.get(error.code, 422))
+        self.finish({'error': error.message})
+
     def write_error(self, *_: Any, **__: Any) -> None:
         """Send the reason of an error."""
         self.finish({'error': self._reason})
@@ -139,22 +158,41 @@ class ActionHandler(GuardedHandler):
         kind = self.request.headers.get('Content-Type', '').partition(';')[0].strip().lower()
         if kind != 'application/json':
             raise HTTPError(415, reason='the request is not application/json')
-        if not self.system.limit.allows(IOLoop.current().time()):
-            raise HTTPError(429, reason='too many requests; wait a second')
+        self.check_rate()
 
     async def post(self, action: str) -> None:
         """Carry out the request."""
-        work = _ACTIONS.get(action)
+        work = ACTIONS.get(action)
         if work is None:
             raise HTTPError(404, reason='there is no such request')
         if self.system.read_only and action in _CHANGING:
             raise HTTPError(403, reason='the page is read-only (--read-only)')
         try:
-            answer = await work(self.system, read_document(self.request.body))
+            self.finish(await work(self.system, read_document(self.request.body)))
         except DyKnowError as error:
-            self.set_status(_STATUSES.get(error.code, 422))
-            answer = {'error': error.message}
-        self.finish(answer)
+            self.finish_error(error)
+
+
+class HistoryHandler(GuardedHandler):
+    """Sends failures of the history, as JSON or as a report of JUnit."""
+
+    async def get(self, form: str) -> None:
+        """Send them."""
+        self.check_rate()
+        history = self.system.board.history
+        arguments = {name: self.get_query_argument(name) for name in self.request.query_arguments}
+        try:
+            if form == 'junit':
+                query = history_query(arguments, MAX_FAILURES, MAX_FAILURES)
+                self.set_header('Content-Type', 'application/xml; charset=utf-8')
+                self.finish(await history.do(partial(junit, query=query)))
+                return
+            query = history_query(arguments, PAGE, MAX_IDS)
+            found = await history.do(partial(failures, query=query))
+            more = found[-1]['id'] if found and len(found) == query.limit else None
+            self.finish({'failures': found, 'next': more})
+        except DyKnowError as error:
+            self.finish_error(error)
 
 
 async def _check(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, Any]:
@@ -181,6 +219,25 @@ async def _save(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, 
     return {'paths': await system.operator.save(name)}
 
 
-_ACTIONS: Final[
-    Mapping[str, Callable[[ServedSystem, Mapping[str, Any]], Awaitable[dict[str, Any]]]]
-] = {'check': _check, 'ask': _ask, 'cancel': _cancel, 'save': _save}
+async def _acknowledge(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, Any]:
+    ids, by = acknowledgement(document)
+    work = partial(acknowledge, ids=ids, by=by, now=system.board.clock())
+    return {'acknowledged': await system.board.history.do(work)}
+
+
+async def _clear(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, Any]:
+    work = partial(clear, ids=failure_ids(document))
+    return {'cleared': await system.board.history.do(work)}
+
+
+_Work = Callable[[ServedSystem, Mapping[str, Any]], Awaitable[dict[str, Any]]]
+
+ACTIONS: Final[Mapping[str, _Work]] = {
+    'check': _check,
+    'ask': _ask,
+    'cancel': _cancel,
+    'save': _save,
+    'acknowledge': _acknowledge,
+    'clear': _clear,
+}
+"""The requests by POST, with what carries them out."""

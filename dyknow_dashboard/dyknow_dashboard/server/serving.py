@@ -22,6 +22,7 @@ from dyknow_dashboard.server.pages import MAX_FRAME, OpenPages, PageSocket
 from dyknow_dashboard.server.requests import (
     ActionHandler,
     FileHandler,
+    HistoryHandler,
     MissingHandler,
     ServedSystem,
     SystemOperator,
@@ -39,15 +40,15 @@ PING_S: Final = 10.0
 _PICTURES: Final = 'dyknow_recordings.reporting.pictures'
 _PAGE: Final = 'dyknow_dashboard.page'
 
+_CODE: Final = ('alarms', 'ask', 'dashboard', 'elements', 'formulas', 'graph', 'history', 'tables')
+
 _FILES: Final = (
     ('/', _PAGE, 'index.html', 'text/html; charset=utf-8'),
     ('/report.css', _PICTURES, 'page.css', 'text/css; charset=utf-8'),
     ('/drawing.js', _PICTURES, 'drawing.js', 'text/javascript; charset=utf-8'),
     ('/dashboard.css', _PAGE, 'dashboard.css', 'text/css; charset=utf-8'),
-    *(
-        (f'/{name}.js', _PAGE, f'{name}.js', 'text/javascript; charset=utf-8')
-        for name in ('elements', 'formulas', 'tables', 'graph', 'ask', 'alarms', 'dashboard')
-    ),
+    *((f'/{name}.js', _PAGE, f'{name}.js', 'text/javascript; charset=utf-8') for name in _CODE),
+    ('/openapi.json', _PAGE, 'openapi.json', 'application/json'),
     ('/icon.svg', _PAGE, 'icon.svg', 'image/svg+xml'),
 )
 """The paths of the files of the page, with their packages, names and types."""
@@ -138,6 +139,7 @@ def _routes(system: ServedSystem, pages: OpenPages) -> Any:
     yield '/plotly.js', FileHandler, {'system': system, 'kind': kind, 'content': _plotly}
     served = {'system': system, 'kind': CONTENT_TYPE, 'content': pages.serve_metrics}
     yield '/metrics', FileHandler, served
+    yield '/api/(history|junit)', HistoryHandler, {'system': system}
     yield '/api/([a-z]+)', ActionHandler, {'system': system}
     yield '/live', PageSocket, {'pages': pages}
 

@@ -28,22 +28,14 @@ _INVALID: Final = re.compile('[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 _CONFIGURATION: Final = 'configuration'
 
 
-class JUnitReport:
-    """A file with a test suite for each recording, and in it a test case for each formula.
-
-    The file is written at the end.
+class JUnitSuites:
+    """A test suite for each recording, and in it a test case for each formula.
 
     Args:
-        path: of the file.
         judgement: of undecided formulas.
-
-    Raises:
-        RecordingError: if it cannot have this path.
     """
 
-    def __init__(self, path: Path, judgement: Judgement) -> None:
-        check_place('--junit', path)
-        self._path = path
+    def __init__(self, judgement: Judgement) -> None:
         self._judgement = judgement
         self._suites: list[TestSuite] = []
 
@@ -73,20 +65,16 @@ class JUnitReport:
         case.result = _result(Error, error.code.name, error.message)
         self._suites.append(_suite(name, [case]))
 
-    def close(self, unchecked: Sequence[str]) -> None:
-        """Write the file. What was not checked is an error: else all would seem to be well."""
-        for recording in unchecked:
-            error = RecordingError('not checked: the command was interrupted', ExitCode.CANCELLED)
-            self.add_failure(recording, error)
-        document = JUnitXml('dyknow check')
+    def document(self, name: str) -> bytes:
+        """Return all suites as XML, given the name of the command."""
+        document = JUnitXml(name)
         for suite in self._suites:
             document.append(suite)
         document.tests = sum(each.tests for each in self._suites)
         document.failures = sum(each.failures for each in self._suites)
         document.errors = sum(each.errors for each in self._suites)
         document.time = round(sum(each.time for each in self._suites), 3)
-        head = b'<?xml version="1.0" encoding="utf-8"?>\n'
-        write_report(self._path, head + document.tostring() + b'\n')
+        return b'<?xml version="1.0" encoding="utf-8"?>\n%b\n' % document.tostring()
 
     def _case(self, formula: FormulaReport, recording: RecordingReport) -> TestCase:
         decisive = decisive_episode(formula)
@@ -105,6 +93,30 @@ class JUnitReport:
         elif not self._judgement.passes(formula):
             case.result = _result(Failure, formula.outcome, *lines)
         return case
+
+
+class JUnitReport(JUnitSuites):
+    """A file of these suites, which is written at the end.
+
+    Args:
+        path: of the file.
+        judgement: of undecided formulas.
+
+    Raises:
+        RecordingError: if it cannot have this path.
+    """
+
+    def __init__(self, path: Path, judgement: Judgement) -> None:
+        check_place('--junit', path)
+        super().__init__(judgement)
+        self._path = path
+
+    def close(self, unchecked: Sequence[str]) -> None:
+        """Write the file. What was not checked is an error: else all would seem to be well."""
+        for recording in unchecked:
+            error = RecordingError('not checked: the command was interrupted', ExitCode.CANCELLED)
+            self.add_failure(recording, error)
+        write_report(self._path, self.document('dyknow check'))
 
 
 def _broken_case(broken: BrokenExpectation, report: RecordingReport) -> TestCase:

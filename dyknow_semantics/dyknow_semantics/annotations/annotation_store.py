@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
@@ -12,16 +11,14 @@ from dyknow_common import DyKnowError, ExitCode, listed, shortened
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.sqlite_files import (
-    LOCK_TIMEOUT_S,
-    newer_version,
-    prepare_file,
-    store_errors,
-)
+from dyknow_semantics.sqlite_files import opened_store, store_errors
 
 _KIND: Final = 'store of annotations'
 _VERSION: Final = 1
-"""The version of the tables; stores from before it was written have 0."""
+_TABLE: Final = """
+CREATE TABLE IF NOT EXISTS annotation (stream TEXT, text TEXT UNIQUE);
+CREATE INDEX IF NOT EXISTS stream ON annotation (stream);
+"""
 
 
 class AnnotationStore:
@@ -37,12 +34,9 @@ class AnnotationStore:
 
     def __init__(self, file: Path | None = None) -> None:
         self._file = file
-        if file is not None:
-            prepare_file(file, _KIND, frozenset({'annotation'}))
+        self._connection = opened_store(file, _KIND, _VERSION, {'annotation': _TABLE})
         with self._sqlite_errors(), ExitStack() as resources:
-            self._connection = sqlite3.connect(file or ':memory:', timeout=LOCK_TIMEOUT_S)
             resources.callback(self._connection.close)
-            self._prepare()
             self._annotations = self._read()
             resources.pop_all()
 
@@ -109,22 +103,6 @@ class AnnotationStore:
         for text in removed:
             del self._annotations[text]
         return tuple(removed.values())
-
-    def _prepare(self) -> None:
-        # No other process may write to the file while this one has it open.
-        self._connection.execute('PRAGMA locking_mode = EXCLUSIVE')
-        # Writes survive the end of the process, and do not wait for the disk.
-        self._connection.execute('PRAGMA journal_mode = WAL')
-        self._connection.execute('PRAGMA synchronous = NORMAL')
-        (version,) = self._connection.execute('PRAGMA user_version').fetchone()
-        if version > _VERSION:
-            raise newer_version(_KIND, self._file, version, _VERSION)
-        with self._connection:
-            self._connection.execute(f'PRAGMA user_version = {_VERSION}')
-            self._connection.execute(
-                'CREATE TABLE IF NOT EXISTS annotation (stream TEXT, text TEXT UNIQUE)'
-            )
-            self._connection.execute('CREATE INDEX IF NOT EXISTS stream ON annotation (stream)')
 
     def _read(self) -> dict[str, Annotation]:
         rows = self._connection.execute('SELECT text FROM annotation ORDER BY rowid').fetchall()

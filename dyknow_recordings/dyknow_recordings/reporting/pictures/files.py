@@ -8,7 +8,7 @@ from pathlib import Path
 from dyknow_common import DyKnowError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
-from dyknow_recordings.reporting.pictures.libraries import picture_library
+from dyknow_recordings.reporting.pictures.libraries import optional_library
 from dyknow_recordings.reporting.report_files import check_place, write_report
 
 
@@ -28,7 +28,7 @@ class PictureFiles:
     def __init__(self, html: Path | None, png: Path | None, judgement: Judgement) -> None:
         for option, path, library in (('--html', html, 'plotly'), ('--png', png, 'matplotlib')):
             if path is not None:
-                picture_library(library, option)
+                optional_library(library, option)
                 check_place(option, path)
         self._html = html
         self._png = png

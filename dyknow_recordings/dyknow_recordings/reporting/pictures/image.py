@@ -11,7 +11,7 @@ import numpy as np
 from dyknow_common import NANOSECONDS
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
-from dyknow_recordings.reporting.pictures.libraries import picture_library
+from dyknow_recordings.reporting.pictures.libraries import optional_library
 from dyknow_recordings.reporting.pictures.panels import Marks, Panel, last_shown, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span, extent, gaps, segments
 
@@ -41,7 +41,7 @@ def report_image(reports: Sequence[RecordingReport], judgement: Judgement) -> by
     Raises:
         RecordingError: if matplotlib is not installed.
     """
-    figure_class = picture_library('matplotlib.figure', '--png').Figure
+    figure_class = optional_library('matplotlib.figure', '--png').Figure
     rows = _rows(reports)
     shown = rows[:_MAX_ROWS]
     heights = [_STRIP_INCHES if panel is None else _PANEL_INCHES for _, _, panel in shown]

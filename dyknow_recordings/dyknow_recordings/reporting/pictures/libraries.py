@@ -1,4 +1,4 @@
-"""The libraries that only pictures need."""
+"""The libraries that only some options need, such as those of pictures."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ def plotly_script() -> str:
     Raises:
         RecordingError: naming the mend, if plotly is not installed.
     """
-    script: str = picture_library('plotly.offline', '--html').get_plotlyjs()
+    script: str = optional_library('plotly.offline', '--html').get_plotlyjs()
     return script
 
 
-def picture_library(module: str, option: str) -> Any:
-    """Return a module of a library that only an option needs.
+def optional_library(module: str, option: str, package: str = '') -> Any:
+    """Return a module of a library that only an option needs, installed by the name of a package.
 
     Raises:
         RecordingError: naming the mend, if the library is not installed.
@@ -28,7 +28,7 @@ def picture_library(module: str, option: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
-        library = module.partition('.')[0]
+        library = package or module.partition('.')[0]
         raise RecordingError(
             f'{option} needs {library}: {error}; run: pip install {library}', ExitCode.UNAVAILABLE
         ) from None

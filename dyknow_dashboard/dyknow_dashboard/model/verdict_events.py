@@ -1,0 +1,112 @@
+"""Changes of verdicts, as the coordinator reports them: for the history, and for a collector.
+
+report on an evaluation                          event
+an episode of a standing monitor has begun       false
+it has ended                                     clear
+the evaluation has ended with a verdict          true or false
+it has ended with an error, or was lost          violation
+it was cancelled, or its timeout has passed      none
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from dyknow_common import Verdict, with_readable_times
+from dyknow_configuration import TriggerEvent
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts
+from dyknow_coordinator.reporting.evaluation_status import outcome
+from dyknow_dashboard.model.formulas import keyed, lost, reason_of
+from dyknow_dashboard.model.live_reports import ENDS
+
+FAILURES: Final = frozenset({TriggerEvent.FALSE, TriggerEvent.VIOLATION})
+
+EventCounts = Counter[tuple[str, str]]
+"""The number of events by their place and what became of them there: `written`, or why not."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictEvent:
+    """A change of the verdict on a formula. Times are in nanoseconds.
+
+    Args:
+        name: of the formula.
+        formula: its text.
+        event: what has happened.
+        verdict: the outcome in words, `false` or `constraint violation`.
+        started: when the formula was asked.
+        begin: the valid time of the first state of an episode; 0 at the end of an evaluation.
+        valid_time: of the deciding state; of an error, of the latest state; None without one.
+        explanation: for people.
+        known_at: when the report came, on the clock of this machine.
+        may_be_known: True if an earlier run of the page may have had the event, too.
+    """
+
+    name: str
+    formula: str
+    event: TriggerEvent
+    verdict: str
+    started: int
+    begin: int
+    valid_time: int | None
+    explanation: str
+    known_at: int = 0
+    may_be_known: bool = False
+
+
+class VerdictWatch:
+    """Derives events from the reports on all evaluations.
+
+    Args:
+        counts: of the episodes that no report has told of.
+    """
+
+    def __init__(self, counts: EventCounts) -> None:
+        self._counts = counts
+        self._known: dict[str, EvaluationStatus] | None = None
+
+    def update(self, statuses: Sequence[EvaluationStatus], now: int) -> list[VerdictEvent]:
+        """Return the events since the report before, given all statuses and the time of the day."""
+        before, reported = self._known or {}, dict(keyed(statuses))
+        gone = {key: lost(each) for key, each in before.items() if key not in reported}
+        is_first, self._known = self._known is None, reported
+        return [
+            replace(each, known_at=now, may_be_known=is_first)
+            for key, status in (reported | gone).items()
+            for each in self._events(before.get(key), status)
+        ]
+
+    def _events(
+        self, before: EvaluationStatus | None, status: EvaluationStatus
+    ) -> Iterator[VerdictEvent]:
+        def event(
+            kind: TriggerEvent, word: str, at: int | None, text: str, begin: int = 0
+        ) -> VerdictEvent:
+            text = with_readable_times(text, status.started)
+            name, formula, started = status.name, status.formula, status.started
+            return VerdictEvent(name, formula, kind, word, started, begin, at, text)
+
+        if status.episodes is not None:
+            earlier = (None if before is None else before.episodes) or StandingVerdicts()
+            missed = status.episodes.episode_count - earlier.episode_count
+            for each, has_ended in status.episodes.changes(earlier):
+                if has_ended:
+                    yield event(TriggerEvent.CLEAR, 'true', each.end, each.past_text, each.begin)
+                else:
+                    missed -= 1
+                    at, begin = each.decided_at, each.begin
+                    yield event(TriggerEvent.FALSE, 'false', at, each.text, begin)
+            if before is not None and missed > 0:
+                self._counts['report', 'more episodes than it names'] += missed
+        was_over = before is not None and before.phase is EvaluationPhase.ENDED
+        if was_over or status.phase is not EvaluationPhase.ENDED:
+            return
+        word, text = outcome(status), reason_of(status)
+        if status.error is not None:
+            if status.error.code not in ENDS:
+                yield event(TriggerEvent.VIOLATION, word, status.latest_valid_time, text)
+        elif status.episodes is None and status.verdict is not Verdict.UNDECIDED:
+            yield event(TriggerEvent(word), word, status.decided_at, text)
