@@ -1,5 +1,13 @@
 """The parts that every ROS node of DyKnow shares."""
 
+from dyknow_common.ros.background import Background
+from dyknow_common.ros.below_rclpy.direct_topics import DirectPublisher, DirectSubscription
+from dyknow_common.ros.below_rclpy.executor import (
+    NodeExecutor,
+    node_executor,
+    supports_node_executor,
+)
+from dyknow_common.ros.below_rclpy.senders import GID, full_name
 from dyknow_common.ros.commands import (
     CommandNode,
     command_main,
@@ -9,12 +17,6 @@ from dyknow_common.ros.commands import (
     start_ros,
 )
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
-from dyknow_common.ros.executor import (
-    Background,
-    NodeExecutor,
-    node_executor,
-    supports_node_executor,
-)
 from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch, TopicOwner
 from dyknow_common.ros.node import (
     NODE_TYPE,
@@ -53,7 +55,6 @@ from dyknow_common.ros.time_messages import (
     time_to_nanoseconds,
 )
 from dyknow_common.ros.topics.diagnostics import DiagnosticsPublisher
-from dyknow_common.ros.topics.direct_topics import DirectPublisher, DirectSubscription
 from dyknow_common.ros.topics.guards import (
     MessageGuard,
     Refusal,
@@ -62,7 +63,6 @@ from dyknow_common.ros.topics.guards import (
     only_publishers_of,
 )
 from dyknow_common.ros.topics.names import RCLError, absolute_topic, topic_fault
-from dyknow_common.ros.topics.senders import GID, full_name
 
 __all__ = [
     'GID',
