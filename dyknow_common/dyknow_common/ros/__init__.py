@@ -17,6 +17,14 @@ from dyknow_common.ros.commands import (
     start_ros,
 )
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
+from dyknow_common.ros.diagnostics import DiagnosticsPublisher
+from dyknow_common.ros.guards import (
+    MessageGuard,
+    Refusal,
+    only_from,
+    only_owner,
+    only_publishers_of,
+)
 from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch, TopicOwner
 from dyknow_common.ros.node import (
     NODE_TYPE,
@@ -54,15 +62,7 @@ from dyknow_common.ros.time_messages import (
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
-from dyknow_common.ros.topics.diagnostics import DiagnosticsPublisher
-from dyknow_common.ros.topics.guards import (
-    MessageGuard,
-    Refusal,
-    only_from,
-    only_owner,
-    only_publishers_of,
-)
-from dyknow_common.ros.topics.names import RCLError, absolute_topic, topic_fault
+from dyknow_common.ros.topic_names import RCLError, absolute_topic, topic_fault
 
 __all__ = [
     'GID',

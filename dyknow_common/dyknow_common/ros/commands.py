@@ -25,7 +25,7 @@ from dyknow_common.executables import SUCCESS, interruptible, run_main
 from dyknow_common.ros.below_rclpy.discovery import announce_in_thread
 from dyknow_common.ros.node import snake_case
 from dyknow_common.ros.qos import SERVICE
-from dyknow_common.ros.topics.names import RCLError
+from dyknow_common.ros.topic_names import RCLError
 
 TICK_PERIOD_S = 0.1
 """The period in which a waiting command checks its deadline."""

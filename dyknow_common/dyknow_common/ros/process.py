@@ -30,7 +30,7 @@ from dyknow_common.ros.below_rclpy.executor import node_executor
 from dyknow_common.ros.commands import ROS_ERRORS, start_ros
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
 from dyknow_common.ros.node import DyKnowNode, snake_case
-from dyknow_common.ros.topics.names import RCLError
+from dyknow_common.ros.topic_names import RCLError
 from dyknow_common.ros.watchdog import WITHOUT_STDERR, Watchdog
 from dyknow_main import STOP_SIGNALS, handle, ignore
 

@@ -40,8 +40,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from dyknow_common.ros.below_rclpy.executor import has_senders
 from dyknow_common.ros.below_rclpy.senders import GID, SENDER
+from dyknow_common.ros.guards import MessageGuard, Refusal
 from dyknow_common.ros.node import DyKnowNode
-from dyknow_common.ros.topics.guards import MessageGuard, Refusal
 
 NUMBER: Final = 'publication_sequence_number'
 """The key of the number of a message in its info."""

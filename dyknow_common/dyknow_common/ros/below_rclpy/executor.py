@@ -27,7 +27,7 @@ from rclpy.waitable import NumberOfEntities
 
 from dyknow_common.ros.below_rclpy.senders import gives_identifiers
 from dyknow_common.ros.below_rclpy.versions import is_on
-from dyknow_common.ros.topics.guards import MessageGuard
+from dyknow_common.ros.guards import MessageGuard
 
 Take = Callable[[Any], Any]
 """A function that takes the data of an entity; it returns a coroutine function, or None."""
