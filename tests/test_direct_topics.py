@@ -170,7 +170,7 @@ def test_copies_are_dropped_after_the_end_of_the_publisher(bench: Bench) -> None
 def test_a_copy_whose_publisher_has_ended_is_not_reported_as_lost(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('dyknow_common.ros.topics.guards.UNKNOWN_LIMIT_NS', 0)
+    monkeypatch.setattr('dyknow_common.ros.guards.UNKNOWN_LIMIT_NS', 0)
     reasons: list[str] = []
     bench.receiver.reject = lambda _, reason: reasons.append(reason)  # type: ignore[method-assign]
     received = Received(bench, quality_of_service=LATCHED_HISTORY)

@@ -112,11 +112,11 @@ ERRORS = 'from dyknow_common import DyKnowError; raise DyKnowError("no file x")'
 SLOW_END = (
     f'import threading, time; threading.Thread(target=time.sleep, args=(60,)).start(); {ERRORS}'
 )
-END = 'from dyknow_common.ros.topics.guards import NodeEndError; raise NodeEndError("the end")'
+END = 'from dyknow_common.ros.guards import NodeEndError; raise NodeEndError("the end")'
 
 SAVE = 'import threading; self.made_in = threading.get_ident()'
 SAY_THREADS = (
-    'import threading; from dyknow_common.ros.topics.guards import NodeEndError; '
+    'import threading; from dyknow_common.ros.guards import NodeEndError; '
     'raise NodeEndError('
     "f'in the thread that has made it: {self.made_in == threading.get_ident()}')"
 )

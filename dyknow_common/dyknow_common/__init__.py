@@ -33,7 +33,7 @@ from dyknow_common.durations import (
     time_since,
     with_readable_times,
 )
-from dyknow_common.errors import DyKnowError, ExitCode, listed, one_line, shortened, unknown
+from dyknow_common.errors import DyKnowError, ExitCode, amount, listed, one_line, shortened, unknown
 from dyknow_common.field_paths import (
     FieldTypes,
     absence,
@@ -64,10 +64,12 @@ from dyknow_common.limits import (
     MAX_CHARACTERS,
     MAX_DEPTH,
     MAX_FORMULA_PARTS,
+    MAX_NAME,
     MAX_STREAM_PARTS,
     MAX_TOPIC_LENGTH,
     MAX_WORDS,
     cached_by_text,
+    check_name,
 )
 from dyknow_common.parsing import (
     NOWHERE,
@@ -114,6 +116,7 @@ __all__ = [
     'MAX_DIGITS',
     'MAX_DURATION_NS',
     'MAX_FORMULA_PARTS',
+    'MAX_NAME',
     'MAX_RECORDED_NS',
     'MAX_RECORDED_TOPICS',
     'MAX_STREAM_PARTS',
@@ -159,9 +162,11 @@ __all__ = [
     'absence',
     'add_utc_option',
     'all_elements',
+    'amount',
     'arrays_of',
     'builder',
     'cached_by_text',
+    'check_name',
     'check_unit',
     'clock_time',
     'comparison_value',

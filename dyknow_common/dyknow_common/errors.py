@@ -15,6 +15,9 @@ _MAX_QUOTED: Final = 100
 _MAX_LISTED: Final = 20
 """The number of names that a message lists."""
 
+_LONGEST_NUMBER: Final = 15
+"""Digits of a count that a message shows in full."""
+
 _LONG_QUOTATION: Final = re.compile(r"""(?<!\w)"[^"\n]{201,}"|(?<!\w)'[^'\n]{201,}'|\S{300,}""")
 _UNSENDABLE: Final = re.compile('[\x00\ud800-\udfff]')
 
@@ -46,6 +49,12 @@ def shortened(text: object) -> str:
     found = str(text)
     half = _MAX_QUOTED // 2
     return found if len(found) <= _MAX_QUOTED else f'{found[:half]}…{found[-half:]}'
+
+
+def amount(count: int) -> str:
+    """Return a count for a message; only the power of ten of one that is very long."""
+    text = str(count)
+    return text if len(text) <= _LONGEST_NUMBER else f'about 1e{len(text) - 1}'
 
 
 def one_line(error: object) -> str:

@@ -29,11 +29,29 @@ MAX_DEPTH: Final = 100
 MAX_TOPIC_LENGTH: Final = 247
 """The number of characters in the absolute name of a topic: 255 in DDS, without prefixes of ROS."""
 
+MAX_NAME: Final = 1000
+"""The length of the name of a formula, a group, an evaluation, a plan, a concept or an object."""
+
 MAX_CACHED_CHARACTERS: Final = 5_000_000
 """The length of all texts of a cache; a syntax tree takes some 15 bytes for each character."""
 
 Others = ParamSpec('Others')
 Result = TypeVar('Result')
+
+
+def check_name(name: str, error: Callable[[str], Exception], field: str = 'the name') -> None:
+    """Check the length of a name.
+
+    Args:
+        name: in a request.
+        error: makes the error.
+        field: names it.
+
+    Raises:
+        Exception: if it is too long.
+    """
+    if len(name) > MAX_NAME:
+        raise error(f'{field} has {len(name)} characters, more than {MAX_NAME}; shorten it')
 
 
 def cached_by_text(

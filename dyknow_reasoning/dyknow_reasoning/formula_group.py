@@ -12,7 +12,7 @@ from collections.abc import Set as AbstractSet
 from itertools import chain, count
 from typing import Any
 
-from dyknow_common import ExitCode, Margin, Symbol, Verdict
+from dyknow_common import ExitCode, Margin, Symbol, Verdict, amount
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import InstanceMonitor, Recording
 from dyknow_reasoning.explanation.remainders import Remainders
@@ -37,7 +37,6 @@ from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.sizes import (
     Counts,
     FormulaLimits,
-    amount,
     check_size,
     formula_size,
     object_counts,

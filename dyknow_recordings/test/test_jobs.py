@@ -29,10 +29,10 @@ from running_checks import (
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import SIGNALLED
+from dyknow_common.worker_pool import PROGRAM
 from dyknow_recordings import MonitoringFiles, RequestedFormula
 from dyknow_recordings.jobs.processes import run_in_processes
 from dyknow_recordings.jobs.recording_job import RecordingJob, run_here
-from dyknow_recordings.jobs.workers import PROGRAM
 
 TERMINAL = {'TERM': 'xterm', 'COLUMNS': '80', 'LINES': '24'}
 
@@ -64,7 +64,7 @@ def test_a_process_that_dies_is_an_error_of_its_recording(
         os.kill(endless.reader(), signal.SIGKILL)
         out, err = process.communicate(timeout=LIMIT_S)
     assert names(out) == [(path, 'UNAVAILABLE'), *((each, None) for each in bags)]
-    assert 'the process that checked it ended with signal SIGKILL' in err
+    assert f'{path}: its process ended with signal SIGKILL; it may need too much memory' in err
     assert process.returncode == 2
 
 

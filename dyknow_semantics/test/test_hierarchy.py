@@ -15,7 +15,7 @@ from dyknow_semantics import (
     parse_annotations,
     parse_concept,
 )
-from dyknow_semantics.reporting.hierarchy import (
+from dyknow_semantics.hierarchy import (
     explanation_tree,
     hierarchy_entries,
     hierarchy_tree,

@@ -11,10 +11,11 @@ import owlready2
 import pytest
 
 from dyknow_common import ExitCode, ValueType
+from dyknow_common.worker_pool import WorkerPool
 from dyknow_semantics import ALL_TRIPLES, FeatureSignature, Knowledge, Ontology, SemanticsError
 from dyknow_semantics.ontology.queries import answer_query
 from dyknow_semantics.ontology.store import Store
-from dyknow_semantics.workers.worker_process import Work, WorkerProcesses
+from dyknow_semantics.workers import Work
 
 RDF_TYPE = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
 RDFS_SUBCLASS = '<http://www.w3.org/2000/01/rdf-schema#subClassOf>'
@@ -379,10 +380,10 @@ def test_a_query_that_does_not_end(tmp_path: Path, answer: str) -> None:
         sparql = f'SELECT {answer} {{ ?x rdfs:subClassOf+ {thing} }}'
         with (
             ontology.copy() as copy,
-            WorkerProcesses(1, 2**29) as workers,
+            WorkerPool(1, memory=2**29) as workers,
             pytest.raises(SemanticsError, match=r'the query (has more|did not finish)'),
         ):
-            workers.run(Work(answer_query, (copy, sparql, 10**7), 'the query', 1.0, 'ask less'))
+            Work(answer_query, (copy, sparql, 10**7), 'the query', 1.0, 'ask less').run(workers)
         assert ontology.query(f'SELECT ?x {{ ?x a owl:Class . FILTER(?x = {thing}) }}')[1] == (
             ('Thing_a',),
         )

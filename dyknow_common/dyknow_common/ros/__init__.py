@@ -1,5 +1,13 @@
 """The parts that every ROS node of DyKnow shares."""
 
+from dyknow_common.ros.background import Background
+from dyknow_common.ros.below_rclpy.direct_topics import DirectPublisher, DirectSubscription
+from dyknow_common.ros.below_rclpy.executor import (
+    NodeExecutor,
+    node_executor,
+    supports_node_executor,
+)
+from dyknow_common.ros.below_rclpy.senders import GID, full_name
 from dyknow_common.ros.commands import (
     CommandNode,
     command_main,
@@ -9,11 +17,13 @@ from dyknow_common.ros.commands import (
     start_ros,
 )
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
-from dyknow_common.ros.executor import (
-    Background,
-    NodeExecutor,
-    node_executor,
-    supports_node_executor,
+from dyknow_common.ros.diagnostics import DiagnosticsPublisher
+from dyknow_common.ros.guards import (
+    MessageGuard,
+    Refusal,
+    only_from,
+    only_owner,
+    only_publishers_of,
 )
 from dyknow_common.ros.liveliness import Heartbeats, PublisherWatch, TopicOwner
 from dyknow_common.ros.node import (
@@ -52,17 +62,7 @@ from dyknow_common.ros.time_messages import (
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
-from dyknow_common.ros.topics.diagnostics import DiagnosticsPublisher
-from dyknow_common.ros.topics.direct_topics import DirectPublisher, DirectSubscription
-from dyknow_common.ros.topics.guards import (
-    MessageGuard,
-    Refusal,
-    only_from,
-    only_owner,
-    only_publishers_of,
-)
-from dyknow_common.ros.topics.names import RCLError, absolute_topic, topic_fault
-from dyknow_common.ros.topics.senders import GID, full_name
+from dyknow_common.ros.topic_names import RCLError, absolute_topic, topic_fault
 
 __all__ = [
     'GID',

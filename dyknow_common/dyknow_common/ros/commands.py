@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import rclpy
@@ -23,9 +22,10 @@ from rclpy.utilities import remove_ros_args
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, ExitCode, one_line
 from dyknow_common.executables import SUCCESS, interruptible, run_main
+from dyknow_common.ros.below_rclpy.discovery import announce_in_thread
 from dyknow_common.ros.node import snake_case
 from dyknow_common.ros.qos import SERVICE
-from dyknow_common.ros.topics.names import RCLError
+from dyknow_common.ros.topic_names import RCLError
 
 TICK_PERIOD_S = 0.1
 """The period in which a waiting command checks its deadline."""
@@ -37,11 +37,6 @@ ROS_ERRORS = (
 )
 """Errors of rclpy about what the user has written on the command line."""
 
-_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-"""The variable that Fast DDS 2 reads, and no other middleware."""
-
-_PROFILE_OF_FOLDER = 'DEFAULT_FASTRTPS_PROFILES.xml'
-
 
 def start_ros(arguments: Sequence[str] | None = None) -> None:
     """Initialise rclpy without its signal handlers; errors as in `rclpy.init`.
@@ -49,24 +44,9 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: of the command line; None: those of this process.
     """
-    _announce_in_thread()
+    announce_in_thread()
     arguments = None if arguments is None else list(arguments)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-
-
-def _announce_in_thread() -> None:
-    """Let Fast DDS 2 announce this process in a thread, unless the user has other settings.
-
-    Fast DDS announces a process before it accepts messages. The others answer the first
-    announcement only, at once, so their answers may be lost. The process then discovers them at
-    their next periodic announcement, up to 3 s later. With the thread this is rare: on a busy
-    machine one start in a hundred loses an answer, where two of three did.
-
-    The security plugins have not been tested with this setting.
-    """
-    has_profile = _PROFILE in os.environ or Path(_PROFILE_OF_FOLDER).exists()
-    if not has_profile and os.environ.get('ROS_SECURITY_ENABLE') != 'true':
-        os.environ[_PROFILE] = str(Path(__file__).with_name('discovery.xml'))
 
 
 class CommandNode:

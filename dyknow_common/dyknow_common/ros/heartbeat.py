@@ -34,15 +34,15 @@ from rclpy.qos import QoSProfile
 from rclpy.wait_for_message import wait_for_message
 
 from dyknow_common.errors import ExitCode
-from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S
-from dyknow_common.ros.throttle import Throttle
-from dyknow_common.ros.time_messages import nanoseconds_to_time, time_to_nanoseconds
-from dyknow_common.ros.topics.guards import (
+from dyknow_common.ros.below_rclpy.senders import full_name
+from dyknow_common.ros.guards import (
     NodeEndError,
     create_guarded_subscription,
     only_owner,
 )
-from dyknow_common.ros.topics.senders import full_name
+from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S
+from dyknow_common.ros.throttle import Throttle
+from dyknow_common.ros.time_messages import nanoseconds_to_time, time_to_nanoseconds
 
 SETTLING_HEARTBEATS: Final = 20
 """The number of heartbeats after which a node does not give way to another one of its name."""

@@ -26,10 +26,10 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from dyknow_common.ros.below_rclpy.senders import full_name
+from dyknow_common.ros.guards import create_guarded_subscription, only_owner
 from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S, NO_SUBSCRIPTION_EVENTS
 from dyknow_common.ros.time_messages import time_to_nanoseconds
-from dyknow_common.ros.topics.guards import create_guarded_subscription, only_owner
-from dyknow_common.ros.topics.senders import full_name
 
 MISSED_LIMIT: Final = 5
 """The number of periods without a heartbeat after which a node counts as dead."""

@@ -22,12 +22,12 @@ from rclpy.node import Node
 
 from dyknow_common.errors import DyKnowError, ExitCode, one_line, shortened
 from dyknow_common.ros.deadlines import Deadlines
+from dyknow_common.ros.guards import MessageGuard, NodeEndError, Refusal
 from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
 from dyknow_common.ros.throttle import Throttle
-from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, Refusal
-from dyknow_common.ros.topics.names import RCLError
+from dyknow_common.ros.topic_names import RCLError
 
 RUNNING = 'running'
 """The message in the status of a node that has everything it needs."""

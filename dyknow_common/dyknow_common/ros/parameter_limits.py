@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Final
 
+from dyknow_common.errors import DyKnowError, ExitCode, amount
 from dyknow_common.ros.node import DyKnowNode
+
+_MOST: Final = 100_000_000
+"""The greatest value of a limit."""
 
 
 class ParameterLimits:
@@ -13,17 +18,46 @@ class ParameterLimits:
     Args:
         node: whose parameters are declared.
         parameters: the default and the description of each, by name.
-        most: the greatest value of each.
+        error: makes the error of a request that exceeds one.
     """
 
     def __init__(
-        self, node: DyKnowNode, parameters: Mapping[str, tuple[int, str]], most: int
+        self,
+        node: DyKnowNode,
+        parameters: Mapping[str, tuple[int, str]],
+        error: Callable[[str, ExitCode], DyKnowError],
     ) -> None:
+        self._node = node.get_name()
+        self._error = error
         self._values = {
-            name: node.changing_parameter(name, *rest, (1, most))
+            name: node.changing_parameter(name, *rest, (1, _MOST))
             for name, rest in parameters.items()
         }
 
     def __getitem__(self, parameter: str) -> int:
         """Return the present value of a parameter."""
         return int(self._values[parameter]())
+
+    def check(
+        self, parameter: str, count: int, what: str, code: ExitCode = ExitCode.UNAVAILABLE
+    ) -> None:
+        """Check a number against a limit.
+
+        Args:
+            parameter: the limit.
+            count: the number that there would be.
+            what: is counted.
+            code: UNAVAILABLE if others count, too, and INVALID_ARGUMENT for one request alone.
+
+        Raises:
+            DyKnowError: if it exceeds the limit.
+        """
+        limit = self[parameter]
+        if count > limit:
+            others = 'try again when others have ended'
+            mend = others if code is ExitCode.UNAVAILABLE else 'request less'
+            raise self._error(
+                f'there would be {amount(count)} {what}, more than {limit} (the limit '
+                f"'{parameter}' of {self._node}); {mend}, or raise the parameter",
+                code,
+            )

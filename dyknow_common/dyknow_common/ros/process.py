@@ -6,7 +6,6 @@ others only as far as Python's threads do. The nodes share the context: one part
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import gc
 import os
@@ -26,11 +25,12 @@ from rclpy.signals import install_signal_handlers
 
 from dyknow_common.errors import DyKnowError, one_line
 from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
+from dyknow_common.ros.below_rclpy.c_library import end_with_parent, exit_later
+from dyknow_common.ros.below_rclpy.executor import node_executor
 from dyknow_common.ros.commands import ROS_ERRORS, start_ros
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
-from dyknow_common.ros.executor import node_executor
 from dyknow_common.ros.node import DyKnowNode, snake_case
-from dyknow_common.ros.topics.names import RCLError
+from dyknow_common.ros.topic_names import RCLError
 from dyknow_common.ros.watchdog import WITHOUT_STDERR, Watchdog
 from dyknow_main import STOP_SIGNALS, handle, ignore
 
@@ -39,10 +39,6 @@ CALLBACK_TIMEOUT_S = 1.5
 
 SHUTDOWN_TIMEOUT_S = 5.0
 """The time that a node may take to stop."""
-
-_PR_SET_PDEATHSIG = 1
-
-_SIGEV_THREAD = 2
 
 HANG_TIMEOUT_S = 9
 """The time that the middleware may take to stop: seconds on a busy machine. Launchers wait 10 s."""
@@ -55,7 +51,7 @@ def _end_with_launcher() -> None:
     """
     launcher = os.environ.pop(LAUNCHER, None)
     if launcher is not None:
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        end_with_parent()
         if os.getppid() != int(launcher):
             os.kill(os.getpid(), signal.SIGTERM)  # It had ended before.
 
@@ -82,39 +78,11 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event, nodes: _No
     threading.Thread(target=watch, daemon=True).start()
 
 
-class _SignalEvent(ctypes.Structure):
-    """The event of an expired POSIX timer: `struct sigevent`."""
-
-    _fields_ = (
-        ('value', ctypes.c_void_p),
-        ('signal', ctypes.c_int),
-        ('kind', ctypes.c_int),
-        ('function', ctypes.c_void_p),
-        ('rest', ctypes.c_byte * 40),
-    )
-
-
-class _TimerSpecification(ctypes.Structure):
-    """When a timer of POSIX expires: `struct itimerspec`."""
-
-    _fields_ = tuple(
-        (name, ctypes.c_long) for name in ('period_s', 'period_ns', 'time_s', 'time_ns')
-    )
-
-
 def _exit_without_python(code: int, time_s: int) -> None:
-    """Exit with a code some time later, and print before where the process hangs.
-
-    The middleware may wait for ever while it keeps the GIL, so no thread of Python can run. The
-    timer calls `_exit` in a thread of C.
-    """
+    """Exit with a code some time later, and print before where the process hangs."""
     with suppress(*WITHOUT_STDERR):
         faulthandler.dump_traceback_later(time_s - 0.5)
-    libc, timer = ctypes.CDLL(None), ctypes.c_void_p()
-    exit_function = ctypes.cast(libc['_exit'], ctypes.c_void_p)
-    event = _SignalEvent(value=code, kind=_SIGEV_THREAD, function=exit_function)
-    libc.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer))
-    libc.timer_settime(timer, 0, ctypes.byref(_TimerSpecification(time_s=time_s)), None)
+    exit_later(code, time_s)
 
 
 def run(

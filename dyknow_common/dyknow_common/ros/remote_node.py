@@ -28,10 +28,10 @@ from rclpy.task import Future
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, ExitCode, exit_code
 from dyknow_common.ros.deadlines import Deadlines
+from dyknow_common.ros.guards import create_guarded_subscription, only_owner
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
 from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
-from dyknow_common.ros.topics.guards import create_guarded_subscription, only_owner
 
 LONG_TIMEOUT_S = 15.0
 """The time that a call may take if the node calls others or answers a query, which may take 5 s.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import os
 import signal
@@ -15,6 +14,7 @@ from typing import Final
 from rclpy.logging import get_logger
 
 from dyknow_common.executables import FAULT
+from dyknow_common.ros.below_rclpy.c_library import OneTimeHandler
 from dyknow_common.ros.node import HANG_LIMIT_S, DyKnowNode
 from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S, PULSE_PERIOD_S
 
@@ -23,8 +23,6 @@ FREEZE_GRACE_S: Final = 10.0
 
 WITHOUT_STDERR: Final = (AttributeError, OSError, RuntimeError, ValueError)
 """The errors of output to stderr where there is none."""
-
-_INT_AND_POINTER: Final = (ctypes.c_int, ctypes.c_void_p)
 
 
 class Watchdog:
@@ -48,10 +46,7 @@ class Watchdog:
         self._stopped = threading.Event()
         with suppress(*WITHOUT_STDERR):
             faulthandler.register(signal.SIGALRM, all_threads=True)
-        self._libc = ctypes.CDLL(None)
-        self._libc.signal.argtypes = self._libc.sysv_signal.argtypes = _INT_AND_POINTER
-        self._libc.signal.restype = ctypes.c_void_p
-        self._print_tracebacks = self._libc.signal(signal.SIGALRM, None)
+        self._print_tracebacks = OneTimeHandler(signal.SIGALRM)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -70,8 +65,7 @@ class Watchdog:
 
     def _run(self) -> None:
         while not self._stopped.is_set():
-            # A handler that `sysv_signal` sets is called once; then the default action is restored.
-            self._libc.sysv_signal(signal.SIGALRM, self._print_tracebacks)
+            self._print_tracebacks.arm()
             signal.setitimer(signal.ITIMER_REAL, self._limit_s, FREEZE_GRACE_S)
             if not all(map(self._publish, self._nodes)):
                 return

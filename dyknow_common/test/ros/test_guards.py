@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from dyknow_common.errors import DyKnowError
-from dyknow_common.ros.topics import guards
-from dyknow_common.ros.topics.guards import MessageGuard, NodeEndError, only_from, only_owner
-from dyknow_common.ros.topics.senders import GID
+from dyknow_common.ros import guards
+from dyknow_common.ros.below_rclpy.senders import GID
+from dyknow_common.ros.guards import MessageGuard, NodeEndError, only_from, only_owner
 
 TOPIC = '/engine/streams'
 OWN, OTHER, NEW = b'1' * 16, b'2' * 16, b'3' * 16

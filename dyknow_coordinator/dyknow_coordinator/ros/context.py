@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import Background, DyKnowNode
+from dyknow_common.ros import Background, DyKnowNode, ParameterLimits
 from dyknow_coordinator.grounding.known_streams import stream_topic
 from dyknow_coordinator.ros.cleanup import Cleanup
-from dyknow_coordinator.ros.coordinator_limits import CoordinatorLimits
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
@@ -35,7 +34,7 @@ class CoordinatorContext:
     results: Results
     cleanup: Cleanup
     background: Background
-    limits: CoordinatorLimits
+    limits: ParameterLimits
     names: Iterator[str]
 
     def wall_time(self) -> int:

@@ -13,8 +13,15 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import CancelEvaluation, EvaluateFormula
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, listed
-from dyknow_common.ros import RUNNING, Background, DyKnowNode, margin_to_message, run
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, check_name, listed
+from dyknow_common.ros import (
+    RUNNING,
+    Background,
+    DyKnowNode,
+    ParameterLimits,
+    margin_to_message,
+    run,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
@@ -30,7 +37,7 @@ from dyknow_coordinator.ros.answers import fill_answer, request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
 from dyknow_coordinator.ros.client_watch import ClientWatch
 from dyknow_coordinator.ros.context import CoordinatorContext
-from dyknow_coordinator.ros.coordinator_limits import CoordinatorLimits, check_name
+from dyknow_coordinator.ros.coordinator_limits import LIMITS
 from dyknow_coordinator.ros.evaluation.change_listener import ChangeListener
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
@@ -107,7 +114,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._settings = _Settings.declare(self)
         own = self.get_fully_qualified_name()
         self._prefix = f'{_STATES}_{zlib.crc32(own.encode()):08x}_'
-        limits, background = CoordinatorLimits(self), Background(self)
+        limits, background = ParameterLimits(self, LIMITS, CoordinationError), Background(self)
         clients = ServiceClients(self, background)
         self._shared = CoordinatorContext(
             node=self,
@@ -158,12 +165,11 @@ class StreamReasoningCoordinator(DyKnowNode):
         Raises:
             DyKnowError: if the name is too long, or too many formulas are evaluated.
         """
-        check_name(request.name)
+        check_name(request.name, CoordinationError)
         self._shared.limits.check(
             'evaluation_limit',
             1 + sum(not each.has_ended for each in self._evaluations),
             'formulas that are evaluated at once',
-            ExitCode.UNAVAILABLE,
         )
         evaluation = FormulaEvaluation(self._shared, self._groups, request, self._publish_soon)
         self._evaluations.append(evaluation)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from dyknow_semantics import Knowledge, Matcher
-from dyknow_semantics.reporting.hierarchy import HierarchyEntry, hierarchy_entries
+from dyknow_semantics.hierarchy import HierarchyEntry, hierarchy_entries
 
 MAX_CONCEPTS: Final = 1000
 """The number of concepts that are shown."""

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias, cast
 
-from dyknow_common import MAX_FORMULA_PARTS
+from dyknow_common import MAX_FORMULA_PARTS, amount
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -30,9 +30,6 @@ from dyknow_reasoning.language.terms import (
     Function,
     Term,
 )
-
-_LONGEST_NUMBER = 15
-"""Digits of a count that a message shows in full."""
 
 Counts: TypeAlias = Mapping[str, int]
 """The number of objects of each sort; a sort without an entry counts as one object."""
@@ -137,12 +134,6 @@ def object_counts(domains: Mapping[str, Sequence[str]], limits: FormulaLimits) -
             "'object_limit'); evaluate the formula for fewer objects"
         )
     return {sort: len(set(objects)) for sort, objects in domains.items()}
-
-
-def amount(count: int) -> str:
-    """Return a count for a message; only the power of ten of one that is very long."""
-    text = str(count)
-    return text if len(text) <= _LONGEST_NUMBER else f'about 1e{len(text) - 1}'
 
 
 def _parts(formula: Formula, counts: Counts) -> int:

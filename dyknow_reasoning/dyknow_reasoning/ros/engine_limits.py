@@ -4,15 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from dyknow_common import ExitCode
-from dyknow_common.ros import DyKnowNode, ParameterLimits
-from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.progression.sizes import FormulaLimits, amount
-
-_MAX_NAME: Final = 1000
-"""The characters of the name of a group or a formula."""
-
-_MOST: Final = 100_000_000
+from dyknow_common.ros import ParameterLimits
+from dyknow_reasoning.progression.sizes import FormulaLimits
 
 _OF_GROUP: Final = {
     'object_limit': (10_000, 'Sorts and objects for which a formula group is evaluated.'),
@@ -24,7 +17,7 @@ _OF_GROUP: Final = {
         'Maximum number of nodes that a formula may grow to by progression before it fails.',
     ),
 }
-_OF_ALL: Final = {
+LIMITS: Final = _OF_GROUP | {
     'group_limit': (1000, 'Formula groups.'),
     'idle_group_limit': (
         500,
@@ -35,38 +28,6 @@ _OF_ALL: Final = {
 }
 
 
-class EngineLimits(ParameterLimits):
-    """The parameters of a node that limit each group, and all groups."""
-
-    def __init__(self, node: DyKnowNode) -> None:
-        super().__init__(node, _OF_GROUP | _OF_ALL, _MOST)
-
-    def of_group(self) -> FormulaLimits:
-        """Return the limits of a new group."""
-        return FormulaLimits(**{name: self[name] for name in _OF_GROUP})
-
-    def check(self, parameter: str, count: int, what: str) -> None:
-        """Check a number against a limit of all groups.
-
-        Raises:
-            ReasoningError: UNAVAILABLE.
-        """
-        limit = self[parameter]
-        if count > limit:
-            raise ReasoningError(
-                f"there would be {amount(count)} {what}, more than {limit} (the limit '{parameter}'"
-                '); try again when others have ended, or raise the parameter',
-                ExitCode.UNAVAILABLE,
-            )
-
-
-def check_name(field: str, name: str) -> None:
-    """Check the length of a name.
-
-    Raises:
-        ReasoningError: names the field of the request.
-    """
-    if len(name) > _MAX_NAME:
-        raise ReasoningError(
-            f'{field}: the name has {len(name)} characters, more than {_MAX_NAME}; shorten it'
-        )
+def limits_of_group(limits: ParameterLimits) -> FormulaLimits:
+    """Return the limits of a new group, given those of the engine."""
+    return FormulaLimits(**{name: limits[name] for name in _OF_GROUP})

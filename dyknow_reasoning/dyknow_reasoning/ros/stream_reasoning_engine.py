@@ -16,20 +16,21 @@ from dyknow_interfaces.srv import (
     FormulaGroupRemoveFormula,
 )
 
-from dyknow_common import SECOND_NS, ExitCode, listed, shortened
+from dyknow_common import SECOND_NS, ExitCode, check_name, listed, shortened
 from dyknow_common.ros import (
     LATCHED_HISTORY,
     LONG_TIMEOUT_S,
     REPORTS,
     Background,
     DyKnowNode,
+    ParameterLimits,
     run,
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.notes import notes_on
-from dyknow_reasoning.ros.engine_limits import EngineLimits, check_name
+from dyknow_reasoning.ros.engine_limits import LIMITS, limits_of_group
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
 _SUPERVISION_PERIOD_S = 0.2
@@ -48,7 +49,7 @@ class StreamReasoningEngine(DyKnowNode):
 
     def __init__(self) -> None:
         super().__init__('stream_reasoning_engine')
-        self._limits = EngineLimits(self)
+        self._limits = ParameterLimits(self, LIMITS, ReasoningError)
         period = self.parameter(
             'progress_period',
             1.0,
@@ -85,14 +86,14 @@ class StreamReasoningEngine(DyKnowNode):
         self.serve(FormulaGroupDestroy, self._destroy)
 
     def _create(self, request: Any, response: Any) -> None:
-        check_name('formula_group_name', request.formula_group_name)
+        check_name(request.formula_group_name, ReasoningError, 'formula_group_name: the name')
         self._make_room()
         group_id = next(self._ids)
         self._groups[group_id] = GroupEvaluation(
             self,
             group_id,
             request.formula_group_name,
-            FormulaGroup(self._limits.of_group()),
+            FormulaGroup(limits_of_group(self._limits)),
             self._background,
             self._episodes,
         )
@@ -116,7 +117,7 @@ class StreamReasoningEngine(DyKnowNode):
 
     async def _add_formula(self, request: Any, response: Any) -> None:
         evaluation = self._find(request.formula_group_id)
-        check_name('formula_name', request.formula_name)
+        check_name(request.formula_name, ReasoningError, 'formula_name: the name')
         formulas = sum(len(each.group.formulas) for each in self._groups.values())
         self._limits.check('formula_limit', formulas + 1, 'formulas')
         self._check_parts(1)

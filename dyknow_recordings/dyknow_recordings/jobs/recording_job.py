@@ -58,22 +58,25 @@ class RecordingJob:
     def run(self) -> JobResult:
         """Check the recording. A fault of any kind is an error of this recording alone."""
         try:
-            with open_recording(self.path, self.types) as recording:
-                start = self._start(recording.start_time)
-                report = evaluate_recording(
-                    recording,
-                    self.formulas,
-                    self.files,
-                    start,
-                    keep_signals=self.keep_signals,
-                    margins=self.margins,
-                )
-                report = replace(report, broken=broken_in(recording, self.expectations))
-                is_suffix = recording.is_suffix and self.black_box is None
+            return self._report()
         except DyKnowError as error:
             return error
         except Exception as error:  # noqa: BLE001 - other recordings are checked all the same
             return RecordingError(f'{self.path}: {error_text(error)}', ExitCode.INTERNAL_ERROR)
+
+    def _report(self) -> RecordingReport:
+        with open_recording(self.path, self.types) as recording:
+            start = self._start(recording.start_time)
+            report = evaluate_recording(
+                recording,
+                self.formulas,
+                self.files,
+                start,
+                keep_signals=self.keep_signals,
+                margins=self.margins,
+            )
+            report = replace(report, broken=broken_in(recording, self.expectations))
+            is_suffix = recording.is_suffix and self.black_box is None
         if self.black_box is not None:
             report = self.black_box.judged(report)
         if is_suffix:

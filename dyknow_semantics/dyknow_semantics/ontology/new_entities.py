@@ -14,6 +14,7 @@ from dyknow_common import (
     DyKnowError,
     ExitCode,
     ValueType,
+    check_name,
     check_unit,
     shortened,
 )
@@ -25,9 +26,6 @@ from dyknow_semantics.ontology.vocabulary import FEATURE, NULLARY_FEATURE, OBJEC
 
 _CONCEPT: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 _INSTANCE: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_.-]*')
-_MAX_NAME: Final = 1000
-"""The length of a name, in characters."""
-
 _MAX_CONCEPTS: Final = 100
 """The number of parents of a concept, of its argument sorts, and of concepts of an instance."""
 
@@ -46,10 +44,7 @@ def new_iri(name: str, knowledge: Knowledge, namespaces: Iterable[str], default:
     Raises:
         SemanticsError: if the name exists, its prefix is unknown, or it is reserved.
     """
-    if len(name) > _MAX_NAME:
-        raise SemanticsError(
-            f"'{shortened(name)}' is not a valid name; it has more than {_MAX_NAME} characters"
-        )
+    check_name(name, SemanticsError, f"'{shortened(name)}'")
     if name in knowledge.concept_names or name in knowledge.instance_names:
         raise SemanticsError(f"'{name}' already exists", ExitCode.ALREADY_EXISTS)
     if '/' in name:

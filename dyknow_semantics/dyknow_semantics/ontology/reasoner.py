@@ -12,10 +12,11 @@ from enum import StrEnum
 from typing import Final, NoReturn, cast
 
 from dyknow_common import ExitCode, listed
+from dyknow_common.worker_pool import WorkerPool
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.classification import classify
 from dyknow_semantics.ontology.knowledge import Triple
-from dyknow_semantics.workers.worker_process import Work, WorkerProcess
+from dyknow_semantics.workers import Work
 
 _MEMORY: Final = 2 * 1024**3
 
@@ -73,11 +74,11 @@ class ReasonerProcess:
         self._limit_s = limit_s
         self._memory = memory
         # Java reserves more addresses than it uses memory, so its own option limits its objects.
-        self._process = WorkerProcess()
+        self._pool = WorkerPool(1, is_silent=True)
 
     def stop(self) -> None:
         """Stop the reasoner for good; another thread may be waiting in `infer`."""
-        self._process.stop()
+        self._pool.stop()
 
     def infer(self, draft: Draft) -> tuple[Triple, ...]:
         """Return the entailed subclasses, equivalent classes and classes of individuals.
@@ -86,15 +87,13 @@ class ReasonerProcess:
             SemanticsError: if the ontology is inconsistent or has unsatisfiable classes, which the
                 message names; UNAVAILABLE, if the reasoner fails; TIMEOUT, if it takes too long.
         """
-        answer = self._process.run(
-            Work(
-                classify,
-                (draft.text, str(self._reasoner), self._memory),
-                f"the reasoner '{self._reasoner}'",
-                self._limit_s,
-                'increase reasoning_limit or choose another reasoner',
-            )
-        )
+        answer = Work(
+            classify,
+            (draft.text, str(self._reasoner), self._memory),
+            f"the reasoner '{self._reasoner}'",
+            self._limit_s,
+            'increase reasoning_limit or choose another reasoner',
+        ).run(self._pool)
         if answer['inconsistent'] or answer['unsatisfiable']:
             unsatisfiable = sorted(map(draft.name, answer['unsatisfiable']))
             raise _contradiction(unsatisfiable, consistent=not answer['inconsistent'])

@@ -11,13 +11,14 @@ from urllib.parse import unquote, urlsplit
 
 from dyknow_common import shortened
 from dyknow_common.ros import DyKnowNode
+from dyknow_common.worker_pool import WorkerPool
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.documents.access import Access
 from dyknow_semantics.ontology.documents.documents import Document, read_documents, read_text
 from dyknow_semantics.ontology.ontology import Ontology, Row
 from dyknow_semantics.ontology.queries import answer_query, check_query
 from dyknow_semantics.ros.worker import Worker
-from dyknow_semantics.workers.worker_process import Work, WorkerProcesses
+from dyknow_semantics.workers import Work
 
 _MEBIBYTE: Final = 1024 * 1024
 _QUERIES: Final = 2
@@ -94,8 +95,8 @@ class OntologyWork:
 
     def __init__(self, node: DyKnowNode, limits: Limits) -> None:
         self._limits = limits
-        self._readers = WorkerProcesses(1, limits.memory)
-        self._answerers = WorkerProcesses(_QUERIES, limits.memory)
+        self._readers = WorkerPool(1, memory=limits.memory, is_silent=True)
+        self._answerers = WorkerPool(_QUERIES, memory=limits.memory, is_silent=True)
         self._reading = Worker(node, 'ontologies', max_waiting=_WAITING)
         self._answering = Worker(node, 'queries', _QUERIES, _WAITING)
 
@@ -150,29 +151,25 @@ class OntologyWork:
         self, function: Callable[..., tuple[Document, ...]], *arguments: Any
     ) -> tuple[Document, ...]:
         place = 'the content' if function is read_text else f"'{shortened(arguments[0])}'"
-        documents: tuple[Document, ...] = self._readers.run(
-            Work(
-                function,
-                arguments,
-                f'reading {place}',
-                self._limits.load_limit_s,
-                'split or simplify it, or increase load_limit or worker_memory',
-            )
-        )
+        documents: tuple[Document, ...] = Work(
+            function,
+            arguments,
+            f'reading {place}',
+            self._limits.load_limit_s,
+            'split or simplify it, or increase load_limit or worker_memory',
+        ).run(self._readers)
         return documents
 
     def _answer(
         self, ontology: Ontology, copy: Path, sparql: str
     ) -> tuple[tuple[str, ...], tuple[Row, ...]]:
-        solutions = self._answerers.run(
-            Work(
-                answer_query,
-                (copy, sparql, self._limits.max_solutions),
-                f"the SPARQL query '{shortened(' '.join(sparql.split()))}'",
-                self._limits.query_limit_s,
-                'simplify it, or increase query_limit or worker_memory',
-            )
-        )
+        solutions = Work(
+            answer_query,
+            (copy, sparql, self._limits.max_solutions),
+            f"the SPARQL query '{shortened(' '.join(sparql.split()))}'",
+            self._limits.query_limit_s,
+            'simplify it, or increase query_limit or worker_memory',
+        ).run(self._answerers)
         return ontology.rows(solutions)
 
 

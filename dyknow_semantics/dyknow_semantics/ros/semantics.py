@@ -14,14 +14,14 @@ from dyknow_common.ros import CommandNode, command_main, run_with_node
 from dyknow_common.tables import Terminal
 from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
-from dyknow_semantics.matching.matching import Matcher
-from dyknow_semantics.ontology.bridges import bridged
-from dyknow_semantics.ontology.knowledge import ALL_TRIPLES
-from dyknow_semantics.reporting.hierarchy import (
+from dyknow_semantics.hierarchy import (
     explanation_tree,
     hierarchy_entries,
     hierarchy_tree,
 )
+from dyknow_semantics.matching.matching import Matcher
+from dyknow_semantics.ontology.bridges import bridged
+from dyknow_semantics.ontology.knowledge import ALL_TRIPLES
 from dyknow_semantics.ros.mirrors import annotations_by_text, faults_of, read_bridges, triples_of
 
 

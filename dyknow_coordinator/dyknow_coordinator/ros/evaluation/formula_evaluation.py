@@ -33,6 +33,7 @@ from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols,
 from dyknow_coordinator.grounding.units import find_units, has_units, with_units
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
+from dyknow_coordinator.ros.coordinator_limits import check_domains
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
 from dyknow_coordinator.ros.reporting.episode_messages import verdicts_from_message
@@ -308,7 +309,7 @@ class FormulaEvaluation(Evaluation):
             formula_id, symbols = await self._add_formula(group_id, name)
             # Step 4: the domain of each sort.
             domains = await clients.domains(sort_names(symbols))
-            self._context.limits.check_domains(symbols, domains)
+            check_domains(self._context.limits, symbols, domains)
             await check_compared_objects(self.canonical_formula, domains, clients.query)
             # Step 5: the streams that match each feature.
             candidates = await find_candidates(self._context, symbols, request.grounding)

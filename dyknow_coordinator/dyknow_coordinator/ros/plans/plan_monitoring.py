@@ -10,8 +10,13 @@ from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.srv import ReportPlanAction
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Verdict, listed
-from dyknow_common.ros import DyKnowNode, constraints_from_message, fill_exit_status
+from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Verdict, check_name, listed
+from dyknow_common.ros import (
+    DyKnowNode,
+    ParameterLimits,
+    constraints_from_message,
+    fill_exit_status,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
@@ -29,7 +34,6 @@ from dyknow_coordinator.plans.plan import (
 )
 from dyknow_coordinator.ros.actions import CancellingActionServer
 from dyknow_coordinator.ros.answers import requested_grounding
-from dyknow_coordinator.ros.coordinator_limits import CoordinatorLimits, check_name
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.plans.plan_messages import plan_from_goal, verdict_to_message
 
@@ -175,7 +179,7 @@ class PlanMonitoring:
         limits: of plans.
     """
 
-    def __init__(self, node: DyKnowNode, start: Start, limits: CoordinatorLimits) -> None:
+    def __init__(self, node: DyKnowNode, start: Start, limits: ParameterLimits) -> None:
         self._start = start
         self._limits = limits
         self._plans: dict[str, MonitoredPlan] = {}
@@ -203,12 +207,11 @@ class PlanMonitoring:
 
     def _monitored_plan(self, goal: Any) -> MonitoredPlan:
         request = goal.request
-        check_name(request.name)
+        check_name(request.name, CoordinationError)
         parts = len(request.formulas) + sum(1 + len(each.formulas) for each in request.actions)
-        self._limits.check('plan_part_limit', parts, 'actions and formulas of the plan')
-        self._limits.check(
-            'plan_limit', len(self._plans) + 1, 'monitored plans', ExitCode.UNAVAILABLE
-        )
+        what = 'actions and formulas of the plan'
+        self._limits.check('plan_part_limit', parts, what, ExitCode.INVALID_ARGUMENT)
+        self._limits.check('plan_limit', len(self._plans) + 1, 'monitored plans')
         if request.name in self._plans:
             raise CoordinationError(
                 f"a plan '{request.name}' is monitored already; give this one another name",

@@ -14,36 +14,26 @@ set only when entities come or go, or when the callbacks of a group become able 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cache, partial
-from queue import SimpleQueue
-from threading import Thread
-from typing import Any, Final, NamedTuple, TypeVar
+from functools import cache
+from typing import Any, Final, NamedTuple
 
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor, await_or_execute
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.node import Node
-from rclpy.task import Future, Task
+from rclpy.task import Task
 from rclpy.waitable import NumberOfEntities
 
-from dyknow_common.ros.topics.guards import MessageGuard
-from dyknow_common.ros.topics.senders import gives_identifiers
+from dyknow_common.ros.below_rclpy.senders import gives_identifiers
+from dyknow_common.ros.below_rclpy.versions import is_on
+from dyknow_common.ros.guards import MessageGuard
 
 Take = Callable[[Any], Any]
 """A function that takes the data of an entity; it returns a coroutine function, or None."""
 
 MAX_IDLE_PASSES: Final = 2
 """A task may complete the future of another one that was resumed before it in the same pass."""
-
-
-SWITCH_INTERVAL_S: Final = 0.0005
-"""The time for which a thread computes before another one that waits for Python may go on."""
-
-Result = TypeVar('Result')
 
 
 # The undocumented parts of rclpy's executor that `NodeExecutor` uses.
@@ -75,7 +65,7 @@ def has_senders() -> bool:
 
 def supports_node_executor(executor: SingleThreadedExecutor) -> bool:
     """Return True if an executor of rclpy has all parts that `NodeExecutor` uses."""
-    return all(hasattr(executor, name) for name in (*_STATE, *_METHODS))
+    return is_on() and all(hasattr(executor, name) for name in (*_STATE, *_METHODS))
 
 
 class NodeExecutor(SingleThreadedExecutor):
@@ -293,75 +283,3 @@ def _wait_set(counts: dict[str, int], waitables: Iterable[Any], context: Context
         number.num_events,
         context.handle,
     )
-
-
-class Background:
-    """Threads for long computations, between whose steps the executor runs callbacks.
-
-    Python interrupts a computation within SWITCH_INTERVAL_S when the executor has something to do,
-    also in libraries that cannot be sliced. Computations begin in the order of their requests, and
-    must not use rclpy. A process that stops does not wait for them.
-
-    Args:
-        node: the node.
-        threads: their number.
-        name: of the threads.
-    """
-
-    def __init__(self, node: Node, threads: int = 1, name: str = 'background') -> None:
-        sys.setswitchinterval(SWITCH_INTERVAL_S)
-        self._requested: SimpleQueue[tuple[Future, Callable[[], Any]] | None] = SimpleQueue()
-        self._finished: SimpleQueue[Callable[[], None]] = SimpleQueue()
-        self._wake = node.create_guard_condition(self._resume, ReentrantCallbackGroup())
-        self._threads = [
-            Thread(target=self._run, name=f'{name}_{number}', daemon=True)
-            for number in range(threads)
-        ]
-        for thread in self._threads:
-            thread.start()
-
-    def close(self, limit_s: float) -> bool:
-        """Drop the computations that wait; return True if each thread ends within a time."""
-        while not self._requested.empty():
-            self._requested.get()
-        for _ in self._threads:
-            self._requested.put(None)
-        for thread in self._threads:
-            thread.join(limit_s)
-        return not any(thread.is_alive() for thread in self._threads)
-
-    async def run(self, function: Callable[[], Result], *, is_long: bool = True) -> Result:
-        """Return the result of a function or raise its error.
-
-        Args:
-            function: the computation.
-            is_long: False to run it at once, as the thread would take longer.
-        """
-        if not is_long:
-            return function()
-        finished: Future = Future()
-        self._requested.put((finished, function))
-        result: Result = await finished
-        return result
-
-    def _run(self) -> None:
-        while (request := self._requested.get()) is not None:
-            finished, function = request
-            try:
-                result = function()
-            except Exception as error:  # noqa: BLE001 - the coroutine that waits raises it
-                self._finished.put(partial(finished.set_exception, error))
-            else:
-                self._finished.put(partial(finished.set_result, result))
-                del result
-            # Otherwise, they would live until the next computation.
-            del request, finished, function
-            try:
-                self._wake.trigger()
-            except InvalidHandle:
-                return  # The node is destroyed.
-
-    def _resume(self) -> None:
-        """Resume the waiting coroutines; futures of rclpy belong to the thread of the executor."""
-        while not self._finished.empty():
-            self._finished.get()()

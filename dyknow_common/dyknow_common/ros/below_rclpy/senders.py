@@ -28,11 +28,16 @@ from typing import Any, ClassVar, Final
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
+from dyknow_common.ros.below_rclpy.versions import has_versions, is_on
+
 GID: Final = 'publisher_gid'
 """The key of the identifier of the publisher in the info of a message."""
 
 SENDER: Final = 'sender'
 """The key of the full name of the node that has sent a message in its info."""
+
+_VERSIONS: Final = {'rcl': '9.2', 'rcutils': '6.7', 'rmw': '7.3'}
+"""ROS 2 Jazzy. With other sizes of the structures below, C would write past their ends."""
 
 _OK: Final = 0
 _NOTHING_TO_TAKE: Final = 401
@@ -107,8 +112,9 @@ class _Takers(local):
 
     def __init__(self) -> None:
         self.taker: _Taker | None = None
-        with suppress(OSError, AttributeError):  # Another build of ROS.
-            self.taker = _Taker()
+        if is_on() and has_versions(_VERSIONS):
+            with suppress(OSError, AttributeError):  # Another build of ROS.
+                self.taker = _Taker()
 
 
 _TAKERS: Final = _Takers()

@@ -38,10 +38,10 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from dyknow_common.ros.executor import has_senders
+from dyknow_common.ros.below_rclpy.executor import has_senders
+from dyknow_common.ros.below_rclpy.senders import GID, SENDER
+from dyknow_common.ros.guards import MessageGuard, Refusal
 from dyknow_common.ros.node import DyKnowNode
-from dyknow_common.ros.topics.guards import MessageGuard, Refusal
-from dyknow_common.ros.topics.senders import GID, SENDER
 
 NUMBER: Final = 'publication_sequence_number'
 """The key of the number of a message in its info."""

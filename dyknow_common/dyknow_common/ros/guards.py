@@ -25,8 +25,8 @@ from rclpy.node import Node
 
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError, shortened
+from dyknow_common.ros.below_rclpy.senders import GID, SENDER, Senders, full_name, take
 from dyknow_common.ros.throttle import Throttle
-from dyknow_common.ros.topics.senders import GID, SENDER, Senders, full_name, take
 
 Refusal = Callable[[str, str], str]
 """Returns why a message on a topic (absolute) of a node (full name) is refused; empty if not."""

@@ -1,1 +1,0 @@
-"""Presentation of ontologies and matches on a terminal and as JSON."""

@@ -1,1 +1,0 @@
-"""Worker processes: work that cannot be interrupted, which is killed at its limits."""
