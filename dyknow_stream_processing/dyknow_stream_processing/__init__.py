@@ -1,6 +1,7 @@
 """Streams: samples, the stream language, and the dataflow that runs specifications."""
 
 from dyknow_stream_processing.aggregates import NoValueError
+from dyknow_stream_processing.dataflow.batches import Batch, NeedsStepsError, column_of
 from dyknow_stream_processing.dataflow.computational_units import (
     STATELESS_UNITS,
     UnitCall,
@@ -59,6 +60,7 @@ __all__ = [
     'TF_STATIC',
     'WHOLE',
     'Approximation',
+    'Batch',
     'BuiltInSource',
     'Call',
     'Condition',
@@ -66,6 +68,7 @@ __all__ = [
     'DelayLimits',
     'FreeNames',
     'Merge',
+    'NeedsStepsError',
     'NoValueError',
     'PartialFields',
     'Sample',
@@ -91,6 +94,7 @@ __all__ = [
     'ViolationKind',
     'WholeMessage',
     'built_in_fields',
+    'column_of',
     'condition_test',
     'free_names',
     'in_namespace',

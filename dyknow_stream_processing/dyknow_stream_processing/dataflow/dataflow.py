@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
+import numpy as np
+
 from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value
+from dyknow_stream_processing.dataflow.batches import Batch, Refusal, refuse
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import (
     DEFAULT_DELAYS,
@@ -206,6 +209,28 @@ class Dataflow:
             )
         scheduler.run(scheduler.now)
 
+    def step_many(self, messages: Mapping[str, Batch], end: int) -> Mapping[str, Batch]:
+        """Process messages as columns, and the time until the last one, as `push` would.
+
+        Args:
+            messages: by the topic, in the order of their receipt.
+            end: the time of receipt of the last message, in nanoseconds.
+
+        Returns:
+            The samples of each stream, with their available times; callbacks receive none.
+
+        Raises:
+            NeedsStepsError: if an operator refuses, as `push` would do more than pass samples on.
+                Nothing has changed.
+        """
+        for each in messages.values():
+            if each.receipts is not None and (each.receipts < self._scheduler.now).any():
+                refuse(Refusal.ORDER)
+        found = self._graph.step_many(messages, end)
+        self._scheduler.run(end)
+        streams = self._streams.items()
+        return {name: each.receive_many(found[each.operators[0]]) for name, each in streams}
+
     def vouch(self, topic: str, watermark: int, now: int) -> None:
         """Process a watermark of another engine's stream that came without a sample.
 
@@ -374,6 +399,18 @@ class _RunningStream:
         self.available_time = available_time = now if now > earliest else earliest
         self.samples += 1
         self.on_sample(Sample(valid_time, available_time, fields, watermark))
+
+    def receive_many(self, batch: Batch) -> Batch:
+        """Count samples; return them with their available times."""
+        if not len(batch):
+            return batch
+        # Those that are emitted at the same time become available a nanosecond apart.
+        steps = np.arange(len(batch))
+        times = np.maximum(batch.emission_times() - steps, self.available_time + 1)
+        available = np.maximum.accumulate(times) + steps
+        self.samples += len(batch)
+        self.available_time = int(available[-1])
+        return replace(batch, receipts=available)
 
     def count_drops(self, reason: str, count: int = 1) -> None:
         self.drops[reason] += count
