@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from dyknow_common import Value
 from dyknow_stream_processing.dataflow.batches import (
-    Batch,
     Columns,
     Refusal,
+    SampleBatch,
     Settled,
     Times,
     by_samples,
@@ -83,16 +83,16 @@ class Track:
             self._valid_time, self.latest = waiting.popleft()
         return self.latest
 
-    def samples(self, batch: Batch) -> tuple[Times, Columns]:
+    def samples(self, batch: SampleBatch) -> tuple[Times, Columns]:
         """Return the latest sample, those that wait, and those of a batch."""
         known = [] if self.latest is None else [(self._valid_time, self.latest)]
         return followed_by([*known, *self.waiting], batch.valid_times, batch.columns)
 
-    def settled_until(self, batch: Batch, now: int) -> int:  # noqa: ARG002
+    def settled_until(self, batch: SampleBatch, now: int) -> int:  # noqa: ARG002
         """Return the time until which values are certain after a batch, at a time."""
         return max(self.settled, self.source.certain_until(now))
 
-    def settling(self, batch: Batch) -> Settled:
+    def settling(self, batch: SampleBatch) -> Settled:
         """Return when values become certain with a batch."""
         return batch.settled
 
@@ -167,16 +167,16 @@ class LinearTrack(Track):
             for name, value in self.latest.items()
         }
 
-    def samples(self, batch: Batch) -> tuple[Times, Columns]:
+    def samples(self, batch: SampleBatch) -> tuple[Times, Columns]:
         """Return the latest sample, those that wait, and those of a batch, with floats."""
         columns = {name: _float_column(column) for name, column in batch.columns.items()}
         return super().samples(replace(batch, columns=columns))
 
-    def settled_until(self, batch: Batch, now: int) -> int:  # noqa: ARG002
+    def settled_until(self, batch: SampleBatch, now: int) -> int:  # noqa: ARG002
         """Return the valid time of the last sample."""
         return int(batch.valid_times[-1]) if len(batch) else self.settled
 
-    def settling(self, batch: Batch) -> Settled:
+    def settling(self, batch: SampleBatch) -> Settled:
         """Return when samples of a batch, or later ones, arrive."""
         return later_than(self.settled, by_samples(batch.valid_times, batch.emission_times()))
 

@@ -55,7 +55,7 @@ class NeedsStepsError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class SampleBatch:
     """Samples that an operator emits.
 
     Args:
@@ -87,7 +87,7 @@ class Batch:
         times = self.settled(last, last) if self.receipts is None else self.receipts
         return int(times[-1]) if len(times) else None
 
-    def rows(self, found: NDArray[np.bool_] | NDArray[np.intp]) -> Batch:
+    def rows(self, found: NDArray[np.bool_] | NDArray[np.intp]) -> SampleBatch:
         """Return some of the samples."""
         columns = {name: column[found] for name, column in self.columns.items()}
         receipts = None if self.receipts is None else self.receipts[found]
@@ -106,7 +106,7 @@ class Planned:
         adopt: changes its state; the inputs have done so before.
     """
 
-    output: Batch
+    output: SampleBatch
     watermark: int
     adopt: Callable[[], None] = lambda: None
 
@@ -146,7 +146,7 @@ def later_than(watermark: int, settled: Settled) -> Settled:
 
 _NOTHING: Final = np.zeros(0, np.int64)
 
-NO_SAMPLES: Final = Batch(_NOTHING, {}, never, _NOTHING)
+NO_SAMPLES: Final = SampleBatch(_NOTHING, {}, never, _NOTHING)
 
 
 def is_increasing(times: Times, after: int) -> bool:

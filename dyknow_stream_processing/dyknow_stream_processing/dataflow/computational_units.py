@@ -29,9 +29,9 @@ import numpy as np
 from dyknow_common import Value, ValueType
 from dyknow_stream_processing.dataflow import built_in_units as units
 from dyknow_stream_processing.dataflow.batches import (
-    Batch,
     Planned,
     Refusal,
+    SampleBatch,
     column_of,
     refuse,
     rows_of,
@@ -159,7 +159,7 @@ class UnitOperator(SynchronisedOperator):
         else:
             super().promise(port, watermark, now)
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:  # noqa: ARG002
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
         """Plan to compute without a memory, from one input: a refused plan computes twice."""
         if len(inputs) > 1 or not self._is_stateless:
             refuse(Refusal.OPERATOR)

@@ -37,10 +37,10 @@ from dyknow_common import (
     round_time,
 )
 from dyknow_stream_processing.dataflow.batches import (
-    Batch,
     Columns,
     Planned,
     Refusal,
+    SampleBatch,
     Times,
     by_clock,
     by_samples,
@@ -86,7 +86,7 @@ class LeadOperator(Operator):
         else:
             self._emit(valid_time, fields, watermark, now)
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:  # noqa: ARG002
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
         """Plan to pass all samples on, if none is too far ahead."""
         (batch,) = inputs
         if len(batch) and (batch.valid_times - self._receipts(batch)).max() > self._max_lead:
@@ -94,7 +94,7 @@ class LeadOperator(Operator):
         return Planned(batch, self.inputs[0].watermark)
 
     @staticmethod
-    def _receipts(batch: Batch) -> Times:
+    def _receipts(batch: SampleBatch) -> Times:
         if batch.receipts is None:
             refuse(Refusal.RECEIPT)
         return batch.receipts
@@ -162,7 +162,7 @@ class OrderOperator(LeadOperator):
         self._latest = valid_time
         self._emit(valid_time, fields, watermark if self.vouched else valid_time, now)
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
         """Plan to pass all samples on, if they are in order and in time."""
         batch = super().step_many(inputs, end).output
         times, receipts = batch.valid_times, self._receipts(batch)
@@ -245,7 +245,7 @@ class ArrivalOperator(LeadOperator):
             self._latest = max(self._latest, valid_time)
             self._emit(valid_time, fields, max(watermark, self._latest), now)
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
         """Plan to pass all samples on, with promises if the source is in order."""
         plan = super().step_many(inputs, end)
         batch = plan.output
@@ -344,7 +344,7 @@ class ReorderOperator(Operator):
         self._promise(self._promised, now)
         self._plan()
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
         """Plan to release the samples that are certain at the end, and to hold the others."""
         (batch,) = inputs
         held = [(time, fields) for time, _, fields in sorted(self._held, key=lambda each: each[:2])]
@@ -370,10 +370,10 @@ class ReorderOperator(Operator):
         if self._max_delay is not None:
             ways.append(by_clock(self._max_delay + 1))
         found = {name: column[:done] for name, column in columns.items()}
-        output = Batch(times[:done], found, earliest(*ways), emitted[:done])
+        output = SampleBatch(times[:done], found, earliest(*ways), emitted[:done])
         return Planned(output, max(promised, released), adopt)
 
-    def _receipts_in_time(self, batch: Batch) -> Times:
+    def _receipts_in_time(self, batch: SampleBatch) -> Times:
         """Return when samples were received, if none is late, out of order or one too many."""
         if self._max_delay is not None and batch.receipts is None:
             refuse(Refusal.RECEIPT)
@@ -396,7 +396,7 @@ class ReorderOperator(Operator):
         found = {name: column[order] for name, column in columns.items()}
         return times[order], found, receipts[order]
 
-    def _release_times(self, batch: Batch, times: Times, receipts: Times) -> Times:
+    def _release_times(self, batch: SampleBatch, times: Times, receipts: Times) -> Times:
         """Return when samples are released: when they are certain, or at once after another."""
         # A sample with the same valid time may arrive a nanosecond after an earlier one could.
         certain = batch.settled(times, times - 1)
@@ -495,7 +495,7 @@ class BoundsOperator(Operator):
             return
         self.promise(port, watermark, now)
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:  # noqa: ARG002
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
         """Plan to pass the samples within the bounds on."""
         (batch,) = inputs
         start, last = self._start, self._end

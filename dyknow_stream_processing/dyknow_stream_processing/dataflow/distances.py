@@ -26,7 +26,7 @@ from dyknow_common import (
     round_duration,
     round_time,
 )
-from dyknow_stream_processing.dataflow.batches import Batch, Planned, Refusal, refuse
+from dyknow_stream_processing.dataflow.batches import Planned, Refusal, SampleBatch, refuse
 from dyknow_stream_processing.dataflow.operators import Operator, Wiring
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
@@ -117,7 +117,7 @@ class DistanceOperator(Operator):
         else:
             self._plan()
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
         """Plan to pass all samples on, if none comes too early, too late, or is missing."""
         (batch,) = inputs
         times = batch.valid_times

@@ -9,8 +9,8 @@ from typing import Final, cast
 from dyknow_common import NO_CONSTRAINTS, StreamConstraints
 from dyknow_stream_processing.dataflow.batches import (
     NO_SAMPLES,
-    Batch,
     Planned,
+    SampleBatch,
     later_than,
 )
 from dyknow_stream_processing.dataflow.built_in.action_status import ActionStatusOperator
@@ -138,7 +138,9 @@ class OperatorGraph:
             if each.tick_key is not None:
                 each.next_tick = ticks.get(each.tick_key)
 
-    def step_many(self, messages: Mapping[str, Batch], end: int) -> Mapping[Operator, Batch]:
+    def step_many(
+        self, messages: Mapping[str, SampleBatch], end: int
+    ) -> Mapping[Operator, SampleBatch]:
         """Process messages of topics, as columns, and the time until `end`.
 
         Returns:

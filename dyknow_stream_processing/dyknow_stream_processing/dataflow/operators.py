@@ -29,9 +29,9 @@ import numpy as np
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Value, ValueType, format_time
 from dyknow_stream_processing.dataflow.batches import (
-    Batch,
     Planned,
     Refusal,
+    SampleBatch,
     by_clock,
     concatenated,
     latest,
@@ -153,7 +153,7 @@ class Operator:
         """Process a promise of an input, whose watermark may have risen."""
         self._promise(watermark, now)
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:  # noqa: ARG002
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
         """Plan the samples of all inputs, and what the clock does until `end`.
 
         The inputs have the watermarks that they will have. The plan changes nothing.
@@ -304,7 +304,7 @@ class SourceOperator(Operator):
             consumer.receive(port, valid_time, fields, promise, now)
         self.is_initial = False  # Later samples of other sources are not.
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:  # noqa: ARG002
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
         """Plan to pass messages on, which are valid when they are received or stamped."""
         (messages,) = inputs
         if self.vouched:
@@ -370,7 +370,7 @@ class MergeOperator(Operator):
         self._raise_watermark(port, watermark)
         self._emit(valid_time, fields, min(self._watermarks), now)
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:  # noqa: ARG002
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
         """Plan to pass all samples on; those of different inputs at the same time in any order."""
         some = [each for each in inputs if len(each)]
         if len({frozenset(each.columns) for each in some}) > 1:
@@ -384,7 +384,7 @@ class MergeOperator(Operator):
         if some:
             receipts = np.concatenate([each.emission_times() for each in some])
             order = np.argsort(receipts, kind='stable')
-            output = Batch(
+            output = SampleBatch(
                 np.concatenate([each.valid_times for each in some])[order],
                 {
                     name: concatenated([each.columns[name] for each in some])[order]

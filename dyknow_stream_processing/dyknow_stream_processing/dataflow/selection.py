@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from dyknow_common import COMPARISONS, Value, ValueType, value_text
 from dyknow_stream_processing.dataflow.batches import (
-    Batch,
     Planned,
     Refusal,
+    SampleBatch,
     Times,
     refuse,
 )
@@ -91,7 +91,7 @@ class SelectOperator(Operator):
         """
         self._promise(self._promised(watermark, self._emitted), now)
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:  # noqa: ARG002
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
         """Plan to emit the selected fields of the samples that satisfy the conditions."""
         (batch,) = inputs
         chosen, rejected = self._chosen(batch)
@@ -138,7 +138,7 @@ class SelectOperator(Operator):
         is_covered = watermark == emitted or (self.in_order and watermark < emitted)
         return watermark if is_covered else watermark - 1
 
-    def _chosen(self, batch: Batch) -> tuple[Batch, tuple[str, Value] | None]:
+    def _chosen(self, batch: SampleBatch) -> tuple[SampleBatch, tuple[str, Value] | None]:
         """Return the selected fields of samples, and a field and value of the last one dropped."""
         if self._constant_names is None:
             refuse(Refusal.FIELDS)

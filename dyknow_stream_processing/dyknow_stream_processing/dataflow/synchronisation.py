@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from dyknow_common import Value, round_duration, round_time
 from dyknow_stream_processing.dataflow.approximations import LinearTrack, Track
 from dyknow_stream_processing.dataflow.batches import (
-    Batch,
     Planned,
     Refusal,
+    SampleBatch,
     Settled,
     Times,
     is_increasing,
@@ -277,7 +277,7 @@ class SyncOperator(SynchronisedOperator):
         else:
             self._reject(Fault(ViolationKind.FIELDS, valid_time, self._collision(values)))
 
-    def step_many(self, inputs: Sequence[Batch], end: int) -> Planned:
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
         """Plan all ticks that are certain at the end."""
         tracks, old_tick = self._tracks, self.next_tick
         samples = [each.samples(batch) for each, batch in zip(tracks, inputs, strict=True)]
@@ -302,19 +302,21 @@ class SyncOperator(SynchronisedOperator):
             self._is_complete = all(each.latest is not None for each in tracks)
             self.next_tick, self._last_tick = next_tick, last_tick
             self._is_overflowing = self._is_overflowing and not len(targets)
-            if old_tick is None and next_tick is not None:
-                self._thin(inputs, int(settled(targets[:1], targets[:1])[0]))
+            if next_tick is not None and old_tick is not None:
+                self._thin(inputs, next_tick, BEGINNING)
             elif next_tick is not None:
-                self._thin(inputs, BEGINNING)
+                # Before the first target was processed, it was not known which ticks come.
+                first = np.array([min(int(each[0]) for each in times if len(each))])
+                self._thin(inputs, next_tick, int(settled(first, first)[0]))
             self._target, self._unsettled = self._find_target(), 0
             if self._target is not None:
                 self._is_settled(self._target, None)
             self._plan()
 
         promised = max(last_tick, until) if self.consumers else last_tick
-        return Planned(Batch(ticks, columns, settled, None), promised, adopt)
+        return Planned(SampleBatch(ticks, columns, settled, None), promised, adopt)
 
-    def _check_order(self, inputs: Sequence[Batch], times: Sequence[Times]) -> None:
+    def _check_order(self, inputs: Sequence[SampleBatch], times: Sequence[Times]) -> None:
         """Refuse samples that are simultaneous, or come after a tick at which they are valid."""
         is_late = any((each.valid_times[:1] <= self._last_tick).any() for each in inputs)
         if is_late or not all(is_increasing(each, BEGINNING) for each in times):
@@ -336,7 +338,10 @@ class SyncOperator(SynchronisedOperator):
         ]
         begin = max((each[0] if each else END for each in heads), default=BEGINNING)
         early = [each[: np.searchsorted(each, until, 'right')] for each in new]
-        moves = early[0] if len(early) == 1 else np.unique(np.concatenate(early))
+        moves = early[0]
+        if len(early) > 1:
+            moves = np.sort(np.concatenate(early), kind='stable')
+            moves = moves[np.diff(moves, prepend=BEGINNING) != 0]
         if self._period is None:
             return moves, moves[np.searchsorted(moves, begin) :], None
         if self.next_tick is None and not len(moves):
@@ -351,7 +356,7 @@ class SyncOperator(SynchronisedOperator):
 
     def _check_counts(
         self,
-        inputs: Sequence[Batch],
+        inputs: Sequence[SampleBatch],
         times: Sequence[Times],
         targets: Times,
         ticks: Times,
@@ -376,18 +381,16 @@ class SyncOperator(SynchronisedOperator):
             if (waiting > MAX_WAITING).any():
                 refuse(Refusal.BUFFER)
 
-    def _thin(self, inputs: Sequence[Batch], since: int) -> None:
+    def _thin(self, inputs: Sequence[SampleBatch], tick: int, since: int) -> None:
         """Remove waiting samples that no tick needs, of those received after a time."""
-        if self._period is None or self.next_tick is None:
-            return
         for track, batch in zip(self._tracks, inputs, strict=True):
             rows, track.waiting = track.waiting, deque()
             times = batch.emission_times().tolist()[-len(rows) :] if rows else []
             received = [BEGINNING] * (len(rows) - len(times)) + times
             for row, time in zip(rows, received, strict=True):
                 track.waiting.append(row)
-                if time > since:
-                    track.thin(self.next_tick, self._period)
+                if time > since and self._period is not None:
+                    track.thin(tick, self._period)
 
     def _collision(self, values: Values) -> str:
         ports: dict[str, int] = {}
