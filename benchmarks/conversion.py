@@ -33,6 +33,8 @@ SIZES = (10, 100, 1000)
 ODOMETRY_FIELDS = ('pose.pose.position.z', 'twist.twist.linear.x', 'pose.covariance[35]')
 ODOMETRY_GOAL = 3.0
 """Microseconds for a sample of three fields of an Odometry message."""
+WRITING_GOAL = 40.0
+"""Microseconds for an Odometry message."""
 SCAN_SIZE = 1080
 SCAN_GOAL = 10.0
 """Microseconds for the minimum of a LaserScan."""
@@ -72,6 +74,19 @@ def odometry_row() -> dict[str, Any]:
         'row': 'Odometry to a sample of 3 fields',
         'microseconds': microseconds(convert),
         'goal': ODOMETRY_GOAL,
+        'rclpy_deserialise': _deserialisation(message),
+    }
+
+
+def writing_row() -> dict[str, Any]:
+    """Return the cost of an Odometry message from the fields of a sample, in microseconds."""
+    conversion, message = message_conversion(Odometry), Odometry()
+    fields = conversion.to_fields(message)
+    assert conversion.from_fields(fields) == message
+    return {
+        'row': 'Odometry from the fields of a sample',
+        'microseconds': microseconds(lambda: conversion.from_fields(fields)),
+        'goal': WRITING_GOAL,
         'rclpy_deserialise': _deserialisation(message),
     }
 
@@ -128,7 +143,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument('--json', action='store_true', help='print JSON')
     as_json = parser.parse_args().json
-    messages, samples = [odometry_row(), scan_row()], [sample_row(size) for size in SIZES]
+    messages = [odometry_row(), writing_row(), scan_row()]
+    samples = [sample_row(size) for size in SIZES]
     if as_json:
         json.dump({'rows': [*messages, *samples]}, sys.stdout, indent=2)
         print()

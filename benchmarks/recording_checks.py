@@ -146,6 +146,20 @@ def unused_topics(folder: Path, count: int) -> dict[str, Any]:
     }
 
 
+def single_messages(folder: Path, count: int) -> dict[str, Any]:
+    """Measure what is read, or progressed, message by message."""
+    used = min(count, USED_MESSAGES)
+    plain, faulty = recording(folder, used), recording(folder, used, faults=1)
+    minimum = 'always min("/robot{n}/laserscan".ranges) > -1000'
+    minima = [RequestedFormula(minimum.format(n=number)) for number in range(2)]
+    return {
+        'messages': used,
+        'minima_of_scans_s': cost(check, plain, minima),
+        'without_a_fault_s': cost(check, plain, formulas(FORMULAS)),
+        'with_a_fault_s': cost(check, faulty, formulas(FORMULAS)),
+    }
+
+
 def memory(path: Path) -> float:
     """Return the memory that a process has needed at most to check a recording, in MB."""
     check(path, formulas(FORMULAS))

@@ -80,8 +80,15 @@ def templates() -> dict[str, bytearray]:
     }
 
 
-def write(path: Path, count: int, images: int = 0) -> None:
-    """Write a recording with `count` messages of all topics in turn, and images of 1 MB between."""
+def write(path: Path, count: int, images: int = 0, faults: int = 0) -> None:
+    """Write a recording with `count` messages of all topics in turn.
+
+    Args:
+        path: of the file.
+        count: the number of messages.
+        images: the number of images of 1 MB between these.
+        faults: the number of messages whose stamps are zero.
+    """
     store, serialised = get_typestore(Stores.ROS2_JAZZY), templates()
     random = np.random.default_rng(1)
     unfinished = path.with_name(f'{path.name}.unfinished')
@@ -95,7 +102,8 @@ def write(path: Path, count: int, images: int = 0) -> None:
         for number, noise in enumerate(random.normal(size=count).tolist()):
             connection, data = connections[number % len(connections)]
             time = START + number * PERIOD_NS
-            pack_into('<II', data, 4, *divmod(time, 10**9))
+            is_faulty = faults and number % (count // faults) == count // faults // 2
+            pack_into('<II', data, 4, *divmod(0 if is_faulty else time, 10**9))
             kind, offset = NOISE[connection.msgtype]
             pack_into(kind, data, offset, noise)
             writer.write(connection, time, bytes(data))
@@ -105,10 +113,13 @@ def write(path: Path, count: int, images: int = 0) -> None:
     shutil.rmtree(unfinished)
 
 
-def recording(folder: Path, count: int, images: int = 0) -> Path:
+def recording(folder: Path, count: int, images: int = 0, faults: int = 0) -> Path:
     """Return the recording of a number of messages, which is written if it is missing."""
-    path = folder / (f'{count}_messages' + f'_{images}_images' * bool(images) + '.mcap')
+    numbers = {'messages': count, 'images': images, 'faults': faults}
+    path = folder / (
+        '_'.join(f'{number}_{name}' for name, number in numbers.items() if number) + '.mcap'
+    )
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        write(path, count, images)
+        write(path, count, images, faults)
     return path

@@ -23,6 +23,7 @@ from recording_checks import (
     memory_of_checks,
     peak_memory,
     read_raw,
+    single_messages,
     unused_topics,
 )
 from recording_files import WANTED, recording
@@ -111,6 +112,7 @@ def main() -> None:
         'reading': reading,
         'check': checks,
         'unused': unused_topics,
+        'single': single_messages,
         'memory': memory_of_checks,
         'first line': first_line,
         'jobs': many,

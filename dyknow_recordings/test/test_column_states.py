@@ -424,7 +424,7 @@ def test_values_from_before_the_begin_are_not_used() -> None:
     times = (0.9, 1.1, 1.2, 1.3, 1.4, 2.1, 2.2, 2.3)
     messages = [sample('/a', each, v=1.0) for each in times]
     messages += [sample('/b', each, v=1.0) for each in (0.5, 2.0)]
-    assert compare(messages, 2, ['always "/a".v + "/b".v < 4'], EpisodeStart(begin=at(1))) == 1
+    assert compare(messages, 2, ['always "/a".v + "/b".v < 4'], EpisodeStart(begin=at(1))) == 4
 
 
 def test_a_stamp_before_one_at_zero_is_out_of_order() -> None:
@@ -472,21 +472,28 @@ def test_streams_with_a_memory_are_not_made_as_columns() -> None:
 
 
 @pytest.mark.parametrize(
-    ('text', 'formula'),
+    ('text', 'formula', 'least'),
     [
-        ('select v from "/a" with start_time = 1700000001 s', 'always s.v < 9'),
-        ('select v from "/a" with end_time = 1700000002 s', 'always s.v < 9'),
-        ('select v as "%w%" from "/a"', 'always s."1" < 9'),
-        ('sync(select v from "/a", select w from "/b") with max_delay = 1 s', 'always s.v < 9'),
-        ('sync(select v from "/a") with max_lead = 1 s', 'always s.v < 9'),
-        ('sync(select v from "/a") with max_gap = 1 s', 'always s.v < 9'),
+        ('select v from "/a" with start_time = 1700000001 s', 'always s.v < 9', 6),
+        ('select v from "/a" with end_time = 1700000002 s', 'always s.v < 9', 6),
+        ('sync(select v from "/a") with max_gap = 1 s', 'always s.v < 9', 6),
+        ('select v as "%w%" from "/a"', 'always s."1" < 9', 0),
+        (
+            'sync(select v from "/a", select w from "/b") with max_delay = 1 s',
+            'always s.v < 9',
+            0,
+        ),
+        ('sync(select v from "/a") with max_lead = 1 s', 'always s.v < 9', 0),
     ],
 )
-def test_streams_without_a_counterpart(tmp_path: Path, text: str, formula: str) -> None:
+def test_streams_whose_operators_may_refuse(
+    tmp_path: Path, text: str, formula: str, least: int
+) -> None:
     path = tmp_path / 'a.streams'
     path.write_text(f'stream s = {text}; sink s')
     files = MonitoringFiles(streams=(path,))
-    assert not compare(steady_recording(), 64, [formula], files=files)
+    taken = compare(steady_recording(), 64, [formula], files=files)
+    assert taken >= least if least else not taken
 
 
 REGRESSIONS = {

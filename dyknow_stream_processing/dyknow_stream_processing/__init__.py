@@ -1,15 +1,17 @@
 """Streams: samples, the stream language, and the dataflow that runs specifications."""
 
 from dyknow_stream_processing.aggregates import NoValueError
-from dyknow_stream_processing.dataflow.computational_units import (
-    STATELESS_UNITS,
-    UnitCall,
-    load_units,
+from dyknow_stream_processing.dataflow.batches import (
+    NeedsStepsError,
+    SampleBatch,
+    column_of,
+    concatenated,
+    never,
+    rows_of,
 )
+from dyknow_stream_processing.dataflow.computational_units import STATELESS_UNITS, load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
 from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
-from dyknow_stream_processing.dataflow.selection import condition_test
-from dyknow_stream_processing.dataflow.synchronisation import TickKey
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
 from dyknow_stream_processing.language.parsing import parse_specification
@@ -66,9 +68,11 @@ __all__ = [
     'DelayLimits',
     'FreeNames',
     'Merge',
+    'NeedsStepsError',
     'NoValueError',
     'PartialFields',
     'Sample',
+    'SampleBatch',
     'Select',
     'Selection',
     'SinkDeclaration',
@@ -81,27 +85,28 @@ __all__ = [
     'StreamReference',
     'Sync',
     'Term',
-    'TickKey',
     'TypedField',
     'Unit',
     'UnitArgument',
-    'UnitCall',
     'UnitDeclaration',
     'Violation',
     'ViolationKind',
     'WholeMessage',
     'built_in_fields',
-    'condition_test',
+    'column_of',
+    'concatenated',
     'free_names',
     'in_namespace',
     'joined_reasons',
     'load_units',
     'made',
     'nearest_topics',
+    'never',
     'parse_specification',
     'read_streams',
     'references',
     'resolve',
+    'rows_of',
     'specifications_by_sink',
     'subterms',
     'unknown_stream',

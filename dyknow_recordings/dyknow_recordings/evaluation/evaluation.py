@@ -144,7 +144,6 @@ class RecordingEvaluation:
                 if not self._running:
                     break
             else:
-                self._columns.resume()
                 self._react(end)
                 self._find_losses()
                 for lost in self._losses_to_come:
@@ -175,7 +174,6 @@ class RecordingEvaluation:
             before, after = split(batch, lost.first)
             if before:
                 self._progress(before)
-            self._columns.resume()
             self._lose(lost, max(lost.first, self._recording.start_time))
             batch = without(after, lost)
         if batch and self._running:
@@ -205,14 +203,12 @@ class RecordingEvaluation:
             self._next_look += max(looks, 0) * SILENCE_PERIOD_NS
             self._react(end)
             return
-        self._columns.resume()
         for message in rows_of(batch):
             self._advance(message.log_time)
             self._streams.push(message)
             self._react(message.log_time)
             if not self._running:
                 return
-        self._columns.follow(batch, self._running)
 
     def _ground(self, grounder: FormulaGrounder, requested: RequestedFormula) -> _Request:
         try:
@@ -297,7 +293,10 @@ class RecordingEvaluation:
         if self._pending:
             while self._pending:
                 self._pending.pop().react(now)
-            self._running = [group for group in self._running if not group.has_ended]
+            running = [group for group in self._running if not group.has_ended]
+            if len(running) < len(self._running):
+                self._streams.keep(frozenset().union(*(each.origins for each in running)))
+            self._running = running
 
     def _report(self, request: _Request) -> FormulaReport:
         requested, group, episodes = request.requested, request.group, request.episodes

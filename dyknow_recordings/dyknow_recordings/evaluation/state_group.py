@@ -8,12 +8,11 @@ those that failed at once, where nodes need a few hundred milliseconds.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
 from dyknow_coordinator import (
@@ -36,7 +35,7 @@ from dyknow_recordings.evaluation.episodes import EpisodeGroup
 from dyknow_recordings.evaluation.states.standby import GroupStream, RecordedStandby, StandbyStream
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import END, LostMessages
-from dyknow_stream_processing import Sample, Violation
+from dyknow_stream_processing import Sample, SampleBatch, Violation
 
 WAITING_LIMIT_NS: Final = 3 * SECOND_NS
 """The time without states after which a formula is waiting for them."""
@@ -75,10 +74,10 @@ class StateGroup:
         self._standby = RecordedStandby(inputs, streams, self._create, lambda: self._latest)
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
-        sources = inputs.candidates.found if self._is_replaceable else ()
-        self._alternatives = frozenset(
-            name for source in sources for name in streams.known.origins(source)
+        self.origins = frozenset(
+            name for each in inputs.candidates.found for name in streams.known.origins(each)
         )
+        """The streams of files that its states may be made of."""
         self._faults: list[StateFault] = []
         self._chosen: tuple[FeatureSource, ...] = ()
         self._stream = ''
@@ -125,10 +124,8 @@ class StateGroup:
         stream = GroupStream(
             self._stream,
             self._created_at,
-            self._latest_tick,
             self._receive_many,
             self._is_replaceable,
-            self._alternatives,
             self._standby.due,
         )
         return stream, *self._standby.group_streams
@@ -139,16 +136,16 @@ class StateGroup:
         latest, tick = self._latest, self._latest_tick
         return latest is not None and (tick is None or tick < latest)
 
-    def _receive_many(
-        self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
-    ) -> None:
-        if not len(valid_times):
+    def _receive_many(self, states: SampleBatch) -> None:
+        if not len(states):
             return
+        valid_times = states.valid_times
         self._latest_tick = int(valid_times[-1])
         first = int(np.searchsorted(valid_times, self._begin))
         if first < len(valid_times):
             self._latest = self._latest_tick
-            rest = {name: column[first:] for name, column in columns.items()}
+            self._latest_receipt = int(states.emission_times()[-1])
+            rest = {name: column[first:] for name, column in states.columns.items()}
             self.episodes.progress_many(valid_times[first:], rest)
             if self.episodes.has_ended and not self.episodes.observer:
                 self._on_fault()
@@ -332,11 +329,6 @@ class StateGroup:
             self._standby.receive(state)
             if self._standby.can_improve:
                 self._on_fault()
-            return
-        if self._latest_tick is not None and state.valid_time <= self._latest_tick:
-            # A state that was made as a column before.
-            if state.valid_time == self._latest:
-                self._latest_receipt = state.available_time
             return
         self._latest_tick = state.valid_time
         self._progress(state)

@@ -7,14 +7,11 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
 from dyknow_configuration import TextSource
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
-from dyknow_recordings.evaluation.columns.column_terms import ColumnTerms
-from dyknow_recordings.evaluation.columns.series import ColumnStream
-from dyknow_recordings.evaluation.columns.topic_streams import ArrivalLimits
-from dyknow_recordings.evaluation.topic_history import TopicHistory, history_of
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.recording import RecordedFields
@@ -26,18 +23,21 @@ from dyknow_stream_processing import (
     WHOLE,
     Call,
     Dataflow,
+    NeedsStepsError,
     PartialFields,
     Sample,
+    SampleBatch,
     SourceType,
     StreamError,
-    TickKey,
     Violation,
     ViolationKind,
     WholeMessage,
+    concatenated,
     free_names,
     joined_reasons,
     load_units,
     nearest_topics,
+    never,
     parse_specification,
     read_streams,
     subterms,
@@ -74,12 +74,6 @@ class RecordedStreams:
         self._latest_valid_times: dict[str, int] = {}
         self._rejected: dict[str, str] = {}
         self._unstamped: set[str] = set()
-        self._column_terms = ColumnTerms(
-            self._units,
-            self.absolute,
-            self._arrival,
-            self.dataflow.max_lead,
-        )
         self.known = self._known_streams()
 
     @property
@@ -173,6 +167,13 @@ class RecordedStreams:
         self.dataflow.create(name, parsed, constraints, on_sample, on_violation)
         self._connect()
 
+    def keep(self, names: Collection[str]) -> None:
+        """Destroy the streams of files but those with some names."""
+        for name in self.running(self._requested):
+            if name not in names:
+                self.dataflow.destroy(name)
+        self._connect()
+
     def destroy(self, name: str) -> None:
         """Destroy a stream."""
         self.dataflow.destroy(name)
@@ -193,6 +194,11 @@ class RecordedStreams:
         """Return True if a `max_delay` puts messages in order that a stream is made of."""
         parts = subterms(self.dataflow.term(name))
         return any(each.constraints.max_delay is not None for each in parts)
+
+    def is_regular(self, name: str) -> bool:
+        """Return True if a constraint bounds the distance of samples that a stream is made of."""
+        parts = subterms(self.dataflow.term(name))
+        return any(each.constraints.longest_distance is not None for each in parts)
 
     def topics(self, name: str) -> AbstractSet[str]:
         """Return the absolute names of the topics that a stream is made of."""
@@ -225,47 +231,51 @@ class RecordedStreams:
             else:
                 self.dataflow.push(name, Sample(valid_time, now, fields))
 
-    def plain_messages(self, topic: str, parts: Sequence[MessageColumns]) -> TopicHistory | None:
-        """Return messages that the dataflow would take without a fault; None if there is doubt.
+    def step_many(
+        self, parts: Mapping[str, Sequence[MessageColumns]], end: int
+    ) -> Mapping[str, SampleBatch] | None:
+        """Process messages by topic until the time of the last one.
 
-        They have all fields, and increasing valid times.
+        Returns:
+            The samples of each stream, with their available times, for which no callback is called;
+            None, without an effect, if more happens than samples.
         """
-        content = self._topics[topic]
+        batches = {topic: self._plain_batch(topic, each) for topic, each in parts.items()}
+        plain = {topic: each for topic, each in batches.items() if each is not None}
+        if len(plain) < len(batches):
+            return None
+        consumed = {
+            name: each for topic, each in plain.items() for name in self._consumers.get(topic, ())
+        }
+        try:
+            found = self.dataflow.step_many(consumed, end)
+        except NeedsStepsError:
+            return None
+        for topic, each in plain.items():
+            self._received[topic] = int(each.emission_times()[-1])
+            self._latest_valid_times[topic] = int(each.valid_times[-1])
+        return found
+
+    def _plain_batch(self, topic: str, parts: Sequence[MessageColumns]) -> SampleBatch | None:
+        """Return messages that have all fields, and increasing valid times; None for others."""
+        content, names = self._topics[topic], parts[0].values.keys()
         for part in parts:
             is_timed = (part.stamps is not None) is (content.has_stamp or content.has_sent_times)
             is_known = part.message_type == content.message_type and is_timed
-            if not is_known or part.absent or part.values.keys() != parts[0].values.keys():
+            if not is_known or part.absent or part.values.keys() != names:
                 return None
-        found = history_of(parts)
-        times = found.valid_times
-        return None if (times <= 0).any() or (np.diff(times) <= 0).any() else found
+        batch = _batch_of(parts)
+        times = np.append(max(self.latest_valid_time(topic), 0), batch.valid_times)
+        return batch if (np.diff(times) > 0).all() else None
 
     def latest_valid_time(self, topic: str) -> int:
-        """Return the latest valid time of the messages of a topic that were pushed, or 0."""
+        """Return the latest valid time of the messages of a topic that were processed, or 0."""
         return self._latest_valid_times.get(topic, 0)
 
-    def column_stream(self, name: str) -> ColumnStream | None:
-        """Return a stream whose samples can be made as columns; None for others."""
-        return self._column_terms.stream(self.dataflow.term(name))
-
-    def rewind(self, messages: Iterable[RecordedFields], ticks: Mapping[TickKey, int]) -> None:
-        """Make all streams anew of their latest messages, which have no fault.
-
-        Args:
-            messages: in order.
-            ticks: the next tick of each periodic `sync`.
-        """
-        self.dataflow.rewind(ticks)
-        for each in messages:
-            while (due := self.dataflow.next_deadline()) is not None and due <= each.log_time:
-                self.dataflow.advance(due)
-            sample = Sample(each.stamp or 0, each.log_time, each.values)
-            for name in self._consumers.get(each.topic, ()):
-                self.dataflow.push(name, sample)
-
-    def note_received(self, times: Mapping[str, int]) -> None:
-        """Note when the latest message of some topics was received, in nanoseconds."""
-        self._received |= times
+    @property
+    def latest_receipt(self) -> int:
+        """The time at which the latest message was received, in nanoseconds, or 0."""
+        return max(self._received.values(), default=0)
 
     def received_at(self, topic: str) -> int:
         """Return when the latest message of a topic was received, in nanoseconds; or 0."""
@@ -307,13 +317,6 @@ class RecordedStreams:
         is_sent = content.has_sent_times
         is_received = not (content.has_stamp or is_sent)
         return SourceType(content.fields, is_received, is_ordered, sent_time=is_sent)
-
-    def _arrival(self, topic: str) -> ArrivalLimits:
-        """Return when the messages of a topic arrive; without any, as if they had stamps."""
-        delays, type_ = self.dataflow.delays, self._source_type(topic)
-        if type_ is None or not (type_.receipt_time or type_.sent_time):
-            return ArrivalLimits(delays.stamped, None)
-        return ArrivalLimits(delays.sent, delays.sent) if type_.sent_time else ArrivalLimits(0, 0)
 
     def _make(self, names: Sequence[str]) -> None:
         """Make requested streams; one may be made of another that comes later."""
@@ -401,3 +404,25 @@ class RecordedStreams:
 
 def _ignore(_: object) -> None:
     """Ignore a sample or a violation."""
+
+
+def _batch_of(parts: Sequence[MessageColumns]) -> SampleBatch:
+    """Return the messages of a topic in the order of their log times; all have the same fields."""
+    stamps = [part.log_times if part.stamps is None else part.stamps for part in parts]
+    values = {
+        path: _wide(concatenated([part.values[path] for part in parts])) for path in parts[0].values
+    }
+    log_times = np.concatenate([part.log_times for part in parts])
+    batch = SampleBatch(np.concatenate(stamps), values, never, log_times)
+    if len(parts) == 1:
+        return batch
+    return batch.rows(np.argsort(np.concatenate([part.positions for part in parts])))
+
+
+def _wide(column: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Return a column with numbers of 64 bits."""
+    if column.dtype.kind == 'f':
+        return column.astype(np.float64, copy=False)
+    if column.dtype.kind in 'iu' and column.dtype != np.uint64:
+        return column.astype(np.int64, copy=False)
+    return column

@@ -11,9 +11,25 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dyknow_common import Value
+from dyknow_stream_processing.dataflow.batches import (
+    Columns,
+    Refusal,
+    SampleBatch,
+    Settled,
+    Times,
+    by_samples,
+    followed_by,
+    later_than,
+    refuse,
+    rows_of,
+)
 from dyknow_stream_processing.dataflow.operators import Operator
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
 
@@ -36,6 +52,7 @@ class Track:
         """The fields of the last sample at or before the position."""
         self.settled = source.watermark
         """The valid time, in nanoseconds, until which all values are certain."""
+        self._valid_time = BEGINNING
 
     def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
         """Add a sample after the position, and the promise that it carries."""
@@ -43,9 +60,9 @@ class Track:
         if watermark > self.settled:
             self.settled = watermark
 
-    def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:  # noqa: ARG002
+    def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:
         """Replace the latest sample by another one that is valid at the position."""
-        self.latest = fields
+        self._valid_time, self.latest = valid_time, fields
 
     def promise(self, watermark: int) -> None:
         """Process a promise of the source."""
@@ -63,8 +80,39 @@ class Track:
         """Move the position, and return the values there; `None` before the first sample."""
         waiting = self.waiting
         while waiting and waiting[0][0] <= valid_time:
-            self.latest = waiting.popleft()[1]
+            self._valid_time, self.latest = waiting.popleft()
         return self.latest
+
+    def samples(self, batch: SampleBatch) -> tuple[Times, Columns]:
+        """Return the latest sample, those that wait, and those of a batch."""
+        known = [] if self.latest is None else [(self._valid_time, self.latest)]
+        return followed_by([*known, *self.waiting], batch.valid_times, batch.columns)
+
+    def settled_until(self, batch: SampleBatch, now: int) -> int:  # noqa: ARG002
+        """Return the time until which values are certain after a batch, at a time."""
+        return max(self.settled, self.source.certain_until(now))
+
+    def settling(self, batch: SampleBatch) -> Settled:
+        """Return when values become certain with a batch."""
+        return batch.settled
+
+    def values_at(self, ticks: Times, times: Times, columns: Columns) -> Columns:
+        """Return the values at some times, given all samples."""
+        rows = np.searchsorted(times, ticks, 'right') - 1
+        return {name: column[rows] for name, column in columns.items()}
+
+    def continue_from(self, position: int, times: Times, columns: Columns) -> None:
+        """Move to a position, from which on the later ones of some samples wait."""
+        done = max(int(np.searchsorted(times, position, 'right')), self.latest is not None)
+        first = max(done - 1, 0)
+        rows = deque(
+            rows_of(times[first:], {name: column[first:] for name, column in columns.items()})
+        )
+        if done:
+            self._valid_time, self.latest = rows.popleft()
+        self.waiting = rows
+        if self.source.watermark > self.settled:
+            self.settled = self.source.watermark
 
     def thin(self, tick: int, period: int) -> None:
         """Remove a waiting sample that no tick needs, given the next tick and the period."""
@@ -86,7 +134,6 @@ class LinearTrack(Track):
     def __init__(self, source: Operator) -> None:
         super().__init__(source)
         self.settled = BEGINNING
-        self._valid_time = BEGINNING
 
     def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
         """Add a sample after the position, and the promise that it carries."""
@@ -119,6 +166,49 @@ class LinearTrack(Track):
             name: _between(value, next_fields.get(name), share)
             for name, value in self.latest.items()
         }
+
+    def samples(self, batch: SampleBatch) -> tuple[Times, Columns]:
+        """Return the latest sample, those that wait, and those of a batch, with floats."""
+        columns = {name: _float_column(column) for name, column in batch.columns.items()}
+        return super().samples(replace(batch, columns=columns))
+
+    def settled_until(self, batch: SampleBatch, now: int) -> int:  # noqa: ARG002
+        """Return the valid time of the last sample."""
+        return int(batch.valid_times[-1]) if len(batch) else self.settled
+
+    def settling(self, batch: SampleBatch) -> Settled:
+        """Return when samples of a batch, or later ones, arrive."""
+        return later_than(self.settled, by_samples(batch.valid_times, batch.emission_times()))
+
+    def values_at(self, ticks: Times, times: Times, columns: Columns) -> Columns:
+        """Return the interpolated values at some times, to the last bit as `move_to` does."""
+        rows = np.searchsorted(times, ticks, 'right') - 1
+        following = np.minimum(rows + 1, len(times) - 1)
+        before, after = times[rows], times[following]
+        share = (ticks - before) / np.maximum(after - before, 1)
+        found = {}
+        for name, column in columns.items():
+            found[name] = column[rows]
+            if column.dtype.kind == 'f':
+                values = column.astype(np.float64, copy=False)
+                value = values[rows]
+                with np.errstate(all='ignore'):
+                    between = value + (values[following] - value) * share
+                found[name] = np.where(ticks == before, value, between)
+        return found
+
+    def continue_from(self, position: int, times: Times, columns: Columns) -> None:
+        """Move to a position, from which on the later ones of some samples wait."""
+        super().continue_from(position, times, columns)
+        self.settled = int(times[-1]) if len(times) else BEGINNING
+
+
+def _float_column(column: NDArray[np.generic]) -> NDArray[np.generic]:
+    if column.dtype.kind in 'iu':
+        return column.astype(np.float64)
+    if column.dtype.kind == 'O' and not all(type(each) is str for each in column):
+        refuse(Refusal.FIELDS)
+    return column
 
 
 def _as_floats(fields: Mapping[str, Value]) -> Mapping[str, Value]:

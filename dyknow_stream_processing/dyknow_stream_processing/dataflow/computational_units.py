@@ -18,13 +18,24 @@ sample. It should return quickly, because it blocks the whole dataflow.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import entry_points
 from inspect import isclass, signature
 from typing import Any, Final
 
+import numpy as np
+
 from dyknow_common import Value, ValueType
 from dyknow_stream_processing.dataflow import built_in_units as units
+from dyknow_stream_processing.dataflow.batches import (
+    Planned,
+    Refusal,
+    SampleBatch,
+    column_of,
+    refuse,
+    rows_of,
+)
 from dyknow_stream_processing.dataflow.operators import Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 from dyknow_stream_processing.errors import StreamError
@@ -129,6 +140,7 @@ class UnitOperator(SynchronisedOperator):
         super().__init__(wiring)
         self._name = declaration.name
         self._call = UnitCall(unit, declaration, arguments)
+        self._is_stateless = unit in STATELESS_UNITS
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -146,6 +158,27 @@ class UnitOperator(SynchronisedOperator):
             self._promise(watermark, now)
         else:
             super().promise(port, watermark, now)
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
+        """Plan to compute without a memory, from one input: a refused plan computes twice."""
+        if len(inputs) > 1 or not self._is_stateless:
+            refuse(Refusal.OPERATOR)
+        (batch,), (names,) = inputs, self._call.parameters
+        if len(batch) and not set(names) <= batch.columns.keys():
+            refuse(Refusal.FIELDS)
+        columns = {name: batch.columns[name] for name in names} if len(batch) else {}
+        try:
+            rows = rows_of(batch.valid_times, columns)
+            results = [self._call(time, [fields]) for time, fields in rows]
+        # User code may raise any exception; steps report it.
+        except Exception:  # noqa: BLE001
+            refuse(Refusal.VALUE)
+        is_result = np.array([each is not None for each in results], np.bool_)
+        column = column_of([each for each in results if each is not None])
+        output = replace(
+            replace(batch, columns={}).rows(is_result), columns={self._call.output: column}
+        )
+        return Planned(output, self.inputs[0].watermark)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         try:

@@ -21,10 +21,13 @@ and one valid at 26 is dropped with a violation. A topic without `max_lead` has 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from heapq import heappop, heappush
 from itertools import count
 from typing import Final
+
+import numpy as np
 
 from dyknow_common import (
     Value,
@@ -33,6 +36,20 @@ from dyknow_common import (
     round_duration,
     round_time,
 )
+from dyknow_stream_processing.dataflow.batches import (
+    Columns,
+    Planned,
+    Refusal,
+    SampleBatch,
+    Times,
+    by_clock,
+    by_samples,
+    earliest,
+    followed_by,
+    is_increasing,
+    refuse,
+    rows_of,
+)
 from dyknow_stream_processing.dataflow.operators import (
     NO_PROMISE,
     OTHER_CLOCK_NS,
@@ -40,7 +57,7 @@ from dyknow_stream_processing.dataflow.operators import (
     Operator,
     Wiring,
 )
-from dyknow_stream_processing.dataflow.scheduler import BEGINNING
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING, END
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
 
@@ -68,6 +85,19 @@ class LeadOperator(Operator):
             self.promise(port, watermark, now)
         else:
             self._emit(valid_time, fields, watermark, now)
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
+        """Plan to pass all samples on, if none is too far ahead."""
+        (batch,) = inputs
+        if len(batch) and (batch.valid_times - self._receipts(batch)).max() > self._max_lead:
+            refuse(Refusal.LEAD)
+        return Planned(batch, self.inputs[0].watermark)
+
+    @staticmethod
+    def _receipts(batch: SampleBatch) -> Times:
+        if batch.receipts is None:
+            refuse(Refusal.RECEIPT)
+        return batch.receipts
 
     def _reject_ahead(self, valid_time: int, now: int) -> bool:
         """Reject a sample; return False if another engine has checked it."""
@@ -132,6 +162,25 @@ class OrderOperator(LeadOperator):
         self._latest = valid_time
         self._emit(valid_time, fields, watermark if self.vouched else valid_time, now)
 
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
+        """Plan to pass all samples on, if they are in order and in time."""
+        batch = super().step_many(inputs, end).output
+        times, receipts = batch.valid_times, self._receipts(batch)
+        allowed, delays = self._topic.allowed_delay(self._delays), receipts - times
+        if ((delays > allowed) & (delays <= OTHER_CLOCK_NS)).any():
+            refuse(Refusal.DELAY)
+        if not is_increasing(times, self._latest):
+            refuse(Refusal.ORDER)
+        last = int(times[-1]) if len(times) else self._latest
+
+        def adopt() -> None:
+            self._latest = last
+
+        ways = [batch.settled, by_samples(times, receipts)]
+        if self._topic.has_sent_times:
+            ways.append(by_clock(self._delays.sent + 1))
+        return Planned(replace(batch, settled=earliest(*ways)), last, adopt)
+
     def certain_at(self, valid_time: int) -> int | None:
         """Return the time at which no message is on its way that was sent until then."""
         if valid_time > self.watermark and self._topic.has_sent_times:
@@ -195,6 +244,22 @@ class ArrivalOperator(LeadOperator):
         else:
             self._latest = max(self._latest, valid_time)
             self._emit(valid_time, fields, max(watermark, self._latest), now)
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
+        """Plan to pass all samples on, with promises if the source is in order."""
+        plan = super().step_many(inputs, end)
+        batch = plan.output
+        if not self._is_ordered() or not len(batch):
+            return plan
+        if not is_increasing(batch.valid_times, self._latest):
+            refuse(Refusal.ORDER)
+        last = int(batch.valid_times[-1])
+
+        def adopt() -> None:
+            self._latest = last
+
+        promised = by_samples(batch.valid_times, self._receipts(batch))
+        return Planned(replace(batch, settled=earliest(batch.settled, promised)), last, adopt)
 
     def _is_ordered(self) -> bool:
         if self.vouched:
@@ -279,6 +344,79 @@ class ReorderOperator(Operator):
         self._promise(self._promised, now)
         self._plan()
 
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
+        """Plan to release the samples that are certain at the end, and to hold the others."""
+        (batch,) = inputs
+        held = [(time, fields) for time, _, fields in sorted(self._held, key=lambda each: each[:2])]
+        times, columns = followed_by(held, batch.valid_times, batch.columns)
+        receipts = np.concatenate(
+            [np.full(len(held), self._scheduler.now), self._receipts_in_time(batch)]
+        )
+        if not is_increasing(times, self._released):
+            times, columns, receipts = self._put_in_order(times, columns, receipts)
+        emitted = self._release_times(batch, times, receipts)
+        done = int(np.searchsorted(emitted, end, 'right'))
+        promised = max(self._promised, self.inputs[0].watermark)
+        released = int(times[done - 1]) if done else self._released
+
+        def adopt() -> None:
+            rest = {name: column[done:] for name, column in columns.items()}
+            rows = rows_of(times[done:], rest)
+            self._held = [(time, next(self._serial), fields) for time, fields in rows]
+            self._promised, self._released = promised, released
+            self._plan()
+
+        ways = [batch.settled, by_samples(times[:done], emitted[:done])]
+        if self._max_delay is not None:
+            ways.append(by_clock(self._max_delay + 1))
+        found = {name: column[:done] for name, column in columns.items()}
+        output = SampleBatch(times[:done], found, earliest(*ways), emitted[:done])
+        return Planned(output, max(promised, released), adopt)
+
+    def _receipts_in_time(self, batch: SampleBatch) -> Times:
+        """Return when samples were received, if none is late, out of order or one too many."""
+        if self._max_delay is not None and batch.receipts is None:
+            refuse(Refusal.RECEIPT)
+        receipts, times = batch.emission_times(), batch.valid_times
+        if not len(batch):
+            return receipts
+        if self._max_delay is not None and (receipts - times).max() > self._max_delay:
+            refuse(Refusal.DELAY)
+        if times.min() < self._promised:
+            refuse(Refusal.ORDER)
+        return receipts
+
+    def _put_in_order(
+        self, times: Times, columns: Columns, receipts: Times
+    ) -> tuple[Times, Columns, Times]:
+        """Return the samples of a merge, in which samples of one input can pass another's."""
+        order = np.argsort(times, kind='stable')
+        if self._min_gap or not is_increasing(times[order], self._released):
+            refuse(Refusal.ORDER)
+        found = {name: column[order] for name, column in columns.items()}
+        return times[order], found, receipts[order]
+
+    def _release_times(self, batch: SampleBatch, times: Times, receipts: Times) -> Times:
+        """Return when samples are released: when they are certain, or at once after another."""
+        # A sample with the same valid time may arrive a nanosecond after an earlier one could.
+        certain = batch.settled(times, times - 1)
+        if self._max_delay is not None:
+            certain = np.minimum(certain, times + self._max_delay)
+        if self._min_gap and len(times):
+            follows = np.diff(times, prepend=times[0]) < self._min_gap
+            follows[0] = int(times[0]) < self._released + self._min_gap
+            first = np.maximum.accumulate(np.where(follows, -1, np.arange(len(times))))
+            certain = np.append(certain, BEGINNING)[first]
+        released = np.maximum(receipts, certain)
+        if (np.diff(released) < 0).any():
+            refuse(Refusal.ORDER)
+        if len(times) > MAX_HELD:
+            received = np.sort(receipts)
+            waiting = np.arange(1, len(times) + 1) - np.searchsorted(released, received)
+            if waiting.max() > MAX_HELD:
+                refuse(Refusal.BUFFER)
+        return released
+
     def certain_at(self, valid_time: int) -> int | None:
         """Return the time at which the source is certain, or `max_delay` has passed if earlier."""
         if valid_time <= self.watermark:
@@ -356,6 +494,20 @@ class BoundsOperator(Operator):
             self._emit(valid_time, fields, watermark, now)
             return
         self.promise(port, watermark, now)
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
+        """Plan to pass the samples within the bounds on."""
+        (batch,) = inputs
+        start, last = self._start, self._end
+        early = batch.valid_times < (BEGINNING if start is None else start)
+        late = batch.valid_times > (END if last is None else last)
+
+        def adopt() -> None:
+            for reason, dropped in (('start_time', early), ('end_time', late)):
+                if dropped.any():
+                    self._drop(reason, int(dropped.sum()))
+
+        return Planned(batch.rows(~(early | late)), self.inputs[0].watermark, adopt)
 
 
 def _out_of_order(valid_time: int, predecessor: int, mend: str) -> Fault:

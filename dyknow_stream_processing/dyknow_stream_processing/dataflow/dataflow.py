@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
+import numpy as np
+
 from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value
+from dyknow_stream_processing.dataflow.batches import Refusal, SampleBatch, refuse
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import (
     DEFAULT_DELAYS,
@@ -19,7 +22,6 @@ from dyknow_stream_processing.dataflow.operators import (
     SourceType,
 )
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
-from dyknow_stream_processing.dataflow.synchronisation import TickKey
 from dyknow_stream_processing.dataflow.waiting import waiting_reasons
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import total_demand
@@ -31,8 +33,6 @@ from dyknow_stream_processing.violation import Fault, Violation
 
 DEFAULT_MAX_LEAD: Final = 100 * NANOSECONDS['ms']
 """The time by which stamps may be ahead of the clock where a stream gives no `max_lead`."""
-
-_NO_TICKS: Final[Mapping[TickKey, int]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +206,28 @@ class Dataflow:
             )
         scheduler.run(scheduler.now)
 
+    def step_many(self, messages: Mapping[str, SampleBatch], end: int) -> Mapping[str, SampleBatch]:
+        """Process messages as columns, and the time until the last one, as `push` would.
+
+        Args:
+            messages: by the topic, in the order of their receipt.
+            end: the time of receipt of the last message, in nanoseconds.
+
+        Returns:
+            The samples of each stream, with their available times; callbacks receive none.
+
+        Raises:
+            NeedsStepsError: if an operator refuses, as `push` would do more than pass samples on.
+                Nothing has changed.
+        """
+        for each in messages.values():
+            if each.receipts is not None and (each.receipts < self._scheduler.now).any():
+                refuse(Refusal.ORDER)
+        found = self._graph.step_many(messages, end)
+        self._scheduler.run(end)
+        streams = self._streams.items()
+        return {name: each.receive_many(found[each.operators[0]]) for name, each in streams}
+
     def vouch(self, topic: str, watermark: int, now: int) -> None:
         """Process a watermark of another engine's stream that came without a sample.
 
@@ -256,16 +278,11 @@ class Dataflow:
         for stream in self._streams.values():
             stream.report(violation)
 
-    def rewind(self, ticks: Mapping[TickKey, int] = _NO_TICKS) -> None:
-        """Discard all samples and times, so that earlier samples can be pushed again.
-
-        Args:
-            ticks: the next tick of each periodic `sync`, see `ticks`; the others begin anew.
-        """
+    def rewind(self) -> None:
+        """Discard all samples and times, so that earlier samples can be pushed again."""
         self._reset()
         for stream in self._streams.values():
             stream.restart(self._scheduler, self._graph.connect(stream.resolved.term))
-        self._graph.set_ticks(ticks)
         self._graph.sweep()
 
     def forget(self, topics: AbstractSet[str]) -> None:
@@ -273,7 +290,7 @@ class Dataflow:
 
         Periodic ticks stay where they are.
         """
-        ticks = self.ticks()
+        ticks = self._graph.ticks()
         found = [each for each in self._streams.values() if not topics.isdisjoint(each.topics)]
         for each in found:
             each.detach()
@@ -283,10 +300,6 @@ class Dataflow:
             each.attach(self._graph.connect(each.resolved.term))
         self._graph.set_ticks(ticks)
         self._graph.sweep()
-
-    def ticks(self) -> Mapping[TickKey, int]:
-        """Return the next tick of each periodic `sync` that has begun."""
-        return self._graph.ticks()
 
     def advance(self, now: int) -> None:
         """Do the work that is due until a time, nanoseconds; an earlier time is ignored."""
@@ -374,6 +387,18 @@ class _RunningStream:
         self.available_time = available_time = now if now > earliest else earliest
         self.samples += 1
         self.on_sample(Sample(valid_time, available_time, fields, watermark))
+
+    def receive_many(self, batch: SampleBatch) -> SampleBatch:
+        """Count samples; return them with their available times."""
+        if not len(batch):
+            return batch
+        # Those that are emitted at the same time become available a nanosecond apart.
+        steps = np.arange(len(batch))
+        times = np.maximum(batch.emission_times() - steps, self.available_time + 1)
+        available = np.maximum.accumulate(times) + steps
+        self.samples += len(batch)
+        self.available_time = int(available[-1])
+        return replace(batch, receipts=available)
 
     def count_drops(self, reason: str, count: int = 1) -> None:
         self.drops[reason] += count

@@ -14,8 +14,10 @@ The check of `max_gap = 12 ms` is the same, but no sample comes too early.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from dyknow_common import (
     StreamConstraints,
@@ -24,6 +26,7 @@ from dyknow_common import (
     round_duration,
     round_time,
 )
+from dyknow_stream_processing.dataflow.batches import Planned, Refusal, SampleBatch, refuse
 from dyknow_stream_processing.dataflow.operators import Operator, Wiring
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
@@ -93,9 +96,7 @@ class DistanceOperator(Operator):
                 return
             if distance > self._longest and self._latest is not None:
                 self._violate(self._fault(valid_time, distance, self._longest))
-        self._last = valid_time
-        latest = valid_time + self._longest
-        self._latest = latest if self._end is None or latest <= self._end else None
+        self._last, self._latest = valid_time, self._latest_after(valid_time)
         self._plan()
         self._emit(valid_time, fields, watermark, now)
 
@@ -115,6 +116,35 @@ class DistanceOperator(Operator):
             self._report_gap(self._latest, now)
         else:
             self._plan()
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
+        """Plan to pass all samples on, if none comes too early, too late, or is missing."""
+        (batch,) = inputs
+        times = batch.valid_times
+        if self._last is not None:
+            times = np.concatenate([[self._last], times])
+        distances = np.diff(times)
+        if ((distances < self._shortest) | (distances > self._longest)).any():
+            refuse(Refusal.DISTANCE)
+        source = self.inputs[0]
+        last, latest = self._last, self._latest
+        if len(batch):
+            last = int(times[-1])
+            latest = self._latest_after(last)
+        if latest is not None:
+            certain = source.certain_at(latest)
+            if source.watermark > latest or (certain is not None and certain <= end):
+                refuse(Refusal.DISTANCE)
+
+        def adopt() -> None:
+            self._last, self._latest = last, latest
+            self._plan()
+
+        return Planned(batch, source.watermark, adopt)
+
+    def _latest_after(self, valid_time: int) -> int | None:
+        latest = valid_time + self._longest
+        return latest if self._end is None or latest <= self._end else None
 
     def _plan(self) -> None:
         """Wake when the clock makes a gap certain, if it can."""

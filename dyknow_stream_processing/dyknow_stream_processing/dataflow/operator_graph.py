@@ -7,6 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Final, cast
 
 from dyknow_common import NO_CONSTRAINTS, StreamConstraints
+from dyknow_stream_processing.dataflow.batches import (
+    NO_SAMPLES,
+    Planned,
+    SampleBatch,
+    later_than,
+)
 from dyknow_stream_processing.dataflow.built_in.action_status import ActionStatusOperator
 from dyknow_stream_processing.dataflow.built_in.frames import (
     FramesOperator,
@@ -131,6 +137,38 @@ class OperatorGraph:
         for each in self._synchronised():
             if each.tick_key is not None:
                 each.next_tick = ticks.get(each.tick_key)
+
+    def step_many(
+        self, messages: Mapping[str, SampleBatch], end: int
+    ) -> Mapping[Operator, SampleBatch]:
+        """Process messages of topics, as columns, and the time until `end`.
+
+        Returns:
+            The samples of each operator.
+
+        Raises:
+            NeedsStepsError: if an operator refuses; nothing has changed.
+        """
+        before = [(each, each.watermark) for each in self._operators.values()]
+        before.sort(key=lambda pair: pair[0].rank)
+        plans: dict[Operator, Planned] = {}
+        try:
+            for each, watermark in before:
+                inputs = [plans[source].output for source in each.inputs]
+                plan = each.step_many(inputs or [messages.get(each.label, NO_SAMPLES)], end)
+                # Its consumers plan with the watermark to come.
+                each.watermark = max(watermark, plan.watermark)
+                settled = later_than(watermark, plan.output.settled)
+                plans[each] = replace(plan, output=replace(plan.output, settled=settled))
+        except BaseException:
+            for each, watermark in before:
+                each.watermark = watermark
+            raise
+        for each, plan in plans.items():
+            plan.adopt()
+            emitted_at = plan.output.latest_emission()
+            each.emitted_at = each.emitted_at if emitted_at is None else emitted_at
+        return {each: plan.output for each, plan in plans.items()}
 
     def _synchronised(self) -> list[SyncOperator]:
         return [each for each in self._operators.values() if isinstance(each, SyncOperator)]

@@ -21,19 +21,28 @@ and then of rank, so each operator wakes after the inputs whose `certain_at` it 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar, Final, NamedTuple, Protocol
 
+import numpy as np
+
 from dyknow_common import NANOSECONDS, SECOND_NS, Value, ValueType, format_time
-from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
+from dyknow_stream_processing.dataflow.batches import (
+    Planned,
+    Refusal,
+    SampleBatch,
+    by_clock,
+    concatenated,
+    latest,
+    never,
+    refuse,
+)
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING, END, Scheduler
 from dyknow_stream_processing.violation import Fault, Violation, ViolationKind
 
 NO_PROMISE: Final = BEGINNING - 1
 """The watermark of samples from operators that make no promises."""
-
-END: Final = (1 << 63) - 1
-"""A time after all others, nanoseconds."""
 
 
 class StreamObserver(Protocol):
@@ -144,6 +153,16 @@ class Operator:
         """Process a promise of an input, whose watermark may have risen."""
         self._promise(watermark, now)
 
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
+        """Plan the samples of all inputs, and what the clock does until `end`.
+
+        The inputs have the watermarks that they will have. The plan changes nothing.
+
+        Raises:
+            NeedsStepsError: if not all samples pass without a drop or a violation.
+        """
+        refuse(Refusal.OPERATOR)
+
     def certain_at(self, valid_time: int) -> int | None:
         """Return the time from which no consumer has to wait for a sample valid then or before.
 
@@ -214,12 +233,12 @@ class Operator:
         for consumer, port in self.consumers:
             consumer.promise(port, self.watermark, now)
 
-    def _drop(self, reason: str) -> None:
+    def _drop(self, reason: str, count: int = 1) -> None:
         self.dropped_for = reason
         for observer in self.observers:
-            observer.count_drops(reason)
+            observer.count_drops(reason, count)
         if len(self.sources) == 1:
-            self.sources[0].dropped[reason] += 1
+            self.sources[0].dropped[reason] += count
 
     def _violate(self, fault: Fault) -> None:
         for observer in self.observers:
@@ -285,6 +304,20 @@ class SourceOperator(Operator):
             consumer.receive(port, valid_time, fields, promise, now)
         self.is_initial = False  # Later samples of other sources are not.
 
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
+        """Plan to pass messages on, which are valid when they are received or stamped."""
+        (messages,) = inputs
+        if self.vouched:
+            refuse(Refusal.ANOTHER_ENGINE)
+        times = messages.valid_times
+
+        def adopt() -> None:
+            if self._receipt_time and len(times):
+                self._latest_receipt = int(times[-1])
+
+        settled = by_clock(1) if self._receipt_time else never
+        return Planned(replace(messages, settled=settled), self.watermark, adopt)
+
     def vouch(self, watermark: int, now: int) -> None:
         """Pass a watermark of another engine on, which it has sent without a sample."""
         self._become_vouched()
@@ -336,6 +369,31 @@ class MergeOperator(Operator):
         """Pass a sample on; the input with the lowest watermark determines the promise."""
         self._raise_watermark(port, watermark)
         self._emit(valid_time, fields, min(self._watermarks), now)
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
+        """Plan to pass all samples on; those of different inputs at the same time in any order."""
+        some = [each for each in inputs if len(each)]
+        if len({frozenset(each.columns) for each in some}) > 1:
+            refuse(Refusal.FIELDS)
+        watermarks = list(map(max, self._watermarks, (each.watermark for each in self.inputs)))
+
+        def adopt() -> None:
+            self._watermarks = watermarks
+
+        output = replace(inputs[0], settled=latest([each.settled for each in inputs]))
+        if some:
+            receipts = np.concatenate([each.emission_times() for each in some])
+            order = np.argsort(receipts, kind='stable')
+            output = SampleBatch(
+                np.concatenate([each.valid_times for each in some])[order],
+                {
+                    name: concatenated([each.columns[name] for each in some])[order]
+                    for name in some[0].columns
+                },
+                output.settled,
+                receipts[order],
+            )
+        return Planned(output, min(watermarks), adopt)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
         """Promise the lowest watermark of the inputs."""

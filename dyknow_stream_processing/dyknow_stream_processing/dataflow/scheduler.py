@@ -14,6 +14,9 @@ from typing import Final, Protocol
 BEGINNING: Final = -(1 << 63)
 """A time before all others, nanoseconds."""
 
+END: Final = (1 << 63) - 1
+"""A time after all others, nanoseconds."""
+
 
 class Wakeable(Protocol):
     """An operator, as the scheduler sees it."""

@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dyknow_common import COMPARISONS, Value, ValueType, value_text
-from dyknow_stream_processing.dataflow.operators import END, Operator, Wiring
-from dyknow_stream_processing.dataflow.scheduler import BEGINNING
+from dyknow_stream_processing.dataflow.batches import (
+    Planned,
+    Refusal,
+    SampleBatch,
+    Times,
+    refuse,
+)
+from dyknow_stream_processing.dataflow.operators import Operator, Wiring
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING, END
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.specification import Condition, Selection
 from dyknow_stream_processing.language.type_rules import comparable_types
@@ -17,6 +28,8 @@ from dyknow_stream_processing.violation import Fault, ViolationKind
 _MAX_VALUE: Final = 80
 """The length of a value in a message."""
 
+_EXACT: Final = 1 << 53
+"""Integers up to this one are floats, too."""
 
 ABSENT: Final = 'absent'
 """The reason of the drop of a message without the element that a key names."""
@@ -35,7 +48,7 @@ class SelectOperator(Operator):
         if not any(each.embedded_fields for each in selections):
             self._constant_names = {each.name: each.field for each in selections}
         self._emitted = BEGINNING
-        self._conditions = ' and '.join(map(str, conditions))
+        self._conditions = tuple(conditions)
         self._rejected: tuple[str, Value] | None = None
         """The latest value for which a sample was not selected, and its field."""
         self._absent = ''
@@ -76,8 +89,25 @@ class SelectOperator(Operator):
         Many samples may share a valid time, such as one of each robot of a fleet. The next one may
         be the one that is selected, so consumers must wait for it.
         """
-        is_covered = watermark == self._emitted or (self.in_order and watermark < self._emitted)
-        self._promise(watermark if is_covered else watermark - 1, now)
+        self._promise(self._promised(watermark, self._emitted), now)
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
+        """Plan to emit the selected fields of the samples that satisfy the conditions."""
+        (batch,) = inputs
+        chosen, rejected = self._chosen(batch)
+        emitted = int(chosen.valid_times[-1]) if len(chosen) else self._emitted
+
+        def adopt() -> None:
+            self._emitted, self._rejected = emitted, rejected or self._rejected
+
+        known = np.append(chosen.valid_times, END)
+
+        def settled(times: Times, clock: Times) -> Times:
+            is_emitted = known[np.searchsorted(known, times)] == times
+            return batch.settled(times + ~is_emitted, clock)
+
+        promised = self._promised(self.inputs[0].watermark, emitted)
+        return Planned(replace(chosen, settled=settled), promised, adopt)
 
     def obstacle(self, name: Callable[[Operator], str]) -> str:
         """Return the conditions, if samples fail them, and how the last one did."""
@@ -86,7 +116,8 @@ class SelectOperator(Operator):
         if self._rejected is None:
             return super().obstacle(name)
         source, rejected = name(self.inputs[0]), _shown(*self._rejected)
-        return f'no sample of {source} satisfies {self._conditions} (the last has {rejected})'
+        conditions = ' and '.join(map(str, self._conditions))
+        return f'no sample of {source} satisfies {conditions} (the last has {rejected})'
 
     def certain_at(self, valid_time: int) -> int | None:
         """Return the time from which not even a second sample of a valid time can arrive."""
@@ -102,6 +133,33 @@ class SelectOperator(Operator):
     def certain_until(self, now: int) -> int:
         """Return the time until which not even a second sample of a valid time can arrive."""
         return max(self.watermark, self.inputs[0].certain_until(now + 1) - 1)
+
+    def _promised(self, watermark: int, emitted: int) -> int:
+        is_covered = watermark == emitted or (self.in_order and watermark < emitted)
+        return watermark if is_covered else watermark - 1
+
+    def _chosen(self, batch: SampleBatch) -> tuple[SampleBatch, tuple[str, Value] | None]:
+        """Return the selected fields of samples, and a field and value of the last one dropped."""
+        if self._constant_names is None:
+            refuse(Refusal.FIELDS)
+        if not len(batch):
+            return replace(batch, columns={}), None
+        columns = batch.columns
+        try:
+            masks = [satisfied(each, columns[each.field]) for each in self._conditions]
+            selected = {name: columns[field] for name, field in self._constant_names.items()}
+        except KeyError:
+            refuse(Refusal.FIELDS)
+        except StreamError:
+            refuse(Refusal.VALUE)
+        chosen = replace(batch, columns=selected)
+        found = np.logical_and.reduce(masks) if masks else np.ones(1, np.bool_)
+        if found.all():
+            return chosen, None
+        last = int(np.flatnonzero(~found)[-1])
+        failed = next(index for index, mask in enumerate(masks) if not mask[last])
+        field = self._conditions[failed].field
+        return chosen.rows(found), (field, columns[field][last : last + 1].tolist()[0])
 
     def _select(self, fields: Mapping[str, Value]) -> Mapping[str, Value]:
         if self._constant_names is not None:
@@ -163,6 +221,21 @@ def condition_test(condition: Condition) -> Callable[[Value], bool]:
         return compare(value, expected)
 
     return test
+
+
+def satisfied(condition: Condition, column: NDArray[np.generic]) -> NDArray[np.bool_]:
+    """Return which values satisfy a condition, as its test compares them.
+
+    Raises:
+        StreamError: if a value cannot be compared.
+    """
+    compare, value = COMPARISONS[condition.operator], condition.value
+    if type(value) in {int, float} and abs(value) <= _EXACT:  # type: ignore[arg-type]
+        if column.dtype.kind == 'f':
+            return np.asarray(compare(column, float(value)))
+        if type(value) is int and column.dtype == np.int64:
+            return np.asarray(compare(column, value))
+    return np.array(list(map(condition_test(condition), column.tolist())), np.bool_)
 
 
 def _namer(selection: Selection) -> Callable[[Mapping[str, Value]], str]:

@@ -15,13 +15,27 @@ a `max_delay` of 10 ms on b, tick 2 is emitted without another sample of b when 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dyknow_common import Value, round_duration, round_time
 from dyknow_stream_processing.dataflow.approximations import LinearTrack, Track
+from dyknow_stream_processing.dataflow.batches import (
+    Planned,
+    Refusal,
+    SampleBatch,
+    Settled,
+    Times,
+    is_increasing,
+    latest,
+    refuse,
+)
 from dyknow_stream_processing.dataflow.operators import Operator, Wiring
-from dyknow_stream_processing.dataflow.scheduler import BEGINNING
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING, END
 from dyknow_stream_processing.language.type_rules import collision_text
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
@@ -151,12 +165,16 @@ class SynchronisedOperator(Operator):
             else:
                 self._process(target, now)
                 emitted += 1
-        if target is not None and self.timed:
-            certain = self._tracks[self._unsettled].certain_at(target)
-            if certain is not None:
-                self._scheduler.wake_at(self, certain)
+        self._plan()
         if self.consumers:
             self._promise(self._horizon(), now)
+
+    def _plan(self) -> None:
+        """Wake when the clock may settle the target."""
+        if self._target is not None and self.timed:
+            certain = self._tracks[self._unsettled].certain_at(self._target)
+            if certain is not None:
+                self._scheduler.wake_at(self, certain)
 
     def _is_settled(self, target: int, clock: int | None) -> bool:
         tracks = self._tracks
@@ -258,6 +276,121 @@ class SyncOperator(SynchronisedOperator):
             self._emit(valid_time, joined, valid_time, now)
         else:
             self._reject(Fault(ViolationKind.FIELDS, valid_time, self._collision(values)))
+
+    def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
+        """Plan all ticks that are certain at the end."""
+        tracks, old_tick = self._tracks, self.next_tick
+        samples = [each.samples(batch) for each, batch in zip(tracks, inputs, strict=True)]
+        times = [each for each, _ in samples]
+        self._check_order(inputs, times)
+        pairs = list(zip(tracks, inputs, strict=True))
+        until = min(each.settled_until(batch, end) for each, batch in pairs)
+        settled = latest([each.settling(batch) for each, batch in pairs])
+        targets, ticks, next_tick = self._targets(times, until)
+        self._check_counts(inputs, times, targets, ticks, settled)
+        columns: dict[str, NDArray[np.generic]] = {}
+        for track, (known, values) in zip(tracks, samples, strict=True):
+            if len(ticks) and not columns.keys().isdisjoint(values):
+                refuse(Refusal.FIELDS)
+            columns |= track.values_at(ticks, known, values) if len(ticks) else {}
+        last_tick = int(ticks[-1]) if len(ticks) else self._last_tick
+
+        def adopt() -> None:
+            position = int(targets[-1]) if len(targets) else BEGINNING
+            for track, each in zip(tracks, samples, strict=True):
+                track.continue_from(position, *each)
+            self._is_complete = all(each.latest is not None for each in tracks)
+            self.next_tick, self._last_tick = next_tick, last_tick
+            self._is_overflowing = self._is_overflowing and not len(targets)
+            if next_tick is not None and old_tick is not None:
+                self._thin(inputs, next_tick, BEGINNING)
+            elif next_tick is not None:
+                # Before the first target was processed, it was not known which ticks come.
+                first = np.array([min(int(each[0]) for each in times if len(each))])
+                self._thin(inputs, next_tick, int(settled(first, first)[0]))
+            self._target, self._unsettled = self._find_target(), 0
+            if self._target is not None:
+                self._is_settled(self._target, None)
+            self._plan()
+
+        promised = max(last_tick, until) if self.consumers else last_tick
+        return Planned(SampleBatch(ticks, columns, settled, None), promised, adopt)
+
+    def _check_order(self, inputs: Sequence[SampleBatch], times: Sequence[Times]) -> None:
+        """Refuse samples that are simultaneous, or come after a tick at which they are valid."""
+        is_late = any((each.valid_times[:1] <= self._last_tick).any() for each in inputs)
+        if is_late or not all(is_increasing(each, BEGINNING) for each in times):
+            refuse(Refusal.ORDER)
+
+    def _targets(self, times: Sequence[Times], until: int) -> tuple[Times, Times, int | None]:
+        """Return the targets until a time, those that are ticks, and the tick after them.
+
+        Args:
+            times: the valid times of the samples of each track, the latest one included.
+            until: the time until which all tracks are settled.
+        """
+        is_missing = [each.latest is None for each in self._tracks]
+        new = [
+            each if missing else each[1:] for each, missing in zip(times, is_missing, strict=True)
+        ]
+        heads = [
+            each[:1].tolist() for each, missing in zip(new, is_missing, strict=True) if missing
+        ]
+        begin = max((each[0] if each else END for each in heads), default=BEGINNING)
+        early = [each[: np.searchsorted(each, until, 'right')] for each in new]
+        moves = early[0]
+        if len(early) > 1:
+            moves = np.sort(np.concatenate(early), kind='stable')
+            moves = moves[np.diff(moves, prepend=BEGINNING) != 0]
+        if self._period is None:
+            return moves, moves[np.searchsorted(moves, begin) :], None
+        if self.next_tick is None and not len(moves):
+            return moves, moves, None
+        tick = int(moves[0]) if self.next_tick is None else self.next_tick
+        first = _first_tick(max(tick, begin), tick, self._period)
+        ticks = np.arange(first, until + 1, self._period) if first <= until else moves[:0]
+        if len(ticks) or not heads:
+            return ticks, ticks, int(ticks[-1]) + self._period if len(ticks) else tick
+        position = max(tick, int(moves[-1]) + 1) if len(moves) else tick
+        return moves, ticks, _first_tick(position, tick, self._period)
+
+    def _check_counts(
+        self,
+        inputs: Sequence[SampleBatch],
+        times: Sequence[Times],
+        targets: Times,
+        ticks: Times,
+        settled: Settled,
+    ) -> None:
+        """Refuse more ticks at once than are due, and more waiting samples than are kept."""
+        if self._period is not None and len(ticks) >= self._max_ticks:
+            _, counts = np.unique(settled(ticks, ticks), return_counts=True)
+            if counts.max() >= self._max_ticks:
+                refuse(Refusal.TICKS)
+        if len(ticks) and int(ticks[0]) < self._first_possible_tick:
+            refuse(Refusal.BUFFER)
+        pairs = list(zip(self._tracks, inputs, strict=True))
+        if all(len(track.waiting) + len(batch) <= MAX_WAITING for track, batch in pairs):
+            return
+        done, reached = settled(targets, targets), np.append(BEGINNING, targets)
+        for (track, batch), known in zip(pairs, times, strict=True):
+            position = reached[np.searchsorted(done, batch.emission_times())]
+            moved = np.searchsorted(known, position, 'right')
+            received = np.arange(len(known) - len(batch), len(known)) + 1
+            waiting = received - np.maximum(moved, track.latest is not None)
+            if (waiting > MAX_WAITING).any():
+                refuse(Refusal.BUFFER)
+
+    def _thin(self, inputs: Sequence[SampleBatch], tick: int, since: int) -> None:
+        """Remove waiting samples that no tick needs, of those received after a time."""
+        for track, batch in zip(self._tracks, inputs, strict=True):
+            rows, track.waiting = track.waiting, deque()
+            times = batch.emission_times().tolist()[-len(rows) :] if rows else []
+            received = [BEGINNING] * (len(rows) - len(times)) + times
+            for row, time in zip(rows, received, strict=True):
+                track.waiting.append(row)
+                if time > since and self._period is not None:
+                    track.thin(tick, self._period)
 
     def _collision(self, values: Values) -> str:
         ports: dict[str, int] = {}

@@ -5,12 +5,10 @@ Rules as in the coordinator (`Standby`) and the reasoning engine (`StandbyStates
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dyknow_common import DyKnowError
 from dyknow_coordinator import (
@@ -22,9 +20,7 @@ from dyknow_coordinator import (
 from dyknow_reasoning import StandbyStates
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import LostMessages
-from dyknow_stream_processing import Sample, Violation
-
-NO_STREAMS: Final[frozenset[str]] = frozenset()
+from dyknow_stream_processing import Sample, SampleBatch, Violation, rows_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,20 +30,15 @@ class GroupStream:
     Args:
         name: of the stream.
         created_at: the log time from which on it receives samples, in nanoseconds.
-        latest: the valid time of its latest state; None before the first.
-        receive_many: processes states that were made as columns: their valid times in nanoseconds,
-            increasing, of shape (n,), and the values of each feature, of shape (n,).
+        receive_many: processes states that were made as columns.
         is_replaceable: True if another stream may replace it when a topic is silent.
-        alternatives: the streams of files that such a stream may be made of.
         until: the log time before which no other stream is made.
     """
 
     name: str
     created_at: int
-    latest: int | None
-    receive_many: Callable[[NDArray[np.int64], Mapping[str, NDArray[np.generic]]], None]
+    receive_many: Callable[[SampleBatch], None]
     is_replaceable: bool = False
-    alternatives: frozenset[str] = NO_STREAMS
     until: int | None = None
 
 
@@ -189,30 +180,30 @@ class RecordedStandby:
         stream = self.stream
         if stream is None:
             return ()
-        return [GroupStream(stream.name, stream.created_at, stream.latest, self._receive_many)]
+        return [GroupStream(stream.name, stream.created_at, self._receive_many)]
 
     def receive(self, state: Sample) -> None:
         """Keep a state."""
         stream = self.stream
-        if stream is None or (stream.latest is not None and state.valid_time <= stream.latest):
-            return  # A state that was made as a column before.
+        if stream is None:
+            return
         stream.latest = state.valid_time
         stream.states.add(state, self._progressed())
 
-    def _receive_many(
-        self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
-    ) -> None:
+    def _receive_many(self, states: SampleBatch) -> None:
         """Keep the states that are later than the latest progressed one, and the one before."""
         stream, progressed = self.stream, self._progressed()
-        if stream is None or not len(valid_times):
+        if stream is None or not len(states):
             return
+        valid_times = states.valid_times
         stream.latest = int(valid_times[-1])
         later = 0 if progressed is None else int(np.searchsorted(valid_times, progressed, 'right'))
         first = max(later - 1, 0)
-        values = {name: column[first:].tolist() for name, column in columns.items()}
-        for row, valid_time in enumerate(valid_times[first:].tolist()):
-            fields = {name: column[row] for name, column in values.items()}
-            stream.states.add(Sample(valid_time, valid_time, fields), progressed)
+        columns = {name: column[first:] for name, column in states.columns.items()}
+        receipts = states.emission_times()[first:].tolist()
+        rows = rows_of(valid_times[first:], columns)
+        for receipt, (valid_time, fields) in zip(receipts, rows, strict=True):
+            stream.states.add(Sample(valid_time, receipt, fields), progressed)
 
     def break_off(self, violation: Violation) -> None:
         """Use neither the stream, which has broken a constraint, nor the sources at fault."""

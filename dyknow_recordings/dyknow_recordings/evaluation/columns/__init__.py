@@ -1,1 +1,0 @@
-"""Streams as columns: the samples of many messages at once, by numpy."""
