@@ -40,7 +40,6 @@ from dyknow_reasoning.progression.atoms import (
     evaluate,
 )
 from dyknow_reasoning.progression.bounds import Bound
-from dyknow_reasoning.progression.memories import RememberingProgression
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     AtLeast,
@@ -49,7 +48,6 @@ from dyknow_reasoning.progression.nodes import (
     Literal,
     Node,
     PastWindow,
-    PreviousState,
     Remembering,
     Sides,
     Window,
@@ -57,6 +55,7 @@ from dyknow_reasoning.progression.nodes import (
     descendants,
     sides,
 )
+from dyknow_reasoning.progression.progression import Progression
 from dyknow_reasoning.progression.residual import (
     interval_of,
     parts_in_order,
@@ -135,7 +134,7 @@ class _Explainer:
         self._values = values
         self._now, self._previous = moment.valid_time, moment.previous
         self._times = (*before.times, moment.valid_time)
-        self._progression = RememberingProgression([before.node])
+        self._progression = Progression([before.node])
         self._progression.begin(moment.symbol, self._times)
         # Finds what past operators are at this state.
         self._progression.advance(before.node, fresh=before.is_fresh)
@@ -173,7 +172,7 @@ class _Explainer:
                 return self._reasons_of_window(node, fresh=fresh)
             case Remembering():
                 return self._reasons(node.formula, fresh=fresh)
-            case PastWindow() | PreviousState():
+            case PastWindow():
                 holds = self._progressed(node, fresh=True) is TRUE
                 text = shortened_text(residual_text(node, self._written_atoms))
                 return [f"'{text}' is {str(holds).lower()} at {format_time(self._now)}"]
