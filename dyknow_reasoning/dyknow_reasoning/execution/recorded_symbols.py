@@ -20,10 +20,10 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     FieldVectors,
     Truths,
     UnreadableError,
+    atom_form,
     bits,
     checked,
 )
-from dyknow_reasoning.execution.vectors.batch_keys import atom_form
 from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.type_checking import Kind, Kinds

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
-from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.gaps import (

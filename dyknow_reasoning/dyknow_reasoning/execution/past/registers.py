@@ -12,8 +12,12 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
-from dyknow_reasoning.execution.vectors.batch_keys import MAX_BATCH_SLOTS, atom_form
+from dyknow_reasoning.execution.vectors.atom_vectors import (
+    MAX_BATCH_SLOTS,
+    Array,
+    Columns,
+    atom_form,
+)
 from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, field_name, fields

@@ -32,6 +32,7 @@ from math import inf
 from typing import Final
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
@@ -39,7 +40,6 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.readers import quick_reader
-from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.standing.fading import Future
 from dyknow_reasoning.execution.standing.groups import (
     ALWAYS,

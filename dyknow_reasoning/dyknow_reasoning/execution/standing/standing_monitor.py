@@ -8,11 +8,11 @@ from math import inf
 from typing import Final
 
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
     FormulaInstance,
     InstanceState,
 )
-from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts, open_starts
 from dyknow_reasoning.execution.standing.runs import (
