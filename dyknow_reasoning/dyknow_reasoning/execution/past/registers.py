@@ -46,13 +46,15 @@ class Sides(dict[int, tuple[int, int]]):
     """The rows for which the operands of an operator hold, left and right, by their atoms.
 
     Args:
+        atoms: the atom of each slot.
         left: the left operand, without windows.
         right: the right operand.
+        kinds: the kinds of the features.
     """
 
-    def __init__(self, left: Node, right: Node) -> None:
+    def __init__(self, atoms: Sequence[Atom], left: Node, right: Node, kinds: Kinds) -> None:
         super().__init__()
-        self._left, self._right = left, right
+        self._atoms, self._left, self._right, self._kinds = atoms, left, right, kinds
 
     def __missing__(self, symbol: int) -> tuple[int, int]:
         left = ALL_ROWS if holds_at(self._left, symbol) else 0
@@ -61,26 +63,10 @@ class Sides(dict[int, tuple[int, int]]):
             self[symbol] = found
         return found
 
-
-class _Operands:
-    """The operands of an operator at each state.
-
-    Args:
-        atoms: the atom of each slot.
-        left: the left operand.
-        right: the right operand.
-        kinds: the kinds of the features.
-    """
-
-    def __init__(self, atoms: Sequence[Atom], left: Node, right: Node, kinds: Kinds) -> None:
-        self._atoms, self._kinds = atoms, kinds
-        self._mask = left.mask | right.mask
-        self.sides = Sides(left, right)
-
     @cached_property
     def read(self) -> Reader:
         """Reads the truth of the atoms from the values of a state."""
-        return quick_reader(self._atoms, self._kinds, self._mask)
+        return quick_reader(self._atoms, self._kinds, self._left.mask | self._right.mask)
 
 
 class Register:
@@ -116,10 +102,9 @@ class Register:
         """The nesting depth of past operators."""
         self._store, self._inner = store, inner
         self.memory = memory_of(atom.formula)
-        self._whole = _Operands(operands.atoms, operands.left, operands.right, kinds)
-        self.sides = self._whole.sides
+        self.sides = Sides(operands.atoms, operands.left, operands.right, kinds)
         # After a gap there are two: for the least and for the most favourable missing states.
-        self._branches: tuple[tuple[_Operands, PastMemory], ...] = ((self._whole, self.memory),)
+        self._branches: tuple[tuple[Sides, PastMemory], ...] = ((self.sides, self.memory),)
         # The latest error of an operand, while the operator depends on it.
         self._error: ReasoningError | None = None
 
@@ -145,7 +130,7 @@ class Register:
 
     def begin_with(self, memory: PastMemory) -> None:
         """Replace the memory of the operator."""
-        self.memory, self._branches = memory, ((self._whole, memory),)
+        self.memory, self._branches = memory, ((self.sides, memory),)
 
     def tried(self, memory: PastMemory, time: int, values: Values) -> bool:
         """Return the truth of the operator at a state, which a memory takes.
@@ -153,7 +138,7 @@ class Register:
         Raises:
             ReasoningError: if an operand has no truth; the memory does not take the state then.
         """
-        left, right = self.sides[self._whole.read(values)]
+        left, right = self.sides[self.sides.read(values)]
         return memory.step(time, left, right) != self.is_negated
 
     def step(self, time: int, values: MutableMapping[str, Any]) -> None:
@@ -185,12 +170,12 @@ class Register:
         self.gap = self.gap.join(gap) if self.gap else gap
         if len(self._branches) == 1:
             memories = self.memory, self.memory.of_row(0)
-            self._branches = tuple(zip(self._bounded_operands(), memories, strict=True))
+            self._branches = tuple(zip(self._bounded_sides(), memories, strict=True))
         left_holds = self.operands.left is TRUE
         for (_, memory), most in zip(self._branches, (False, True), strict=True):
             memory.miss_states(gap, left_holds=left_holds, most=most)
 
-    def _bounded_operands(self) -> list[_Operands]:
+    def _bounded_sides(self) -> list[Sides]:
         """Return the operands for the least and the most favourable states."""
         operands = self.operands
         past = whole_past_atoms(operands.atoms, self.mask)
@@ -199,7 +184,7 @@ class Register:
             apart(side, past, count, self._store) for side in (operands.left, operands.right)
         )
         return [
-            _Operands(bounded_atoms(operands.atoms, count, most=most), left, right, self.kinds)
+            Sides(bounded_atoms(operands.atoms, count, most=most), left, right, self.kinds)
             for most in (False, True)
         ]
 
@@ -208,13 +193,13 @@ class Register:
         if not self.memory.needs_lost(time):
             self._error = None
         try:
-            sides = [each.sides[each.read(values)] for each, _ in self._branches]
+            rows = [sides[sides.read(values)] for sides, _ in self._branches]
         except ReasoningError as error:
             self._lose(error, time, values)
             return
         found = [
             memory.step(time, left, right) != self.is_negated
-            for (left, right), (_, memory) in zip(sides, self._branches, strict=True)
+            for (left, right), (_, memory) in zip(rows, self._branches, strict=True)
         ]
         least, most = min(found), max(found)
         known = least if self.gap is None or least == most else unknowable(self.gap)
