@@ -160,17 +160,13 @@ class _Explainer:
     def _progressed(self, node: Node, *, fresh: bool) -> Node:
         return self._progression.progress(node, fresh=fresh)
 
-    def _reasons(  # noqa: PLR0911 - one for each kind
-        self, node: Node, *, fresh: bool
-    ) -> list[str]:
+    def _reasons(self, node: Node, *, fresh: bool) -> list[str]:
         """Return the reasons why the state decides a node."""
         match node:
             case Literal():
                 return [self._fact(node)]
-            case Junction():
-                return self._reasons_of_junction(node, fresh=fresh)
-            case AtLeast():
-                return self._reasons_of_count(node, fresh=fresh)
+            case Junction() | AtLeast():
+                return self._reasons_of_parts(node, fresh=fresh)
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
             case Remembering():
@@ -182,28 +178,22 @@ class _Explainer:
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
 
-    def _reasons_of_count(self, node: AtLeast, *, fresh: bool) -> list[str]:
-        verdict = self._progressed(node, fresh=fresh)
-        parts = parts_in_order(node, self._atoms)
-        deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
-        needed = node.count if verdict is TRUE else len(parts) - node.count + 1
-        if len(deciding) < needed:
-            return [self._whatever_follows(node, fresh=fresh)]
-        return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
-
     def _whatever_follows(self, node: Junction | AtLeast, *, fresh: bool) -> str:
         verdict = self._progressed(node, fresh=fresh)
         whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
         return f"'{self._remaining(node, fresh=fresh)}' {whatever}"
 
-    def _reasons_of_junction(self, node: Junction, *, fresh: bool) -> list[str]:
+    def _reasons_of_parts(self, node: Junction | AtLeast, *, fresh: bool) -> list[str]:
         verdict = self._progressed(node, fresh=fresh)
         parts = parts_in_order(node, self._atoms)
         deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
-        if not deciding:
-            return [self._whatever_follows(node, fresh=fresh)]
-        if verdict is constant(value=not node.universal):
+        needed = 1
+        if isinstance(node, AtLeast):
+            needed = node.count if verdict is TRUE else len(parts) - node.count + 1
+        elif verdict is constant(value=not node.universal):
             deciding = deciding[:1]
+        if len(deciding) < needed:
+            return [self._whatever_follows(node, fresh=fresh)]
         return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
 
     def _reasons_of_window(self, node: Window, *, fresh: bool) -> list[str]:
