@@ -10,12 +10,7 @@ from typing import Any
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.vectors.atom_vectors import (
-    Array,
-    Columns,
-    column_vector,
-    is_masked,
-)
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns, column_vector, is_masked
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.progression.atoms import Values
 

@@ -94,11 +94,7 @@ class VerdictReasons:
 
 
 def explain(
-    formula: Formula,
-    counts: Counts,
-    verdict: InstanceVerdict,
-    values: Values,
-    histories: Histories,
+    formula: Formula, counts: Counts, verdict: InstanceVerdict, values: Values, histories: Histories
 ) -> VerdictReasons:
     """Return the reasons of a verdict.
 

@@ -10,12 +10,7 @@ from math import inf
 from operator import itemgetter
 from typing import Any, cast
 
-from dyknow_reasoning.margins.operators import (
-    Assumption,
-    MarginOperator,
-    PairMargin,
-    Steps,
-)
+from dyknow_reasoning.margins.operators import Assumption, MarginOperator, PairMargin, Steps
 from dyknow_reasoning.margins.robustness import MarginThreshold, Robustness
 from dyknow_reasoning.margins.windows import MarginWindow, Step, UntilWindow
 

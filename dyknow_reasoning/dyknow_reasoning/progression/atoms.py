@@ -9,13 +9,7 @@ from typing import Any, TypeAlias, cast
 
 from dyknow_common import COMPARISONS, Value
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import (
-    Atom,
-    Comparison,
-    Formula,
-    PastAtom,
-    walk,
-)
+from dyknow_reasoning.language.formula import Atom, Comparison, Formula, PastAtom, walk
 from dyknow_reasoning.language.terms import (
     Arithmetic,
     Feature,

@@ -94,13 +94,7 @@ class NodeStore:
         return self._stored(Literal, slot, positive)
 
     def window(
-        self,
-        start: Bound | None,
-        end: Bound | None,
-        left: Node,
-        right: Node,
-        *,
-        universal: bool,
+        self, start: Bound | None, end: Bound | None, left: Node, right: Node, *, universal: bool
     ) -> Node:
         """Return a window, or a constant if the right side decides it for all states."""
         if right is constant(value=universal):

@@ -9,12 +9,7 @@ from operator import attrgetter
 
 from dyknow_common import ExitCode, shortened
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import (
-    Atom,
-    Comparison,
-    Formula,
-    Not,
-)
+from dyknow_reasoning.language.formula import Atom, Comparison, Formula, Not
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.terms import operand_text
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS

@@ -23,13 +23,7 @@ from dyknow_reasoning.language.formula import (
     Formula,
     parts,
 )
-from dyknow_reasoning.language.terms import (
-    Aggregate,
-    Arithmetic,
-    Feature,
-    Function,
-    Term,
-)
+from dyknow_reasoning.language.terms import Aggregate, Arithmetic, Feature, Function, Term
 
 _LONGEST_NUMBER = 15
 """Digits of a count that a message shows in full."""

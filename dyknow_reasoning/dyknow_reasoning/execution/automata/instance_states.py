@@ -10,13 +10,7 @@ from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.bounds import Chronology
-from dyknow_reasoning.progression.gaps import (
-    Gap,
-    Half,
-    apart,
-    bounded_atoms,
-    whole_past_atoms,
-)
+from dyknow_reasoning.progression.gaps import Gap, Half, apart, bounded_atoms, whole_past_atoms
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Node, Sides

@@ -30,12 +30,7 @@ from dyknow_reasoning.progression.gaps import (
 )
 from dyknow_reasoning.progression.instances import PastOperands
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import (
-    TRUE,
-    Node,
-    holds_at,
-    slots,
-)
+from dyknow_reasoning.progression.nodes import TRUE, Node, holds_at, slots
 from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is_dual, memory_of
 
 _MAX_KEPT: Final = 1 << 8
