@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
-from itertools import chain, count
+from itertools import chain, count, islice
 from typing import Any
 
 from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, round_time
@@ -270,14 +270,22 @@ class FormulaGroup:
             usable = monitor.histories.extended_recording(usable)
         results = self._results_of_known() if len(usable) else []
         failures = self.standing.progress_many(usable)
+        rows, end = usable.rows(self._margins.fields), 0
         for index, outcomes in merged(monitor.progress_many(usable), failures):
-            self._margins.progress_many(usable.times, usable.columns, index + 1)
+            self._progress_margins(rows, index + 1 - end)
+            end = index + 1
             results += self._results_of(outcomes, usable.time(index), usable.values(index))
+        self._progress_margins(rows, len(usable) - end)
         end = len(usable)
-        self._margins.progress_many(usable.times, usable.columns, end)
         if end < len(recording):
             results += self.progress(recording.time(end), recording.values(end))
         return results
+
+    def _progress_margins(self, states: Iterator[tuple[int, Values]], count: int) -> None:
+        """Take the next states; they need not be read once there is no margin to compute."""
+        if self._margins.running:
+            for valid_time, values in islice(states, count):
+                self._margins.progress(valid_time, values)
 
     def gap(self) -> None:
         """Record that states may be missing before the next one, any number with any values.

@@ -2,7 +2,8 @@
 
 A vector of truth has an entry for each instance; over a recording it has a row for each state. A
 value that a vector cannot represent exactly (another type, a missing field, an integer that no
-float equals) raises `UnreadableError`. The states must then be read value by value.
+float equals) raises `UnreadableError`. The states must then be read value by value. Atoms are
+evaluated together if they have one *form*, and instances with one `batch_key`.
 """
 
 from __future__ import annotations

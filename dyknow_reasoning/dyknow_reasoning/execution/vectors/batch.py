@@ -1,4 +1,8 @@
-"""Batch: instances of one template that are progressed together as vectors."""
+"""Batch: instances of one template that are progressed together as vectors.
+
+With each are kept the origins of its windows without an end, for explanations: the valid times
+since which they are open.
+"""
 
 from __future__ import annotations
 
@@ -140,7 +144,7 @@ class Batch:
     def leave_configurations(self, latest: int) -> set[Location]:
         """Stop using configurations; return the locations of the instances."""
         vectors = self._vectors_for(latest, regular=False)
-        self._vectors = vectors.clocked(self.template.automaton, latest)
+        self._vectors = vectors.clocked(latest)
         return set(self._vectors.locations)
 
     def _vectors_for(self, latest: int, *, regular: bool) -> TabulatedVectors | ClockedVectors:
@@ -148,9 +152,9 @@ class Batch:
         vectors = self._vectors
         if regular and self.template.uses_configurations:
             if type(vectors) is ClockedVectors:
-                self._vectors = vectors.tabulated(self.template.configurations, latest)
+                self._vectors = vectors.tabulated(latest)
         elif type(vectors) is TabulatedVectors:
-            self._vectors = vectors.clocked(self.template.automaton, latest)
+            self._vectors = vectors.clocked(latest)
         return self._vectors
 
     def _verdict(self, decided: Decided, symbol: int, now: int, previous: int) -> InstanceVerdict:
@@ -172,14 +176,14 @@ def _vectors(
     template: Template, states: Sequence[InstanceState], width: int
 ) -> TabulatedVectors | ClockedVectors:
     if all(state.is_fresh for state in states):
-        initial = template.configurations.at(template.automaton.initial, ())
+        initial = template.at(template.automaton.initial, ())
         numbers = np.full(len(states), initial.number)
-        return TabulatedVectors(template.configurations, numbers, width)
+        return TabulatedVectors(template, numbers, width)
     positions: dict[tuple[Location, Times], int] = {}
     chosen = [
         positions.setdefault((state.location, state.times), len(positions)) for state in states
     ]
-    return ClockedVectors(template.automaton, list(positions), width, np.array(chosen))
+    return ClockedVectors(template, list(positions), width, np.array(chosen))
 
 
 class WindowOrigins:
