@@ -125,8 +125,8 @@ class FormulaGroup:
             ReasoningError: if the group has begun, for a sort without a domain, or a formula that
                 is too large for its domains; if a margin is requested that is not defined.
         """
-        named = _named(name, text, constants, every_state=every_state)
-        formula = named.formula
+        formula = parse_formula(text, constants)
+        named = NamedFormula(name, formula, check_types(formula, text), every_state)
         self._limit_nodes()
         instances: list[Instance] = []
         size = formula_size(formula, self._counts)
@@ -135,14 +135,12 @@ class FormulaGroup:
             instances = self._instances_of(formula, self._domains)
         formula_id = next(self._ids)
         if margin:
-            self._margins.add(formula_id, named, looks_back=self._looks_back(formula))
+            looks_back = self._monitor is not None and self._monitor.histories.keeps(formula)
+            self._margins.add(formula_id, named, looks_back=looks_back)
         self._formulas[formula_id], self._sizes[formula_id] = named, size.parts
         if self._monitor:
             self._begin_formula(formula_id, instances, self._monitor)
         return formula_id
-
-    def _looks_back(self, formula: Formula) -> bool:
-        return self._monitor is not None and self._monitor.histories.keeps(formula)
 
     def remove_formula(self, formula_id: int) -> None:
         """Remove a formula."""
@@ -458,11 +456,6 @@ class FormulaGroup:
         self._undecided.discard(formula_id)
         if self._monitor:
             self._monitor.histories.release([formula_id])
-
-
-def _named(name: str, text: str, constants: Constants, *, every_state: bool) -> NamedFormula:
-    formula = parse_formula(text, constants)
-    return NamedFormula(name, formula, check_types(formula, text), every_state)
 
 
 def _reason(formula: Formula, verdict: Verdict) -> VerdictReasons:
