@@ -11,7 +11,7 @@ Equal nodes are one object: compare them with `is`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import TypeAlias
@@ -175,13 +175,19 @@ def slots(mask: int) -> tuple[int, ...]:
 
 def descendants(roots: Iterable[Node]) -> set[Node]:
     """Return the nodes and everything that they consist of."""
-    found: set[Node] = set()
+    return set(_reachable(roots, children))
+
+
+def _reachable(
+    roots: Iterable[Node], parts_of: Callable[[Node], tuple[Node, ...]]
+) -> dict[Node, None]:
+    found: dict[Node, None] = {}
     pending = list(roots)
     while pending:
-        node = pending.pop()
-        if node not in found:
-            found.add(node)
-            pending += children(node)
+        each = pending.pop()
+        if each not in found:
+            found[each] = None
+            pending += parts_of(each)
     return found
 
 
@@ -201,14 +207,7 @@ def pending_parts(node: Node) -> list[Node]:
 
     The sides of windows have seen no state.
     """
-    found: dict[Node, None] = {}
-    pending = [node]
-    while pending:
-        each = pending.pop()
-        if each not in found:
-            found[each] = None
-            pending.extend(members(each))
-    return sorted(found, key=attrgetter('depth'))
+    return sorted(_reachable([node], members), key=attrgetter('depth'))
 
 
 def holds_at(node: Node, symbol: int) -> bool:
