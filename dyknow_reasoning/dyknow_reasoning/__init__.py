@@ -2,7 +2,7 @@
 
 from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, read_domains
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.explanation.choices import objects_text
+from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import (

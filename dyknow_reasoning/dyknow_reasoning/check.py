@@ -128,10 +128,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_domain_option(parser)
     parser.add_argument(
-        '--trace',
-        required=True,
-        metavar='FILE',
-        help='comma-separated values in UTF-8, see below',
+        '--trace', required=True, metavar='FILE', help='comma-separated values in UTF-8, see below'
     )
     parser.add_argument(
         '--json',

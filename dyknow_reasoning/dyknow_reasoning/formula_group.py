@@ -7,16 +7,16 @@ states (execution), and `explain` gives the reasons of the verdict (explanation)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
-from itertools import chain, count
+from itertools import chain, count, islice
 from typing import Any
 
-from dyknow_common import ExitCode, Margin, Symbol, Verdict, amount
+from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, amount, round_time
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import InstanceMonitor, Recording
+from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
+from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import Remainders
-from dyknow_reasoning.group_results import GroupResults, merged
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.parsing import parse_formula
@@ -73,7 +73,11 @@ class FormulaGroup:
         self._counts: dict[str, int] = {}
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
-        self._results = GroupResults(self._formulas, self._counts, self._margins, self.standing)
+        self._undecided: set[int] = set()
+        # The verdicts of formulas that need no state, until they are reported.
+        self._known: dict[int, Verdict] = {}
+        # The residual texts of formulas that have a result.
+        self._ends: dict[int, str] = {}
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
@@ -93,7 +97,7 @@ class FormulaGroup:
     @property
     def undecided(self) -> AbstractSet[int]:
         """The ids of the formulas without a result; empty before `begin`."""
-        return self._results.undecided
+        return self._undecided
 
     def add_formula(
         self,
@@ -120,8 +124,8 @@ class FormulaGroup:
             ReasoningError: if the group has begun, for a sort without a domain, or a formula that
                 is too large for its domains; if a margin is requested that is not defined.
         """
-        named = _named(name, text, constants, every_state=every_state)
-        formula = named.formula
+        formula = parse_formula(text, constants)
+        named = NamedFormula(name, formula, check_types(formula, text), every_state)
         self._limit_nodes()
         instances: list[Instance] = []
         size = formula_size(formula, self._counts)
@@ -144,8 +148,10 @@ class FormulaGroup:
         self._find(formula_id)
         if self._monitor and formula_id in self.undecided:
             self._monitor.remove([formula_id])
-        self._results.remove(formula_id)
-        for each in (self._formulas, self._sizes, self._instances):
+        self._release(formula_id)
+        self._margins.remove(formula_id)
+        self.standing.remove(formula_id)
+        for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
 
     def symbols(self) -> list[Symbol]:
@@ -188,7 +194,6 @@ class FormulaGroup:
         self._counts.update(counts)
         self._monitor = InstanceMonitor(self._limits.node_limit)
         self._remainders = Remainders(self._monitor)
-        self._results.histories = self._monitor.histories
         for formula_id, found in instances.items():
             self._begin_formula(formula_id, found, self._monitor)
         self._monitor.prepare()
@@ -217,7 +222,7 @@ class FormulaGroup:
         Their `decided_at` is None. Without a call they are returned with the first state.
         """
         self._begun()
-        return self._results.of_known()
+        return self._results_of_known()
 
     def progress(self, valid_time: int, values: Values) -> list[FormulaResult]:
         """Progress all undecided formulas over a state; return the new results.
@@ -241,8 +246,8 @@ class FormulaGroup:
         standing = self.standing
         if standing.formulas and (failures := standing.progress(valid_time, values)):
             outcomes = {**outcomes, **failures}
-        if outcomes or self._results.known:
-            return self._results.of_known() + self._results.of(outcomes, valid_time, values)
+        if outcomes or self._known:
+            return self._results_of_known() + self._results_of(outcomes, valid_time, values)
         return []
 
     def progress_many(
@@ -262,16 +267,24 @@ class FormulaGroup:
         usable = recording.increasing(monitor.latest)
         if monitor.histories.registers or monitor.histories.memories:
             usable = monitor.histories.extended_recording(usable)
-        results = self._results.of_known() if len(usable) else []
+        results = self._results_of_known() if len(usable) else []
         failures = self.standing.progress_many(usable)
+        rows, end = usable.rows(self._margins.fields), 0
         for index, outcomes in merged(monitor.progress_many(usable), failures):
-            self._margins.progress_many(usable.times, usable.columns, index + 1)
-            results += self._results.of(outcomes, usable.time(index), usable.values(index))
+            self._progress_margins(rows, index + 1 - end)
+            end = index + 1
+            results += self._results_of(outcomes, usable.time(index), usable.values(index))
+        self._progress_margins(rows, len(usable) - end)
         end = len(usable)
-        self._margins.progress_many(usable.times, usable.columns, end)
         if end < len(recording):
             results += self.progress(recording.time(end), recording.values(end))
         return results
+
+    def _progress_margins(self, states: Iterator[tuple[int, Values]], count: int) -> None:
+        """Take the next states; they need not be read once there is no margin to compute."""
+        if self._margins.running:
+            for valid_time, values in islice(states, count):
+                self._margins.progress(valid_time, values)
 
     def gap(self) -> None:
         """Record that states may be missing before the next one, any number with any values.
@@ -293,7 +306,7 @@ class FormulaGroup:
         failed = sorted(self.undecided)
         if self._monitor:
             self._monitor.remove(failed)
-        return self._results.of(dict.fromkeys(failed, error), valid_time, {})
+        return self._results_of(dict.fromkeys(failed, error), valid_time, {})
 
     def residual(self, formula_id: int) -> str:
         """Return the canonical text of what remains of a formula, for the states to come.
@@ -302,9 +315,9 @@ class FormulaGroup:
         instances are shown.
         """
         formula = self._find(formula_id)
-        if formula_id in self._results.ends:
-            return self._results.ends[formula_id]
-        if self._remainders is None or formula_id in self._results.known or formula.every_state:
+        if formula_id in self._ends:
+            return self._ends[formula_id]
+        if self._remainders is None or formula_id in self._known or formula.every_state:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)
 
@@ -324,13 +337,12 @@ class FormulaGroup:
         before `begin`. For one that is asked at every state, return True while it is violated.
         """
         self._find(formula_id)
-        if formula_id in self._results.ends:
-            return self._results.ends[formula_id] == 'false'
+        if formula_id in self._ends:
+            return self._ends[formula_id] == 'false'
         if formula_id in self.standing.formulas:
             return self.standing.formulas[formula_id].monitor.is_violated
-        known = self._results.known
-        if formula_id in known or self._remainders is None:
-            return known.get(formula_id) is Verdict.FALSE
+        if formula_id in self._known or self._remainders is None:
+            return self._known.get(formula_id) is Verdict.FALSE
         return not self._remainders.holds_at_the_end(formula_id)
 
     def _begun(self) -> InstanceMonitor:
@@ -380,17 +392,87 @@ class FormulaGroup:
         named, histories = self._formulas[formula_id], monitor.histories
         instances = histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
-        self._results.undecided.add(formula_id)
+        self._undecided.add(formula_id)
         if named.every_state:
             limit, margins = self._limits.node_limit, self._margins.standing(formula_id)
             given = formula_id, named, self._counts, instances, histories, limit, margins
             self.standing.add(formula_id, StandingFormula(*given))
         elif verdict := verdict_of(instances):
-            self._results.known[formula_id] = verdict
+            self._known[formula_id] = verdict
         else:
             monitor.add(formula_id, instances, named.kinds)
 
+    def _results_of_known(self) -> list[FormulaResult]:
+        """Return the results of formulas that need no state, and forget that they were known."""
+        known, self._known = self._known, {}
+        return [
+            self._end(each, verdict, None, _reason(self._formulas[each].formula, verdict))
+            for each, verdict in known.items()
+            if each in self.undecided
+        ]
 
-def _named(name: str, text: str, constants: Constants, *, every_state: bool) -> NamedFormula:
-    formula = parse_formula(text, constants)
-    return NamedFormula(name, formula, check_types(formula, text), every_state)
+    def _results_of(
+        self, outcomes: Outcomes, valid_time: int, values: Values
+    ) -> list[FormulaResult]:
+        """Return the results of the formulas that a state decides, or that fail with it."""
+        results = []
+        for formula_id, outcome in outcomes.items():
+            verdict, why, error = Verdict.UNDECIDED, VerdictReasons(''), None
+            if isinstance(outcome, ReasoningError):
+                self.standing.remove(formula_id)
+                error = ReasoningError(f'at {round_time(valid_time)}: {outcome}', outcome.code)
+            else:
+                verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
+                formula, histories = self._formulas[formula_id].formula, self._begun().histories
+                why = explain(formula, self._counts, outcome, values, histories)
+            results.append(self._end(formula_id, verdict, valid_time, why, error))
+        return results
+
+    def _end(
+        self,
+        formula_id: int,
+        verdict: Verdict,
+        ended_at: int | None,
+        why: VerdictReasons,
+        error: ReasoningError | None = None,
+    ) -> FormulaResult:
+        """Return the result of a formula, which needs no further state."""
+        self._release(formula_id)
+        named = self._formulas[formula_id]
+        self._ends[formula_id] = str(named) if error else verdict.name.lower()
+        return FormulaResult(
+            formula_id,
+            named.name,
+            verdict,
+            None if error else ended_at,
+            why.text,
+            error,
+            why.objects,
+            why.windows,
+            ended_at,
+            self._margins.end(formula_id),
+        )
+
+    def _release(self, formula_id: int) -> None:
+        self._undecided.discard(formula_id)
+        if self._monitor:
+            self._monitor.histories.release([formula_id])
+
+
+def _reason(formula: Formula, verdict: Verdict) -> VerdictReasons:
+    """Return the reason of a verdict that needs no state."""
+    symbols = symbols_of(formula)
+    sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
+    objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
+    return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')
+
+
+def merged(
+    some: Iterable[tuple[int, Outcomes]], others: Mapping[int, Outcomes]
+) -> Iterator[tuple[int, Outcomes]]:
+    """Return outcomes in the order of the indices of their states."""
+    pending = dict(others)
+    for index, outcomes in some:
+        yield from ((each, pending.pop(each)) for each in sorted(pending) if each < index)
+        yield index, {**outcomes, **pending.pop(index, {})}
+    yield from sorted(pending.items())

@@ -124,25 +124,6 @@ class StandingFormula:
             self._forget_margins(self.margins)
         return self.monitor.progress(valid_time, values)
 
-    def progress_many(self, recording: Recording) -> tuple[bool, tuple[int, ReasoningError] | None]:
-        """Progress over a recording.
-
-        Returns:
-            True if an episode has begun or ended, and the index of the state at which the formula
-            fails, with the error.
-        """
-        if self._error is not None:
-            return False, (0, self._error)
-        if self.margins is not None:
-            self._forget_margins(self.margins)
-        has_changed = False
-        for index, state in enumerate(recording.rows(recording.columns.keys())):
-            try:
-                has_changed |= self.monitor.progress(*state)
-            except ReasoningError as error:
-                return has_changed, (index, error)
-        return has_changed, None
-
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         if self._looks_back and self.monitor.states:
@@ -296,13 +277,12 @@ class StandingFormulas:
     def progress_many(self, recording: Recording) -> dict[int, dict[int, ReasoningError]]:
         """Progress all formulas over a recording; return those that fail, by indices of states."""
         failures: dict[int, dict[int, ReasoningError]] = {}
-        for formula_id, each in self.formulas.items() if len(recording) else ():
-            has_changed, failure = each.progress_many(recording)
-            if has_changed:
-                self._changed.add(formula_id)
-            if failure:
-                index, error = failure
-                failures.setdefault(index, {})[formula_id] = error
+        rows = recording.rows(recording.columns.keys()) if self.formulas else ()
+        for index, state in enumerate(rows):
+            if failed := self.progress(*state):
+                failures[index] = failed
+                for formula_id in failed:
+                    self.remove(formula_id)
         return failures
 
     def summary(self, formula_id: int) -> EpisodeSummary:

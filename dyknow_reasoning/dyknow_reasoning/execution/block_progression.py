@@ -132,9 +132,9 @@ class BlockProgression:
         if stop <= index:
             return index
         latest = self._times[index] - self._steps[index]
-        configurations, period = single.template.configurations, self._period
+        template, period = single.template, self._period
         ages = tuple(latest - time for time in single.clocks)
-        row = configurations.at(single.location, ages).row(period)
+        row = template.at(single.location, ages).row(period)
         symbols = iter(sequence.values[index:stop])
         symbol = 0
         try:
@@ -142,7 +142,7 @@ class BlockProgression:
                 row = row[symbol]
         except KeyError:
             stop -= length_hint(symbols) + 1
-            configurations.step(row.configuration, symbol, period)
+            template.step(row.configuration, symbol, period)
         if stop > index:
             latest, reached = self._times[stop - 1], row.configuration
             single.move_to(reached.location, tuple(latest - age for age in reached.ages))

@@ -8,14 +8,13 @@ from math import inf
 from dyknow_reasoning.errors import ReasoningError, late_state
 from dyknow_reasoning.execution.aggregation import Outcome, Outcomes, VerdictAggregation
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
     FormulaInstance,
     InstanceState,
     InstanceVerdict,
     bounded_halves,
 )
-from dyknow_reasoning.execution.automata.sampling import SamplingRegularity
-from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.block_progression import BlockProgression
 from dyknow_reasoning.execution.instance_pool import InstancePool, Symbols
 from dyknow_reasoning.execution.past.histories import Histories
@@ -26,9 +25,9 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
     SharedVectors,
     UnreadableError,
+    batch_key,
 )
-from dyknow_reasoning.execution.vectors.batch_keys import batch_key
-from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME, SamplingRegularity
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, whole_past_atoms

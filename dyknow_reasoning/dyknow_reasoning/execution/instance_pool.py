@@ -9,8 +9,8 @@ from typing import TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
-from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.single_instance import SingleInstance
 from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,

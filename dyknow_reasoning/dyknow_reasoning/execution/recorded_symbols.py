@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any, cast
 
@@ -16,17 +17,14 @@ from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.single_instance import SingleInstance
 from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
-    FieldVector,
     FieldVectors,
     Truths,
     UnreadableError,
+    atom_form,
     bits,
-    checked,
 )
-from dyknow_reasoning.execution.vectors.batch_keys import atom_form
 from dyknow_reasoning.language.formula import Atom, PastAtom
-from dyknow_reasoning.language.terms import Term
-from dyknow_reasoning.language.type_checking import Kind, Kinds
+from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import field_name, fields, predicate
 from dyknow_reasoning.progression.nodes import slots
 
@@ -46,7 +44,7 @@ class RecordedSymbols:
         """Those at which all atoms have a value so far."""
         self._count = len(states)
         self._columns = recording.columns
-        self._fields = _StateFields(recording, states)
+        self._all = slice(states.start, states.stop)
         self._truths: dict[Any, Truths] = {}
         self._found: dict[Any, SymbolSequence] = {}
         self._of: dict[tuple[FormulaInstance, int], SymbolSequence] = {}
@@ -88,11 +86,12 @@ class RecordedSymbols:
         return found
 
     def _evaluated(self, atom: Atom, kinds: Kinds, form: Any) -> Array:
-        try:
-            if form is not None:
-                return self._fields.truths([atom], kinds)()
-        except UnreadableError:
-            pass
+        if form is not None:
+            fields = FieldVectors()
+            truths = fields.truths([atom], kinds)
+            with suppress(UnreadableError):
+                fields.select(self._columns, self._all)
+                return truths().ravel()
         return self._evaluated_one_by_one(atom, kinds)
 
     def _evaluated_one_by_one(self, atom: Atom, kinds: Kinds) -> Array:
@@ -112,26 +111,6 @@ class RecordedSymbols:
                 self.states = self.states[:index]
                 break
         return found
-
-
-class _StateFields(FieldVectors):
-    """The values of single fields at some states of a recording."""
-
-    def __init__(self, recording: Recording, states: range) -> None:
-        super().__init__()
-        self._columns = recording.columns
-        self._states = slice(states.start, states.stop)
-
-    def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
-        (name,) = map(field_name, terms)
-        key = (name,), kind
-        if key not in self._found:
-            if name not in self._columns:
-                raise UnreadableError
-            field = FieldVector((name,), kind)
-            field.values = checked(self._columns[name][self._states], kind)
-            self._found[key] = field
-        return self._found[key]
 
 
 class SymbolSequence:
@@ -156,11 +135,6 @@ class SymbolSequence:
         return (
             symbols.tobytes() if symbols.dtype == np.uint8 else cast('list[int]', symbols.tolist())
         )
-
-    def truths(self, slot: int) -> Array:
-        """Return the truth of the atom of a slot at each state."""
-        found: Array = (self.symbols >> slot & 1).astype(bool)
-        return found
 
     def next_change(self, index: int, end: int) -> int:
         """Return the index of the next state whose symbol differs from the state before it.

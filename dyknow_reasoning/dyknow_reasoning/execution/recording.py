@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.vectors.atom_vectors import (
-    Array,
-    Columns,
-    column_vector,
-    is_masked,
-)
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns, column_vector, is_masked
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.progression.atoms import Values
+
+_BLOCK: Final = 1 << 12
+"""The states whose values are read together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +65,12 @@ class Recording:
 
     def rows(self, names: AbstractSet[str]) -> Iterator[tuple[int, dict[str, Any]]]:
         """Yield the valid time of each state, and its values of some fields."""
-        columns = {name: each.tolist() for name, each in self.columns.items() if name in names}
-        for index, time in enumerate(self.times.tolist()):
-            yield time, {name: column[index] for name, column in columns.items()}
+        used = [(name, column) for name, column in self.columns.items() if name in names]
+        for first in range(0, len(self), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            columns = [(name, column[block].tolist()) for name, column in used]
+            for index, time in enumerate(self.times[block].tolist()):
+                yield time, {name: column[index] for name, column in columns}
 
     def part(self, first: int, end: int) -> Recording:
         """Return the states from one index to before another."""

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from math import inf
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times, wake_time
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     InstanceState,
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
-from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.progression.nodes import Sides
 
 

@@ -7,17 +7,20 @@ The only data that is kept for it is the time since which each window without an
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from math import prod
 
 from dyknow_common import COMPARISONS, TEXT_COMPARISONS, Value, format_time
 from dyknow_reasoning.execution import DecidingMoment, Histories, InstanceVerdict
-from dyknow_reasoning.explanation.choices import objects_text, scope_text
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
 from dyknow_reasoning.explanation.past_facts import PastStates, past_fact, shortened_text
 from dyknow_reasoning.language.formula import (
+    Always,
     Comparison,
+    Exists,
+    Forall,
     Formula,
     FutureFormula,
     PastAtom,
@@ -40,7 +43,6 @@ from dyknow_reasoning.progression.atoms import (
     evaluate,
 )
 from dyknow_reasoning.progression.bounds import Bound
-from dyknow_reasoning.progression.memories import RememberingProgression
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     AtLeast,
@@ -49,7 +51,6 @@ from dyknow_reasoning.progression.nodes import (
     Literal,
     Node,
     PastWindow,
-    PreviousState,
     Remembering,
     Sides,
     Window,
@@ -57,6 +58,7 @@ from dyknow_reasoning.progression.nodes import (
     descendants,
     sides,
 )
+from dyknow_reasoning.progression.progression import Progression
 from dyknow_reasoning.progression.residual import (
     interval_of,
     parts_in_order,
@@ -92,11 +94,7 @@ class VerdictReasons:
 
 
 def explain(
-    formula: Formula,
-    counts: Counts,
-    verdict: InstanceVerdict,
-    values: Values,
-    histories: Histories,
+    formula: Formula, counts: Counts, verdict: InstanceVerdict, values: Values, histories: Histories
 ) -> VerdictReasons:
     """Return the reasons of a verdict.
 
@@ -135,7 +133,7 @@ class _Explainer:
         self._values = values
         self._now, self._previous = moment.valid_time, moment.previous
         self._times = (*before.times, moment.valid_time)
-        self._progression = RememberingProgression([before.node])
+        self._progression = Progression([before.node])
         self._progression.begin(moment.symbol, self._times)
         # Finds what past operators are at this state.
         self._progression.advance(before.node, fresh=before.is_fresh)
@@ -158,50 +156,40 @@ class _Explainer:
     def _progressed(self, node: Node, *, fresh: bool) -> Node:
         return self._progression.progress(node, fresh=fresh)
 
-    def _reasons(  # noqa: PLR0911 - one for each kind
-        self, node: Node, *, fresh: bool
-    ) -> list[str]:
+    def _reasons(self, node: Node, *, fresh: bool) -> list[str]:
         """Return the reasons why the state decides a node."""
         match node:
             case Literal():
                 return [self._fact(node)]
-            case Junction():
-                return self._reasons_of_junction(node, fresh=fresh)
-            case AtLeast():
-                return self._reasons_of_count(node, fresh=fresh)
+            case Junction() | AtLeast():
+                return self._reasons_of_parts(node, fresh=fresh)
             case Window():
                 return self._reasons_of_window(node, fresh=fresh)
             case Remembering():
                 return self._reasons(node.formula, fresh=fresh)
-            case PastWindow() | PreviousState():
+            case PastWindow():
                 holds = self._progressed(node, fresh=True) is TRUE
                 text = shortened_text(residual_text(node, self._written_atoms))
                 return [f"'{text}' is {str(holds).lower()} at {format_time(self._now)}"]
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
 
-    def _reasons_of_count(self, node: AtLeast, *, fresh: bool) -> list[str]:
-        verdict = self._progressed(node, fresh=fresh)
-        parts = parts_in_order(node, self._atoms)
-        deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
-        needed = node.count if verdict is TRUE else len(parts) - node.count + 1
-        if len(deciding) < needed:
-            return [self._whatever_follows(node, fresh=fresh)]
-        return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
-
     def _whatever_follows(self, node: Junction | AtLeast, *, fresh: bool) -> str:
         verdict = self._progressed(node, fresh=fresh)
         whatever = f'is {str(verdict is TRUE).lower()} whatever states follow'
         return f"'{self._remaining(node, fresh=fresh)}' {whatever}"
 
-    def _reasons_of_junction(self, node: Junction, *, fresh: bool) -> list[str]:
+    def _reasons_of_parts(self, node: Junction | AtLeast, *, fresh: bool) -> list[str]:
         verdict = self._progressed(node, fresh=fresh)
         parts = parts_in_order(node, self._atoms)
         deciding = [part for part in parts if self._progressed(part, fresh=fresh) is verdict]
-        if not deciding:
-            return [self._whatever_follows(node, fresh=fresh)]
-        if verdict is constant(value=not node.universal):
+        needed = 1
+        if isinstance(node, AtLeast):
+            needed = node.count if verdict is TRUE else len(parts) - node.count + 1
+        elif verdict is constant(value=not node.universal):
             deciding = deciding[:1]
+        if len(deciding) < needed:
+            return [self._whatever_follows(node, fresh=fresh)]
         return [reason for part in deciding for reason in self._reasons(part, fresh=fresh)]
 
     def _reasons_of_window(self, node: Window, *, fresh: bool) -> list[str]:
@@ -392,3 +380,59 @@ def _intervals(node: Node) -> Mapping[Sides, set[Interval]]:
         if type(window) is Window:
             intervals[sides(window)].add(interval_of(window))
     return intervals
+
+
+def objects_text(binding: Mapping[str, str]) -> str:
+    """Return the text of a choice of objects: `u = uav1, v = uav2`."""
+    return ', '.join(f'{variable} = {name}' for variable, name in binding.items())
+
+
+def scope_text(formula: Formula, counts: Counts, binding: Mapping[str, str], *, holds: bool) -> str:
+    """Return for which objects a formula is true or false, as the begin of its explanation.
+
+    Args:
+        formula: the formula.
+        counts: the number of objects of each sort.
+        binding: the choice of objects for the outermost `forall` that decided the formula.
+        holds: the verdict.
+    """
+    every, some = _outermost(formula)
+    objects = objects_text(binding)
+    if holds and (all_choices := _choices(every, counts)):
+        return f'for all {all_choices}, decided last for {objects}: '
+    scope = f'for {objects}: ' if objects else ''
+    if not holds and (no_choice := _choices(some, counts)):
+        return f'{scope}for none of {no_choice}, decided last: '
+    return scope
+
+
+def _outermost(formula: Formula) -> tuple[list[Forall], list[Exists]]:
+    """Return the outermost `forall`, and the outermost `exists` below them."""
+    every: list[Forall] = []
+    some: list[Exists] = []
+    while True:
+        match formula:
+            case Always(body=Forall() as inner) if not some:
+                # They commute: the choices are as for `forall x: always ...`.
+                every.append(inner)
+                formula = replace(formula, body=inner.body)
+            case Forall() if not some:
+                every.append(formula)
+                formula = formula.body
+            case Exists():
+                some.append(formula)
+                formula = formula.body
+            case _:
+                return every, some
+
+
+def _choices(quantifiers: Sequence[Forall | Exists], counts: Counts) -> str:
+    """Return the number of choices of objects for quantifiers; empty if there is only one."""
+    count = prod(counts.get(each.sort, 1) for each in quantifiers)
+    if count < 2:  # noqa: PLR2004 - one choice needs no number
+        return ''
+    if len(quantifiers) == 1:
+        return f'{count} objects of {quantifiers[0].sort}'
+    return (
+        f'{count} choices of {", ".join(f"{each.variable} in {each.sort}" for each in quantifiers)}'
+    )

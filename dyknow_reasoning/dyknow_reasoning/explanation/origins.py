@@ -15,7 +15,6 @@ from dyknow_reasoning.progression.nodes import (
     Junction,
     Node,
     PastWindow,
-    PreviousState,
     Sides,
     Window,
     constant,
@@ -70,7 +69,7 @@ def _parts(node: Node, context: _Context) -> Iterator[tuple[Node, _Context]]:
         case Window():
             fits = context in {None, node.universal} and _is_one_sided(node)
             yield from ((side, node.universal if fits else '') for side in (node.left, node.right))
-        case PastWindow() | PreviousState():
+        case PastWindow():
             yield from ((side, '') for side in operands(node))  # Reached by earlier states, too.
 
 

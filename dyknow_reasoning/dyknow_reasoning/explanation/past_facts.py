@@ -6,13 +6,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from dyknow_common import SyntaxNode, format_time
-from dyknow_reasoning.language.formula import (
-    Historically,
-    Once,
-    PastFormula,
-    Previous,
-    Since,
-)
+from dyknow_reasoning.language.formula import Historically, Once, PastFormula, Previous, Since
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.progression.past_operators import interval_of
 

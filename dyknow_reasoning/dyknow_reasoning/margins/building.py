@@ -34,11 +34,7 @@ from dyknow_reasoning.language.formula import (
     as_written,
     parts,
 )
-from dyknow_reasoning.language.terms import (
-    Feature,
-    FieldReference,
-    Truth,
-)
+from dyknow_reasoning.language.terms import Feature, FieldReference, Truth
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.comparisons import AtomMargins
 from dyknow_reasoning.margins.operators import (
@@ -58,12 +54,7 @@ from dyknow_reasoning.margins.robustness import (
     of_all,
 )
 from dyknow_reasoning.margins.temporal import ExtremumMargin, TemporalMargin, UntilMargin
-from dyknow_reasoning.margins.windows import (
-    ExtremaWindow,
-    ExtremumWindow,
-    SinceWindow,
-    UntilWindow,
-)
+from dyknow_reasoning.margins.windows import ExtremaWindow, ExtremumWindow, SinceWindow, UntilWindow
 from dyknow_reasoning.progression.atoms import fields
 from dyknow_reasoning.progression.instances import Binding, Domains, ground_atom, objects_of
 

@@ -15,20 +15,10 @@ import numpy as np
 from dyknow_common import COMPARISONS, TEXT_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Atom, Comparison
-from dyknow_reasoning.language.terms import (
-    Feature,
-    FieldReference,
-    Number,
-    Object,
-)
+from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Object
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, vector
-from dyknow_reasoning.progression.atoms import (
-    NEGATED_COMPARISONS,
-    Values,
-    predicate,
-    term_reader,
-)
+from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, Values, predicate, term_reader
 
 UNUSABLE = ReasoningError, OverflowError
 """The errors of a reader where the values are unusable."""

@@ -20,12 +20,7 @@ from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.building import MarginBuilder
 from dyknow_reasoning.margins.comparisons import UNUSABLE
-from dyknow_reasoning.margins.operators import (
-    Assumption,
-    MarginOperator,
-    Signals,
-    Steps,
-)
+from dyknow_reasoning.margins.operators import Assumption, MarginOperator, Signals, Steps
 from dyknow_reasoning.margins.robustness import (
     HIGHEST,
     LOWEST,

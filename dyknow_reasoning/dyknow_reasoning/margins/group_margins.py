@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-import numpy as np
-
 from dyknow_common import Margin
 from dyknow_reasoning.margins.building import check_margin
 from dyknow_reasoning.margins.formula_margin import BoundedMargins, FormulaMargin
@@ -14,9 +9,6 @@ from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 from dyknow_reasoning.results import NamedFormula
-
-_BLOCK = 1 << 12
-"""The states of a recording that are read together."""
 
 
 class GroupMargins:
@@ -37,6 +29,11 @@ class GroupMargins:
         # The formulas that have not begun.
         self._requested: dict[int, NamedFormula] = {}
         self._ended: dict[int, Margin] = {}
+
+    @property
+    def fields(self) -> set[str]:
+        """The names of the fields that these read."""
+        return {name for each in self.running.values() for name in each.fields}
 
     def add(self, formula_id: int, formula: NamedFormula, *, looks_back: bool = False) -> None:
         """Request the margin of a formula; it begins with the group, or with the next state.
@@ -73,26 +70,6 @@ class GroupMargins:
             self._latest = valid_time
             for each in self.running.values():
                 each.step(valid_time, values)
-
-    def progress_many(self, times: Any, columns: Mapping[str, Any], end: int) -> None:
-        """Process the states of a recording that have not been processed yet.
-
-        Args:
-            times: the valid times of its states, a numpy array.
-            columns: numpy arrays of the values of each field.
-            end: the number of states before the end of those to process.
-        """
-        if not self.running:
-            return
-        begin = 0 if self._latest is None else int(np.searchsorted(times, self._latest, 'right'))
-        used = {name for each in self.running.values() for name in each.fields}
-        names = [name for name in columns if name in used]
-        for start in range(begin, end, _BLOCK):
-            block = slice(start, min(start + _BLOCK, end))
-            rows = zip(*(columns[name][block].tolist() for name in names), strict=True)
-            values = (dict(zip(names, row, strict=True)) for row in rows)
-            for valid_time in times[block].tolist():
-                self.progress(valid_time, next(values, {}))
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""

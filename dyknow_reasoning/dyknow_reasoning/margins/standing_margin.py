@@ -157,10 +157,7 @@ class StandingMargin(BoundedMargins):
         lower = self._bounds[0].operator.open_margins(MarginThreshold(LOWEST, LOWEST))
         upper = self._bounds[-1].operator.open_margins(MarginThreshold(HIGHEST, HIGHEST))
         found = zip(
-            self._open,
-            chain(lower, repeat(LOWEST)),
-            chain(upper, repeat(HIGHEST)),
-            strict=False,
+            self._open, chain(lower, repeat(LOWEST)), chain(upper, repeat(HIGHEST)), strict=False
         )
         return [_MarginRun(each, each, *bounds) for each, *bounds in found if each is not None]
 

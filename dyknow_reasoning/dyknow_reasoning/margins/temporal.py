@@ -10,12 +10,7 @@ from math import inf
 from operator import itemgetter
 from typing import Any, cast
 
-from dyknow_reasoning.margins.operators import (
-    Assumption,
-    MarginOperator,
-    PairMargin,
-    Steps,
-)
+from dyknow_reasoning.margins.operators import Assumption, MarginOperator, PairMargin, Steps
 from dyknow_reasoning.margins.robustness import MarginThreshold, Robustness
 from dyknow_reasoning.margins.windows import MarginWindow, Step, UntilWindow
 
@@ -189,15 +184,7 @@ class ExtremumMargin(TemporalMargin):
 
 
 class UntilMargin(TemporalMargin):
-    """`until`; if universal, its dual, `release` with an open interval.
-
-    Args:
-        sides: the operators of both sides.
-        window: the window, whose end decides when a margin is known.
-    """
-
-    def __init__(self, sides: PairMargin, window: UntilWindow) -> None:
-        super().__init__(sides, window)
+    """`until`; if universal, its dual, `release` with an open interval."""
 
     def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
         """Return the margins that are not known yet, until all that follow reach the threshold."""

@@ -9,20 +9,13 @@ from typing import Any, TypeAlias, cast
 
 from dyknow_common import COMPARISONS, Value
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import (
-    Atom,
-    Comparison,
-    Formula,
-    PastAtom,
-    walk,
-)
+from dyknow_reasoning.language.formula import Atom, Comparison, Formula, PastAtom, walk
 from dyknow_reasoning.language.terms import (
     Arithmetic,
     Feature,
     FieldReference,
     Function,
     Number,
-    Object,
     Term,
     TextLiteral,
     Truth,
@@ -36,7 +29,7 @@ Values: TypeAlias = Mapping[str, Value]
 Predicate: TypeAlias = Callable[[Values], bool]
 """The truth of an atom at a state; raises ReasoningError if the values are unusable."""
 
-_Reader: TypeAlias = Callable[[Values], Any]
+Reader: TypeAlias = Callable[[Values], Any]
 
 CALCULATE: Mapping[str, Callable[[Any, Any], Any]] = {
     '+': operator.add,
@@ -91,22 +84,9 @@ def fields(node: Formula | Term) -> Iterator[Feature | FieldReference]:
 
 
 def evaluate(term: Term | Comparison, values: Values) -> Value:
-    """Return the value of a term; the state must hold its features."""
-    match term:
-        case Number(value) | TextLiteral(value) | Truth(value):
-            return value
-        case Arithmetic(symbol, left, right):
-            result: Value = CALCULATE[symbol](evaluate(left, values), evaluate(right, values))
-            return result
-        case Comparison(symbol, left, right):
-            return COMPARISONS[symbol](evaluate(left, values), evaluate(right, values))
-        case Function(name, arguments):
-            operands: list[Any] = [evaluate(each, values) for each in arguments]
-            return call_function(name, operands)
-        case Object():
-            return str(term)
-        case _:
-            return values[str(term)]
+    """Return the value of a term without variables; the state must hold its features."""
+    found: Value = term_reader(term, {})(values)
+    return found
 
 
 def predicate(atom: Atom, kinds: Kinds) -> Predicate:
@@ -119,23 +99,13 @@ def predicate(atom: Atom, kinds: Kinds) -> Predicate:
     if not isinstance(atom, Comparison):
         return _field(atom, Kind.BOOLEAN)
     compare = COMPARISONS[atom.operator]
-    left, right = _reader(atom.left, kinds), _reader(atom.right, kinds)
+    left, right = term_reader(atom.left, kinds), term_reader(atom.right, kinds)
     if isinstance(atom.right, Number | TextLiteral | Truth):
         constant = atom.right.value
         return lambda values: compare(left(values), constant)
     if has_unknown_kind(atom, kinds):
         return _compare_same_kind(atom, left, right)
     return lambda values: compare(left(values), right(values))
-
-
-def term_reader(term: Term, kinds: Kinds) -> Callable[[Values], Any]:
-    """Return the value of a term without variables; it raises ReasoningError if unusable.
-
-    Args:
-        term: the term.
-        kinds: the kinds of features, from `check_types`.
-    """
-    return _reader(term, kinds)
 
 
 def has_unknown_kind(atom: Comparison, kinds: Kinds) -> bool:
@@ -151,7 +121,7 @@ def kind_of(term: Feature | FieldReference, kinds: Kinds) -> Kind | None:
     return kinds.get(term.name if isinstance(term, Feature) else str(term))
 
 
-def _compare_same_kind(atom: Comparison, left: _Reader, right: _Reader) -> Predicate:
+def _compare_same_kind(atom: Comparison, left: Reader, right: Reader) -> Predicate:
     compare = COMPARISONS[atom.operator]
 
     def holds(values: Values) -> bool:
@@ -166,7 +136,13 @@ def _compare_same_kind(atom: Comparison, left: _Reader, right: _Reader) -> Predi
     return holds
 
 
-def _reader(term: Term | Comparison, kinds: Kinds) -> _Reader:
+def term_reader(term: Term | Comparison, kinds: Kinds) -> Reader:
+    """Return the value of a term without variables; it raises ReasoningError if unusable.
+
+    Args:
+        term: the term.
+        kinds: the kinds of features, from `check_types`.
+    """
     match term:
         case Number(value) | TextLiteral(value) | Truth(value):
             return lambda _: value
@@ -183,9 +159,9 @@ def _reader(term: Term | Comparison, kinds: Kinds) -> _Reader:
             return lambda _: name
 
 
-def _calculation(term: Arithmetic, kinds: Kinds) -> _Reader:
+def _calculation(term: Arithmetic, kinds: Kinds) -> Reader:
     calculate = CALCULATE[term.operator]
-    left, right = _reader(term.left, kinds), _reader(term.right, kinds)
+    left, right = term_reader(term.left, kinds), term_reader(term.right, kinds)
 
     def read(values: Values) -> int | float:
         first, second = left(values), right(values)
@@ -200,8 +176,8 @@ def _calculation(term: Arithmetic, kinds: Kinds) -> _Reader:
     return read
 
 
-def _call(term: Function, kinds: Kinds) -> _Reader:
-    readers = [_reader(each, kinds) for each in term.arguments]
+def _call(term: Function, kinds: Kinds) -> Reader:
+    readers = [term_reader(each, kinds) for each in term.arguments]
 
     def read(values: Values) -> int | float:
         operands = [reader(values) for reader in readers]
@@ -214,7 +190,7 @@ def _call(term: Function, kinds: Kinds) -> _Reader:
     return read
 
 
-def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> _Reader:
+def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> Reader:
     name = field_name(term)
     types = _PYTHON_TYPES.get(kind, tuple(chain.from_iterable(_PYTHON_TYPES.values())))
     # Subclasses, such as the floats of numpy, are usable as numbers only.

@@ -43,6 +43,7 @@ from dyknow_reasoning.progression.nodes import (
     Node,
     Remembering,
     Window,
+    children,
     constant,
     descendants,
     pending_parts,
@@ -103,7 +104,11 @@ def halves_after(node: Node, gap: Gap, times: Sequence[int], store: NodeStore) -
                 found[each] = TRUE, FALSE  # The memories know nothing of the missing states.
             case Junction() | AtLeast():
                 halves = zip(*(found[part] for part in each.parts), strict=True)
-                optimistic, pessimistic = (_combined(each, half, store) for half in halves)
+                # The better or the worse its parts are, so is the node.
+                optimistic, pessimistic = (
+                    each if parts == each.parts else store.with_parts(each, parts)
+                    for parts in halves
+                )
                 found[each] = optimistic, pessimistic
             case _:
                 found[each] = each, each
@@ -119,17 +124,9 @@ def apart(node: Node, mask: int, offset: int, store: NodeStore) -> Node:
         match each:
             case Literal(slot=slot, positive=False) if mask >> slot & 1:
                 found[each] = store.literal(slot + offset, positive=False)
-            case Junction():
-                parts = [found[part] for part in each.parts]
-                found[each] = store.junction(parts, universal=each.universal)
-            case AtLeast():
-                found[each] = store.at_least(each.count, [found[part] for part in each.parts])
-            case Window():
-                sides = found[each.left], found[each.right]
-                universal = each.universal
-                found[each] = store.window(each.start, each.end, *sides, universal=universal)
             case _:
-                found[each] = each
+                parts = [found[part] for part in children(each)]
+                found[each] = store.with_parts(each, parts)
     return found[node]
 
 
@@ -181,15 +178,6 @@ def _overlap(node: Window, gap: Gap, times: Sequence[int]) -> bool:
     if node.end is not None:
         last = min(last, times[node.end.state] + node.end.offset)
     return first <= last
-
-
-def _combined(node: Junction | AtLeast, members: tuple[Node, ...], store: NodeStore) -> Node:
-    """Return a node with other parts: the better or the worse they are, so is the node."""
-    if members == node.parts:
-        return node
-    if isinstance(node, AtLeast):
-        return store.at_least(node.count, members)
-    return store.junction(members, universal=node.universal)
 
 
 def unknowable(gap: Gap) -> ReasoningError:

@@ -32,7 +32,6 @@ from dyknow_reasoning.language.formula import (
     Or,
     PastAtom,
     PastFormula,
-    Previous,
     StateAtom,
     Until,
     looks_forward,
@@ -61,7 +60,7 @@ from dyknow_reasoning.progression.atoms import (
 from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
-from dyknow_reasoning.progression.past_operators import interval_of, is_dual, memory_of
+from dyknow_reasoning.progression.past_operators import is_dual, memory_of
 from dyknow_reasoning.progression.thresholds import Thresholds
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
@@ -211,18 +210,15 @@ class _Translator:
                 return constant(value=known)
             return self._literal(PastAtom(grounded), positive=True)
         *lefts, right = (self.node(cast('Formula', part), binding) for part in parts(formula))
-        if not memory_of(formula).may_look_forward:
+        memory = memory_of(formula)
+        if not memory.may_look_forward:
             raise ReasoningError(
                 f"'{shortened(formula)}' has an operator of the future in an operand, which "
                 f"'{formula.symbol}' does not allow; rewrite the formula without it"
             )
-        if isinstance(formula, Previous):
-            return self._store.previous_state(right, universal=False)
-        universal, interval = is_dual(formula), interval_of(formula)
+        universal = is_dual(formula)
         left = lefts[0] if lefts else constant(value=not universal)
-        return self._store.past_window(
-            interval.start, interval.end, left, right, universal=universal
-        )
+        return self._store.past_window(*memory.window, left, right, universal=universal)
 
     def _window(self, formula: Always | Eventually | Until, binding: Binding) -> Node:
         sides: tuple[Node, Node]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cmp_to_key
 from itertools import count, filterfalse
-from typing import Any, TypeAlias
+from typing import Any, TypeVar, cast
 
 from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.nodes import (
@@ -15,23 +15,17 @@ from dyknow_reasoning.progression.nodes import (
     Literal,
     Memory,
     Node,
-    PastNode,
     PastWindow,
-    PreviousState,
     Remembering,
     Sides,
     Window,
+    complete,
     constant,
     descendants,
-    members,
     pending_parts,
 )
 
-_WindowKey: TypeAlias = tuple[bool, Bound | None, Bound | None, Node, Node]
-_JunctionKey: TypeAlias = tuple[bool, tuple[Node, ...]]
-_PastKey: TypeAlias = tuple[bool, int, int | None, Node, Node] | tuple[bool, Node]
-_RememberingKey: TypeAlias = tuple[Node, tuple[Memory, ...], bool]
-_AtLeastKey: TypeAlias = tuple[int, tuple[Node, ...]]
+_Node = TypeVar('_Node', bound=Node)
 
 _NESTING = 64
 """Junctions that nest deeper are not searched for what they repeat: the search is recursive."""
@@ -83,51 +77,29 @@ class NodeStore:
 
     def __init__(self, chronology: Chronology, roots: Iterable[Node] = ()) -> None:
         self.order = WindowOrder(chronology)
-        self._literals: dict[tuple[int, bool], Literal] = {}
-        self._junctions: dict[_JunctionKey, Junction] = {}
-        self._counts: dict[_AtLeastKey, AtLeast] = {}
-        self._windows: dict[_WindowKey, Window] = {}
-        self._past: dict[_PastKey, PastNode] = {}
-        self._remembering: dict[_RememberingKey, Remembering] = {}
+        # By their kinds and what distinguishes them.
+        self._nodes: dict[tuple[Any, ...], Node] = {}
         self._negations: dict[Node, Node] = {}
         adopted = descendants(roots)
         for node in adopted:
-            self._adopt(node)
+            key = (getattr(node, name) for name in node.__match_args__)
+            self._nodes[type(node), *key] = node
         self._serials = count(1 + max((node.serial for node in adopted), default=0))
 
     def __len__(self) -> int:
-        found = (
-            self._literals,
-            self._junctions,
-            self._counts,
-            self._windows,
-            self._past,
-            self._remembering,
-        )
-        return sum(len(each) for each in found)
+        return len(self._nodes)
 
     def literal(self, slot: int, *, positive: bool) -> Node:
         """Return the atom of a slot, or its negation."""
-        key = (slot, positive)
-        node = self._literals.get(key)
-        if node is None:
-            node = Literal(*key, serial=next(self._serials), mask=1 << slot)
-            self._literals[key] = node
-        return node
+        return self._stored(Literal, slot, positive)
 
     def window(
-        self,
-        start: Bound | None,
-        end: Bound | None,
-        left: Node,
-        right: Node,
-        *,
-        universal: bool,
+        self, start: Bound | None, end: Bound | None, left: Node, right: Node, *, universal: bool
     ) -> Node:
         """Return a window, or a constant if the right side decides it for all states."""
         if right is constant(value=universal):
             return right
-        return self._window((universal, start, end, left, right))
+        return self._stored(Window, universal, start, end, left, right)
 
     def junction(self, parts: Iterable[Node], *, universal: bool) -> Node:
         """Return the simplified conjunction (universal) or disjunction of the parts."""
@@ -142,44 +114,22 @@ class NodeStore:
             return constant(value=universal)
         if len(flat) == 1:
             return next(iter(flat))
-        ordered = tuple(sorted(flat, key=_rank))
-        return self._junction((universal, ordered))
+        return self._stored(Junction, universal, _ordered(flat))
 
     def past_window(
-        self, start: int, end: int | None, left: Node, right: Node, *, universal: bool
+        self, start: int | None, end: int | None, left: Node, right: Node, *, universal: bool
     ) -> Node:
         """Return a window of the past, or a constant if the right side decides it."""
         decided = constant(value=universal)
         if right is decided or (start == 0 and right is constant(value=not universal)):
             return right
-        key = (universal, start, end, left, right)
-        if key not in self._past:
-            self._past[key] = PastWindow(*key, serial=next(self._serials), **_over(left, right))
-        return self._past[key]
-
-    def previous_state(self, body: Node, *, universal: bool) -> Node:
-        """Return a formula at the state before, which is `universal` at the first state."""
-        if body is constant(value=universal):
-            return body
-        key = (universal, body)
-        if key not in self._past:
-            self._past[key] = PreviousState(*key, serial=next(self._serials), **_over(body))
-        return self._past[key]
+        return self._stored(PastWindow, universal, start, end, left, right)
 
     def remembering(
         self, formula: Node, memories: tuple[Memory, ...], *, is_fresh: bool = False
     ) -> Node:
         """Return a formula, which may be fresh, with the memories of its past operators."""
-        key = (formula, memories, is_fresh)
-        found = self._remembering.get(key)
-        if found is None:
-            found = Remembering(*key, serial=next(self._serials))
-            for name, value in _over(formula, *members(found)).items():
-                setattr(found, name, value)
-            found.mask |= _slots_of(past for past, _ in memories)
-            found.unbounded = formula.unbounded
-            self._remembering[key] = found
-        return found
+        return self._stored(Remembering, formula, memories, is_fresh)
 
     def at_least(self, count: int, members: Iterable[Node]) -> Node:
         """Return the simplified formula that at least `count` of the members hold."""
@@ -196,7 +146,20 @@ class NodeStore:
             return self.junction(distinct, universal=False)
         if count == len(open_members):
             return self.junction(distinct, universal=True)
-        return self._counted((count, tuple(sorted(open_members, key=_rank))))
+        return self._stored(AtLeast, count, _ordered(open_members))
+
+    def with_parts(self, node: Node, parts: Sequence[Node]) -> Node:
+        """Return a junction, a count or a window over other parts; other nodes as they are."""
+        match node:
+            case Junction(universal):
+                return self.junction(parts, universal=universal)
+            case AtLeast(count):
+                return self.at_least(count, parts)
+            case Window(universal, start, end):
+                left, right = parts
+                return self.window(start, end, left, right, universal=universal)
+            case _:
+                return node
 
     def negation(self, node: Node) -> Node:
         """Return the negation of a formula that has seen no state."""
@@ -221,10 +184,10 @@ class NodeStore:
             match each:
                 case Window(universal, start, end, left, right):
                     begins, ends = start and bounds[start], end and bounds[end]
-                    found[each] = self._window((universal, begins, ends, left, right))
-                case Junction(universal, parts):
-                    ordered = tuple(sorted((found[part] for part in parts), key=_rank))
-                    found[each] = self._junction((universal, ordered))
+                    found[each] = self._stored(Window, universal, begins, ends, left, right)
+                case Junction(kind, parts) | AtLeast(kind, parts):
+                    ordered = _ordered(found[part] for part in parts)
+                    found[each] = self._stored(type(each), kind, ordered)
                 case Remembering(formula, memories, is_fresh):
                     kept = tuple(
                         (
@@ -237,31 +200,11 @@ class NodeStore:
                     )
                     formula = formula if is_fresh else found[formula]
                     found[each] = self.remembering(formula, kept, is_fresh=is_fresh)
-                case AtLeast(count, members):
-                    ordered = tuple(sorted((found[member] for member in members), key=_rank))
-                    found[each] = self._counted((count, ordered))
                 case _:
                     found[each] = each
         return found[node]
 
-    def _adopt(self, node: Node) -> None:
-        match node:
-            case Literal(slot, positive):
-                self._literals[slot, positive] = node
-            case Junction(universal, parts):
-                self._junctions[universal, parts] = node
-            case AtLeast(count, members):
-                self._counts[count, members] = node
-            case Window(universal, start, end, left, right):
-                self._windows[universal, start, end, left, right] = node
-            case PastWindow(universal, first, last, left, right):
-                self._past[universal, first, last, left, right] = node
-            case PreviousState(universal, body):
-                self._past[universal, body] = node
-            case Remembering(formula, memories, is_fresh):
-                self._remembering[formula, memories, is_fresh] = node
-
-    def _negation(self, node: Node) -> Node:  # noqa: PLR0911 - one for each kind
+    def _negation(self, node: Node) -> Node:
         match node:
             case Constant():
                 return constant(value=not node.value)
@@ -278,42 +221,16 @@ class NodeStore:
             case PastWindow(universal, first, last, left, right):
                 opposite = self.negation(left), self.negation(right)
                 return self.past_window(first, last, *opposite, universal=not universal)
-            case PreviousState(universal, body):
-                return self.previous_state(self.negation(body), universal=not universal)
             case Remembering():  # pragma: no cover - has seen states
                 raise AssertionError(node)
 
-    def _window(self, key: _WindowKey) -> Window:
-        node = self._windows.get(key)
+    def _stored(self, kind: Callable[..., _Node], *key: Any) -> _Node:
+        """Return the node of a kind with the values of its own attributes."""
+        node = self._nodes.get((kind, *key))
         if node is None:
-            _, _, end, left, right = key
-            node = self._windows[key] = Window(
-                *key,
-                serial=next(self._serials),
-                mask=left.mask | right.mask,
-                size=1 + left.size + right.size,
-                depth=1 + max(left.depth, right.depth),
-                looks_back=left.looks_back or right.looks_back,
-            )
-            if end is None:
-                node.unbounded = (node,)
-        return node
-
-    def _junction(self, key: _JunctionKey) -> Junction:
-        node = self._junctions.get(key)
-        if node is None:
-            node = self._junctions[key] = Junction(
-                *key, serial=next(self._serials), **_attributes(key[1])
-            )
-        return node
-
-    def _counted(self, key: _AtLeastKey) -> AtLeast:
-        node = self._counts.get(key)
-        if node is None:
-            node = self._counts[key] = AtLeast(
-                *key, serial=next(self._serials), **_attributes(key[1])
-            )
-        return node
+            node = self._nodes[kind, *key] = kind(*key, serial=next(self._serials))
+            complete(node)
+        return cast('_Node', node)
 
     def _simplified(
         self, flat: dict[Node, None], *, universal: bool
@@ -385,8 +302,8 @@ class NodeStore:
             if last is None or self.order.is_apart(last, window):
                 merged.append(window)
             elif self.order.ends_later(window, last):
-                key = (universal, last.start, window.end, last.left, last.right)
-                merged[-1] = self._window(key)
+                bounds = last.start, window.end
+                merged[-1] = self._stored(Window, universal, *bounds, last.left, last.right)
         return merged
 
     def _innermost(self, windows: list[Window]) -> list[Window]:
@@ -439,31 +356,6 @@ def _flat(parts: Iterable[Node], *, universal: bool) -> dict[Node, None]:
     return flat
 
 
-def _slots_of(nodes: Iterable[Node]) -> int:
-    """Return the slots of some nodes, as bits."""
-    mask = 0
-    for node in nodes:
-        mask |= node.mask
-    return mask
-
-
-def _attributes(parts: Sequence[Node]) -> dict[str, Any]:
-    """Return the attributes of a node over some parts, all but its serial number."""
-    unbounded = dict.fromkeys(window for part in parts for window in part.unbounded)
-    return {
-        'mask': _slots_of(parts),
-        'size': 1 + sum(part.size for part in parts),
-        'depth': 1 + max(part.depth for part in parts),
-        'looks_back': any(part.looks_back for part in parts),
-        'unbounded': tuple(unbounded),
-    }
-
-
-def _over(*parts: Node) -> dict[str, Any]:
-    """Return the attributes of a node of the past over some parts."""
-    return {**_attributes(parts), 'looks_back': True, 'unbounded': ()}
-
-
-def _rank(node: Node) -> tuple[int, int]:
-    """Return the sort key of members: the order of their first atoms in the formula."""
-    return node.mask & -node.mask, node.serial
+def _ordered(members: Iterable[Node]) -> tuple[Node, ...]:
+    """Return members in the order of their first atoms in the formula."""
+    return tuple(sorted(members, key=lambda node: (node.mask & -node.mask, node.serial)))

@@ -11,7 +11,7 @@ Equal nodes are one object: compare them with `is`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import TypeAlias
@@ -95,27 +95,21 @@ class Window(_NodeBase):
 class PastWindow(_NodeBase):
     """`left since[start, end] right`, or its dual if universal, over operands with a future.
 
-    Past operators over other operands are atoms. No end is infinite; both are in nanoseconds.
+    Past operators over other operands are atoms. No end is infinite; both are in nanoseconds. With
+    a start of None, the window is the state before, as that of `previous`.
     """
 
     universal: bool
-    start: int
+    start: int | None
     end: int | None
     left: Node
     right: Node
 
 
-@dataclass(eq=False, slots=True)
-class PreviousState(_NodeBase):
-    """A formula with a future at the state before; at the first state it is true if universal."""
+Entries: TypeAlias = tuple[tuple[Bound | None, 'Node'], ...]
+"""The rest of an operand, and the state since when; None if the end of no window needs it."""
 
-    universal: bool
-    body: Node
-
-
-PastNode: TypeAlias = PastWindow | PreviousState
-
-Memory: TypeAlias = tuple[PastNode, tuple[tuple[Bound | None, 'Node'], ...]]
+Memory: TypeAlias = tuple[PastWindow, Entries]
 """The rest of a past operator's operand since each of some earlier states."""
 
 
@@ -134,9 +128,7 @@ class Remembering(_NodeBase):
     is_fresh: bool
 
 
-Node: TypeAlias = (
-    Constant | Literal | Junction | AtLeast | Window | PastWindow | PreviousState | Remembering
-)
+Node: TypeAlias = Constant | Literal | Junction | AtLeast | Window | PastWindow | Remembering
 
 Sides: TypeAlias = tuple[bool, Node, Node]
 """A window without its bounds: universal, left, right."""
@@ -145,6 +137,30 @@ Sides: TypeAlias = tuple[bool, Node, Node]
 def sides(window: Window) -> Sides:
     """Return a window without its bounds."""
     return window.universal, window.left, window.right
+
+
+def complete(node: Node) -> None:
+    """Set the attributes of a new node that follow from what it consists of."""
+    parts = children(node)
+    for part in parts:
+        node.mask |= part.mask
+        node.size += part.size
+        node.depth = max(node.depth, 1 + part.depth)
+        node.looks_back |= part.looks_back
+    match node:
+        case Literal(slot):
+            node.mask = 1 << slot
+        case Window(end=None):
+            node.unbounded = (node,)
+        case PastWindow():
+            node.looks_back = True
+        case Remembering(formula, memories):
+            node.looks_back, node.unbounded = True, formula.unbounded
+            for past, _ in memories:
+                node.mask |= past.mask
+        case Junction() | AtLeast():
+            unbounded = dict.fromkeys(window for part in parts for window in part.unbounded)
+            node.unbounded = tuple(unbounded)
 
 
 def constant(*, value: bool) -> Constant:
@@ -159,31 +175,31 @@ def slots(mask: int) -> tuple[int, ...]:
 
 def descendants(roots: Iterable[Node]) -> set[Node]:
     """Return the nodes and everything that they consist of."""
-    found: set[Node] = set()
+    return set(_reachable(roots, children))
+
+
+def _reachable(
+    roots: Iterable[Node], parts_of: Callable[[Node], tuple[Node, ...]]
+) -> dict[Node, None]:
+    found: dict[Node, None] = {}
     pending = list(roots)
     while pending:
-        node = pending.pop()
-        if node not in found:
-            found.add(node)
-            match node:
-                case Junction() | AtLeast():
-                    pending.extend(node.parts)
-                case Remembering():
-                    pending += (node.formula, *members(node))
-                case _:
-                    pending += operands(node)
+        each = pending.pop()
+        if each not in found:
+            found[each] = None
+            pending += parts_of(each)
     return found
+
+
+def children(node: Node) -> tuple[Node, ...]:
+    """Return the nodes that a node consists of directly; one may be repeated."""
+    own = (node.formula,) if type(node) is Remembering else operands(node)
+    return own + members(node)
 
 
 def operands(node: Node) -> tuple[Node, ...]:
     """Return the operands of a temporal operator, which have seen no state."""
-    match node:
-        case Window() | PastWindow():
-            return (node.left, node.right)
-        case PreviousState():
-            return (node.body,)
-        case _:
-            return ()
+    return (node.left, node.right) if isinstance(node, Window | PastWindow) else ()
 
 
 def pending_parts(node: Node) -> list[Node]:
@@ -191,14 +207,7 @@ def pending_parts(node: Node) -> list[Node]:
 
     The sides of windows have seen no state.
     """
-    found: dict[Node, None] = {}
-    pending = [node]
-    while pending:
-        each = pending.pop()
-        if each not in found:
-            found[each] = None
-            pending.extend(members(each))
-    return sorted(found, key=attrgetter('depth'))
+    return sorted(_reachable([node], members), key=attrgetter('depth'))
 
 
 def holds_at(node: Node, symbol: int) -> bool:
@@ -233,11 +242,11 @@ def members(node: Node) -> tuple[Node, ...]:
             return ()
 
 
-def past_nodes(node: Node) -> list[PastNode]:
+def past_nodes(node: Node) -> list[PastWindow]:
     """Return the operators of the past in a node, inner ones first."""
     if not node.looks_back:
         return []
-    found = (each for each in descendants([node]) if isinstance(each, PastWindow | PreviousState))
+    found = (each for each in descendants([node]) if type(each) is PastWindow)
     return sorted(found, key=attrgetter('depth', 'serial'))
 
 

@@ -34,13 +34,15 @@ class PastMemory(ABC):
         interval: of the operator, which reaches into the past.
     """
 
-    __slots__ = ('interval',)
+    __slots__ = ('interval', 'window')
 
     may_look_forward: ClassVar[bool] = False
-    """True if `progression.memories` progresses operands that contain operators of the future."""
+    """True if `progression.progression` remembers operands that contain operators of the future."""
 
     def __init__(self, interval: Interval) -> None:
         self.interval = interval
+        self.window: tuple[int | None, int | None] = interval.start, interval.end
+        """The start and the end of the operator's node over operands with a future."""
 
     @abstractmethod
     def step(self, time: int, left: int, right: int) -> int:
@@ -250,6 +252,7 @@ class PreviousMemory(PastMemory):
 
     def __init__(self, interval: Interval) -> None:
         super().__init__(interval)
+        self.window = None, None
         self.rows = 0
         """The rows for which the operand held at the latest state."""
         self._is_lost = False

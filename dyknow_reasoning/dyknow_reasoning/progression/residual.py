@@ -9,12 +9,7 @@ from operator import attrgetter
 
 from dyknow_common import ExitCode, shortened
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import (
-    Atom,
-    Comparison,
-    Formula,
-    Not,
-)
+from dyknow_reasoning.language.formula import Atom, Comparison, Formula, Not
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.terms import operand_text
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
@@ -29,7 +24,6 @@ from dyknow_reasoning.progression.nodes import (
     Literal,
     Node,
     PastWindow,
-    PreviousState,
     Remembering,
     Sides,
     Window,
@@ -148,13 +142,13 @@ def _text(  # noqa: PLR0911 - one for each kind
         case Window():
             words = ('always', 'eventually', 'until')
             return _window_text(node, interval_of(node), words, texts, atoms)
-        case PastWindow():
+        case PastWindow(universal, None):
+            if universal:
+                return f'not (previous {_negated(node.right, texts, atoms)})'
+            return f'previous {_operand(node.right, texts, atoms)}'
+        case PastWindow(_, start, end):
             words = ('historically', 'once', 'since')
-            return _window_text(node, Interval(node.start, node.end), words, texts, atoms)
-        case PreviousState():
-            if node.universal:
-                return f'not (previous {_negated(node.body, texts, atoms)})'
-            return f'previous {_operand(node.body, texts, atoms)}'
+            return _window_text(node, Interval(start or 0, end), words, texts, atoms)
         case Remembering():
             return texts[node.formula]
 

@@ -23,13 +23,7 @@ from dyknow_reasoning.language.formula import (
     Formula,
     parts,
 )
-from dyknow_reasoning.language.terms import (
-    Aggregate,
-    Arithmetic,
-    Feature,
-    Function,
-    Term,
-)
+from dyknow_reasoning.language.terms import Aggregate, Arithmetic, Feature, Function, Term
 
 Counts: TypeAlias = Mapping[str, int]
 """The number of objects of each sort; a sort without an entry counts as one object."""

@@ -30,8 +30,8 @@ from typing import Any, TypeAlias
 
 from dyknow_reasoning.progression.bounds import Bound, TimeQuestion
 from dyknow_reasoning.progression.gaps import Gap, apart, halves_after
-from dyknow_reasoning.progression.memories import RememberingProgression
 from dyknow_reasoning.progression.nodes import Constant, Node, Remembering, Sides, bounds_of, sides
+from dyknow_reasoning.progression.progression import Progression
 
 _MAX_NODES = 1 << 16
 
@@ -110,7 +110,7 @@ class Automaton:
         self.slots = formula.mask.bit_length()
         # True if anything was added since this was last set to False.
         self.has_grown = True
-        self._progression = RememberingProgression([formula])
+        self._progression = Progression([formula])
         self._locations: dict[Node, Location] = {}
         # The steps that were found; over many atoms, each state may need another one.
         self._found = 0
@@ -168,7 +168,7 @@ class Automaton:
             location.moves.clear()
             location.memories.clear()
         self._locations = {each.node: each for each in locations if each is not self.initial}
-        self._progression = RememberingProgression([self.initial.node, *self._locations])
+        self._progression = Progression([self.initial.node, *self._locations])
         self._found = 0
         self._limit = max(_MAX_NODES, 2 * len(self._progression.store))
 

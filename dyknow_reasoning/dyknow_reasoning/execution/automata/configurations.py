@@ -1,8 +1,9 @@
-"""Configurations: locations with the ages of their clocks, numbered.
+"""Templates, and configurations: locations with the ages of their clocks, numbered.
 
-If the steps of time between states repeat, as in a stream with a sample period, clocks have few
-values. The truth of the atoms and the step of time then lead from each configuration to exactly one
-other, which is a look-up in a table that is filled on demand.
+Instances that differ only in their fields and constants share a template. If the steps of time
+between states repeat, as in a stream with a sample period, clocks have few values. The truth of the
+atoms and the step of time then lead from each configuration to exactly one other, which is a
+look-up in a table of the template that is filled on demand.
 
 Example, the automaton of `always (p -> eventually[0, 2 s] q)` (see `automaton`) with a state each
 second; the age of clock c0 is in brackets:
@@ -17,9 +18,12 @@ With a period of 1 ms, there are 2001 configurations.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from math import inf
 
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
+from dyknow_reasoning.progression.nodes import Node, Window, descendants, operands
 
 _MAX_CONFIGURATIONS = 1 << 14
 _MAX_STEPS = 16
@@ -64,26 +68,41 @@ class Row(dict[int, 'Row']):
         self.configuration = configuration
 
 
-class Configurations:
-    """The configurations of an automaton that have been reached."""
+class Template:
+    """The automaton of some instances, of one formula or of several, and its configurations.
 
-    def __init__(self, automaton: Automaton) -> None:
+    Attributes:
+        found: the configurations that have been reached.
+        uses_configurations: False once there were too many.
+        opens_windows_later: True if a window without an end may open after the first state.
+        safe_size: the most nodes of an instance for which the node limit need not be checked.
+    """
+
+    def __init__(self, formula: Node) -> None:
+        self.automaton = Automaton(formula)
         self.found: list[Configuration] = []
-        self._automaton = automaton
+        self.uses_configurations = True
+        self.opens_windows_later = _nests_unbounded_window(formula)
+        self.safe_size: float = inf
         self._numbers: dict[tuple[Location, Times], Configuration] = {}
         self._steps: set[int] = set()
         self._entries = 0
 
     @property
-    def are_too_many(self) -> bool:
-        """True if the clocks have too many values."""
-        return len(self.found) > _MAX_CONFIGURATIONS
-
-    @property
     def is_full(self) -> bool:
         """True if `forget` should be called."""
-        has_many_steps = len(self._steps) > _MAX_STEPS
-        return self.are_too_many or has_many_steps or self._entries > _MAX_ENTRIES
+        has_many = len(self.found) > _MAX_CONFIGURATIONS or len(self._steps) > _MAX_STEPS
+        return has_many or self._entries > _MAX_ENTRIES or self.automaton.is_full
+
+    @property
+    def is_large(self) -> bool:
+        """True if an instance may be larger than `safe_size`."""
+        return self.automaton.max_size > self.safe_size
+
+    @property
+    def needs_attention(self) -> bool:
+        """True if it has grown, and a limit is to be checked before the next state."""
+        return self.automaton.has_grown and (self.is_full or self.is_large)
 
     def at(self, location: Location, ages: Times) -> Configuration:
         """Return the configuration of a location and ages."""
@@ -92,28 +111,35 @@ class Configurations:
         if found is None:
             found = self._numbers[key] = Configuration(len(self.found), location, ages)
             self.found.append(found)
-            self._automaton.has_grown = True
+            self.automaton.has_grown = True
         return found
 
     def step(self, before: Configuration, symbol: int, elapsed: int) -> Configuration:
         """Return the configuration after a state that comes `elapsed` ns after the previous one."""
         times = (*(-age - elapsed for age in before.ages), 0)
-        move = self._automaton.move(before.location, symbol, times)
+        move = self.automaton.move(before.location, symbol, times)
         after = self.at(move.target, tuple(-time for time in move.select(times)))
         if elapsed not in self._steps:
             self._steps.add(elapsed)
-            self._automaton.has_grown = True
+            self.automaton.has_grown = True
         if move.is_alike:
             before.row(elapsed)[symbol] = after.row(elapsed)
             self._entries += 1
-            self._automaton.has_grown |= self._entries > _MAX_ENTRIES
+            self.automaton.has_grown |= self._entries > _MAX_ENTRIES
         return after
 
-    def forget(self) -> None:
-        """Drop all configurations."""
+    def forget(self, locations: Iterable[Location]) -> None:
+        """Drop all configurations, and the automaton but for some locations if it is full."""
+        self.uses_configurations &= len(self.found) <= _MAX_CONFIGURATIONS
         for configuration in self.found:
             configuration.rows.clear()  # Rows refer to each other.
-        self.found = []
-        self._numbers = {}
+        self.found, self._numbers, self._entries = [], {}, 0
         self._steps.clear()
-        self._entries = 0
+        if self.automaton.is_full:
+            self.automaton.forget(locations)
+
+
+def _nests_unbounded_window(formula: Node) -> bool:
+    found = descendants([formula])
+    inner = descendants(side for each in found for side in operands(each))
+    return any(type(each) is Window and each.end is None for each in inner)

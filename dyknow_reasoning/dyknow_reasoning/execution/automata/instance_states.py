@@ -7,16 +7,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
-from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.bounds import Chronology
-from dyknow_reasoning.progression.gaps import (
-    Gap,
-    Half,
-    apart,
-    bounded_atoms,
-    whole_past_atoms,
-)
+from dyknow_reasoning.progression.gaps import Gap, Half, apart, bounded_atoms, whole_past_atoms
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Node, Sides
@@ -78,17 +72,10 @@ class InstanceState:
             gap: the gap.
             halves: the moves to the optimistic and the pessimistic half of the location.
         """
-        optimistic, pessimistic = halves
-        looks_back = whole_past_atoms(self.instance.atoms, self.node.mask)
-        if optimistic.target is pessimistic.target is self.location and not looks_back:
-            return [self]
-        moves = {Half.OPTIMISTIC: optimistic, Half.PESSIMISTIC: pessimistic}
-        half = self.instance.half
-        if half in moves:
-            moves = {half: moves[half]}
-        elif optimistic.target is pessimistic.target and not looks_back:
-            moves = {half: optimistic}
-        return [self._moved(move, half, gap) for half, move in moves.items()]
+        looks_back = whole_past_atoms(self.instance.atoms, self.node.mask) != 0
+        half, location = self.instance.half, self.location
+        moves = halves_to_follow(half, location, halves, looks_back=looks_back)
+        return [self._moved(move, half, gap) for half, move in moves.items()] or [self]
 
     def _moved(self, move: Move, half: Half, gap: Gap) -> InstanceState:
         joined = self.instance.gap.join(gap) if self.instance.gap else gap
@@ -138,6 +125,27 @@ class InstanceVerdict:
     instance: FormulaInstance
     holds: bool
     moment: DecidingMoment | None
+
+
+def halves_to_follow(
+    half: Half, before: Location, halves: tuple[Move, Move], *, looks_back: bool = False
+) -> dict[Half, Move]:
+    """Return the moves after a gap, one or those to both halves; none if it has no effect.
+
+    Args:
+        half: the part of the truth that the location before stands for.
+        before: the location.
+        halves: the moves to its optimistic and its pessimistic half.
+        looks_back: True if its atoms depend on the missing states, too.
+    """
+    optimistic, pessimistic = halves
+    if optimistic.target is pessimistic.target and not looks_back:
+        if optimistic.target is before:
+            return {}
+        if half is Half.WHOLE:
+            return {half: optimistic}
+    moves = {Half.OPTIMISTIC: optimistic, Half.PESSIMISTIC: pessimistic}
+    return moves if half is Half.WHOLE else {half: moves[half]}
 
 
 def bounded_halves(instance: FormulaInstance, gap: Gap) -> list[FormulaInstance]:

@@ -9,18 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, cast
 
-from dyknow_reasoning.language.formula import (
-    Atom,
-    Comparison,
-    PastAtom,
-)
-from dyknow_reasoning.language.terms import (
-    Feature,
-    FieldReference,
-    Number,
-    Term,
-    TextLiteral,
-)
+from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
+from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Term, TextLiteral
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import Predicate, Values, field_name, kind_of, predicate
 from dyknow_reasoning.progression.nodes import slots

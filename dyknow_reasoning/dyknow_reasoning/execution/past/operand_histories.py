@@ -1,7 +1,7 @@
 """The history of formulas that begin later, where a state does not decide it at once.
 
 An operator of the past over one of the future remembers what remains of its operand since earlier
-states (see `progression.memories`). A history progresses these from its first state on. A formula
+states (see `progression`). A history progresses these from its first state on. A formula
 that begins later begins with what the history remembers then.
 """
 

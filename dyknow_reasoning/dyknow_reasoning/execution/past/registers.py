@@ -12,8 +12,12 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
-from dyknow_reasoning.execution.vectors.batch_keys import MAX_BATCH_SLOTS, atom_form
+from dyknow_reasoning.execution.vectors.atom_vectors import (
+    MAX_BATCH_SLOTS,
+    Array,
+    Columns,
+    atom_form,
+)
 from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, field_name, fields
@@ -26,12 +30,7 @@ from dyknow_reasoning.progression.gaps import (
 )
 from dyknow_reasoning.progression.instances import PastOperands
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import (
-    TRUE,
-    Node,
-    holds_at,
-    slots,
-)
+from dyknow_reasoning.progression.nodes import TRUE, Node, holds_at, slots
 from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is_dual, memory_of
 
 _MAX_KEPT: Final = 1 << 8
@@ -42,13 +41,15 @@ class Sides(dict[int, tuple[int, int]]):
     """The rows for which the operands of an operator hold, left and right, by their atoms.
 
     Args:
+        atoms: the atom of each slot.
         left: the left operand, without windows.
         right: the right operand.
+        kinds: the kinds of the features.
     """
 
-    def __init__(self, left: Node, right: Node) -> None:
+    def __init__(self, atoms: Sequence[Atom], left: Node, right: Node, kinds: Kinds) -> None:
         super().__init__()
-        self._left, self._right = left, right
+        self._atoms, self._left, self._right, self._kinds = atoms, left, right, kinds
 
     def __missing__(self, symbol: int) -> tuple[int, int]:
         left = ALL_ROWS if holds_at(self._left, symbol) else 0
@@ -57,26 +58,10 @@ class Sides(dict[int, tuple[int, int]]):
             self[symbol] = found
         return found
 
-
-class _Operands:
-    """The operands of an operator at each state.
-
-    Args:
-        atoms: the atom of each slot.
-        left: the left operand.
-        right: the right operand.
-        kinds: the kinds of the features.
-    """
-
-    def __init__(self, atoms: Sequence[Atom], left: Node, right: Node, kinds: Kinds) -> None:
-        self._atoms, self._kinds = atoms, kinds
-        self._mask = left.mask | right.mask
-        self.sides = Sides(left, right)
-
     @cached_property
     def read(self) -> Reader:
         """Reads the truth of the atoms from the values of a state."""
-        return quick_reader(self._atoms, self._kinds, self._mask)
+        return quick_reader(self._atoms, self._kinds, self._left.mask | self._right.mask)
 
 
 class Register:
@@ -112,10 +97,9 @@ class Register:
         """The nesting depth of past operators."""
         self._store, self._inner = store, inner
         self.memory = memory_of(atom.formula)
-        self._whole = _Operands(operands.atoms, operands.left, operands.right, kinds)
-        self.sides = self._whole.sides
+        self.sides = Sides(operands.atoms, operands.left, operands.right, kinds)
         # After a gap there are two: for the least and for the most favourable missing states.
-        self._branches: tuple[tuple[_Operands, PastMemory], ...] = ((self._whole, self.memory),)
+        self._branches: tuple[tuple[Sides, PastMemory], ...] = ((self.sides, self.memory),)
         # The latest error of an operand, while the operator depends on it.
         self._error: ReasoningError | None = None
 
@@ -141,7 +125,7 @@ class Register:
 
     def begin_with(self, memory: PastMemory) -> None:
         """Replace the memory of the operator."""
-        self.memory, self._branches = memory, ((self._whole, memory),)
+        self.memory, self._branches = memory, ((self.sides, memory),)
 
     def tried(self, memory: PastMemory, time: int, values: Values) -> bool:
         """Return the truth of the operator at a state, which a memory takes.
@@ -149,7 +133,7 @@ class Register:
         Raises:
             ReasoningError: if an operand has no truth; the memory does not take the state then.
         """
-        left, right = self.sides[self._whole.read(values)]
+        left, right = self.sides[self.sides.read(values)]
         return memory.step(time, left, right) != self.is_negated
 
     def step(self, time: int, values: MutableMapping[str, Any]) -> None:
@@ -181,12 +165,12 @@ class Register:
         self.gap = self.gap.join(gap) if self.gap else gap
         if len(self._branches) == 1:
             memories = self.memory, self.memory.of_row(0)
-            self._branches = tuple(zip(self._bounded_operands(), memories, strict=True))
+            self._branches = tuple(zip(self._bounded_sides(), memories, strict=True))
         left_holds = self.operands.left is TRUE
         for (_, memory), most in zip(self._branches, (False, True), strict=True):
             memory.miss_states(gap, left_holds=left_holds, most=most)
 
-    def _bounded_operands(self) -> list[_Operands]:
+    def _bounded_sides(self) -> list[Sides]:
         """Return the operands for the least and the most favourable states."""
         operands = self.operands
         past = whole_past_atoms(operands.atoms, self.mask)
@@ -195,7 +179,7 @@ class Register:
             apart(side, past, count, self._store) for side in (operands.left, operands.right)
         )
         return [
-            _Operands(bounded_atoms(operands.atoms, count, most=most), left, right, self.kinds)
+            Sides(bounded_atoms(operands.atoms, count, most=most), left, right, self.kinds)
             for most in (False, True)
         ]
 
@@ -204,13 +188,13 @@ class Register:
         if not self.memory.needs_lost(time):
             self._error = None
         try:
-            sides = [each.sides[each.read(values)] for each, _ in self._branches]
+            rows = [sides[sides.read(values)] for sides, _ in self._branches]
         except ReasoningError as error:
             self._lose(error, time, values)
             return
         found = [
             memory.step(time, left, right) != self.is_negated
-            for (left, right), (_, memory) in zip(sides, self._branches, strict=True)
+            for (left, right), (_, memory) in zip(rows, self._branches, strict=True)
         ]
         least, most = min(found), max(found)
         known = least if self.gap is None or least == most else unknowable(self.gap)

@@ -7,6 +7,7 @@ from math import inf
 from typing import Final, NamedTuple, TypeAlias
 
 from dyknow_reasoning.execution.automata.automaton import Decision, Guard, Location, Move, Times
+from dyknow_reasoning.execution.automata.instance_states import halves_to_follow
 from dyknow_reasoning.execution.standing.runs import Run, StateTimes, split
 from dyknow_reasoning.progression.gaps import Gap, Half
 
@@ -60,19 +61,12 @@ class Group(NamedTuple):
             gap: the gap.
             halves: the moves to the optimistic and the pessimistic half.
         """
-        optimistic, pessimistic = halves
-        if optimistic.target is pessimistic.target is self.location:
-            return [self]
-        moves = {Half.OPTIMISTIC: optimistic, Half.PESSIMISTIC: pessimistic}
-        if self.half in moves:
-            moves = {self.half: moves[self.half]}
-        elif optimistic.target is pessimistic.target:
-            moves = {self.half: optimistic}
+        moves = halves_to_follow(self.half, self.location, halves)
         joined = self.after_gap.gap.join(gap) if self.after_gap else gap
         return [
             self.moved(move, OWN)._replace(after_gap=AfterGap(half, joined))
             for half, move in moves.items()
-        ]
+        ] or [self]
 
 
 class DecidedStarts(NamedTuple):

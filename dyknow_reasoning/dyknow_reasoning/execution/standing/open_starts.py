@@ -32,6 +32,7 @@ from math import inf
 from typing import Final
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
@@ -39,7 +40,6 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.readers import quick_reader
-from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.standing.fading import Future
 from dyknow_reasoning.execution.standing.groups import (
     ALWAYS,
@@ -393,8 +393,8 @@ class OpenStarts:
 class RememberingStarts(OpenStarts):
     """The undecided start states of an instance in which a past operator is over a future one.
 
-    A state does not decide the operands of such an operator at once (see `progression.memories`).
-    Their remainders are the same for all start states, so they are progressed once for all: each
+    A state does not decide the operands of such an operator at once (see `progression`). Their
+    remainders are the same for all start states, so they are progressed once for all: each
     state begins at a location that is the formula with the memories of all states before it. So
     each state needs a step. Example, `p -> once[0, 2 s] eventually[0, 1 s] q` with a state each
     second, each number of a memory being that of a state, and ev(5) what remains of the operand,

@@ -8,11 +8,8 @@ from math import inf
 from typing import Final
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.instance_states import (
-    FormulaInstance,
-    InstanceState,
-)
-from dyknow_reasoning.execution.automata.templates import Template
+from dyknow_reasoning.execution.automata.configurations import Template
+from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts, open_starts
 from dyknow_reasoning.execution.standing.runs import (
@@ -25,12 +22,7 @@ from dyknow_reasoning.execution.standing.runs import (
     union,
     union_of,
 )
-from dyknow_reasoning.execution.standing.verdicts import (
-    Failure,
-    Failures,
-    StartCounts,
-    VerdictLog,
-)
+from dyknow_reasoning.execution.standing.verdicts import Failure, Failures, StartCounts, VerdictLog
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
@@ -225,10 +217,7 @@ class StandingMonitor:
         return self._apply(decided, gap.before, values)
 
     def _apply(
-        self,
-        decided: Iterable[tuple[OpenStarts, DecidedStarts]],
-        now: int,
-        values: Values,
+        self, decided: Iterable[tuple[OpenStarts, DecidedStarts]], now: int, values: Values
     ) -> bool:
         changed = False
         for starts, found in decided:

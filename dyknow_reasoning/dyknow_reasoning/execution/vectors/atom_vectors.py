@@ -2,15 +2,16 @@
 
 A vector of truth has an entry for each instance; over a recording it has a row for each state. A
 value that a vector cannot represent exactly (another type, a missing field, an integer that no
-float equals) raises `UnreadableError`. The states must then be read value by value.
+float equals) raises `UnreadableError`. The states must then be read value by value. Atoms are
+evaluated together if they have one *form*, and instances with one `batch_key`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from operator import countOf, itemgetter
 from struct import Struct
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -32,10 +33,12 @@ from dyknow_reasoning.progression.atoms import (
     CALCULATE,
     Values,
     field_name,
+    fields,
     has_unknown_kind,
     kind_of,
 )
 from dyknow_reasoning.progression.functions import EXACT, call_function_on_vectors
+from dyknow_reasoning.progression.instances import Instance
 
 Array: TypeAlias = 'np.ndarray[Any, np.dtype[Any]]'
 
@@ -354,3 +357,46 @@ def _called(name: str, operands: Sequence[Any]) -> Array:
 def _are_small(sides: Iterable[Array]) -> bool:
     """Return True if all products of integers are below 2 ** 53, so that floats are exact."""
     return all(bool((np.abs(side) < 1 << 26).all()) for side in sides)
+
+
+MAX_BATCH_SLOTS: Final = 6
+"""The most atoms of instances in a batch, for which there are 2 ** 6 symbols."""
+
+
+def batch_key(instance: Instance, kinds: Kinds) -> Hashable:
+    """Return the template and the forms of the atoms; None if no batch can hold the instance."""
+    forms = tuple(atom_form(atom, kinds) for atom in instance.atoms)
+    slots = instance.node.mask.bit_length()
+    return (instance.node, forms) if 0 < slots <= MAX_BATCH_SLOTS and None not in forms else None
+
+
+def atom_form(atom: Atom, kinds: Kinds) -> Any:
+    """Return all but the fields and constants of an atom.
+
+    Return None if the atom cannot be evaluated with others, or depends on no field.
+    """
+    if not isinstance(atom, Comparison):
+        return ('boolean',)
+    left, right = _term_form(atom.left, kinds), _term_form(atom.right, kinds)
+    is_constant = next(fields(atom), None) is None
+    return None if is_constant or None in {left, right} else (atom.operator, left, right)
+
+
+def _term_form(term: Term | Comparison, kinds: Kinds) -> Any:  # noqa: PLR0911 - one for each kind
+    match term:
+        case Number(value):
+            return None if abs(value) >= EXACT else ('constant', type(value))
+        case TextLiteral(value) | Truth(value):
+            return ('constant', type(value))
+        case Arithmetic(symbol, left, right):
+            sides = _term_form(left, kinds), _term_form(right, kinds)
+            return None if None in sides else (symbol, *sides)
+        case Function(name, arguments):
+            operands = [_term_form(each, kinds) for each in arguments]
+            return None if None in operands else (name, *operands)
+        case Comparison():
+            return atom_form(term, kinds)
+        case Feature() | FieldReference():
+            return ('field', kind_of(term, kinds))
+        case _:
+            return None  # An object, which is compared with the text of a field.

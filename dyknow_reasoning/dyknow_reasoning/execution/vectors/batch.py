@@ -1,4 +1,8 @@
-"""Batch: instances of one template that are progressed together as vectors."""
+"""Batch: instances of one template that are progressed together as vectors.
+
+With each are kept the origins of its windows without an end, for explanations: the valid times
+since which they are open.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Times
+from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
@@ -15,16 +20,14 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.readers import careful_reader
-from dyknow_reasoning.execution.automata.templates import Template
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, FieldVectors, Truths, bits
 from dyknow_reasoning.execution.vectors.instance_vectors import (
     ClockedVectors,
     Decided,
     TabulatedVectors,
 )
-from dyknow_reasoning.execution.vectors.window_origins import WindowOrigins
 from dyknow_reasoning.progression.atoms import Predicate, Values, predicate
-from dyknow_reasoning.progression.nodes import slots
+from dyknow_reasoning.progression.nodes import Sides, slots
 
 
 class Batch:
@@ -141,7 +144,7 @@ class Batch:
     def leave_configurations(self, latest: int) -> set[Location]:
         """Stop using configurations; return the locations of the instances."""
         vectors = self._vectors_for(latest, regular=False)
-        self._vectors = vectors.clocked(self.template.automaton, latest)
+        self._vectors = vectors.clocked(latest)
         return set(self._vectors.locations)
 
     def _vectors_for(self, latest: int, *, regular: bool) -> TabulatedVectors | ClockedVectors:
@@ -149,9 +152,9 @@ class Batch:
         vectors = self._vectors
         if regular and self.template.uses_configurations:
             if type(vectors) is ClockedVectors:
-                self._vectors = vectors.tabulated(self.template.configurations, latest)
+                self._vectors = vectors.tabulated(latest)
         elif type(vectors) is TabulatedVectors:
-            self._vectors = vectors.clocked(self.template.automaton, latest)
+            self._vectors = vectors.clocked(latest)
         return self._vectors
 
     def _verdict(self, decided: Decided, symbol: int, now: int, previous: int) -> InstanceVerdict:
@@ -173,11 +176,66 @@ def _vectors(
     template: Template, states: Sequence[InstanceState], width: int
 ) -> TabulatedVectors | ClockedVectors:
     if all(state.is_fresh for state in states):
-        initial = template.configurations.at(template.automaton.initial, ())
+        initial = template.at(template.automaton.initial, ())
         numbers = np.full(len(states), initial.number)
-        return TabulatedVectors(template.configurations, numbers, width)
+        return TabulatedVectors(template, numbers, width)
     positions: dict[tuple[Location, Times], int] = {}
     chosen = [
         positions.setdefault((state.location, state.times), len(positions)) for state in states
     ]
-    return ClockedVectors(template.automaton, list(positions), width, np.array(chosen))
+    return ClockedVectors(template, list(positions), width, np.array(chosen))
+
+
+class WindowOrigins:
+    """The window origins of the instances of a batch.
+
+    If no window opens after the first state of an instance, the time of that state is the origin.
+    """
+
+    def __init__(self, states: Sequence[InstanceState]) -> None:
+        self.opens_later = states[0].template.opens_windows_later
+        """True if a window may open after the first state."""
+        self._fresh: Array = np.array([state.is_fresh for state in states])
+        self._has_fresh = bool(self._fresh.any())
+        begins = [min(state.window_origins.values(), default=0) for state in states]
+        self._begins: Array = np.array(begins, dtype=np.int64)
+        self._origins: dict[Sides, Array] = {}
+        self._open: dict[Sides, Array] = {}
+        known = {sides for state in states for sides in state.window_origins}
+        for sides in known if self.opens_later else ():
+            origins = [state.window_origins.get(sides) for state in states]
+            self._open[sides] = np.array([time is not None for time in origins])
+            self._origins[sides] = np.array([time or 0 for time in origins], dtype=np.int64)
+
+    def update(self, vectors: TabulatedVectors | ClockedVectors, now: int) -> None:
+        """Record which windows are open after the state at `now`."""
+        if self._has_fresh:
+            self._begins[self._fresh] = now
+            self._fresh[:] = False
+            self._has_fresh = False
+        if not self.opens_later:
+            return
+        locations = vectors.locations
+        known = {sides for location in locations for sides in location.unbounded}
+        for sides in known:
+            holds = np.array([sides in location.unbounded for location in locations])
+            is_open = holds[vectors.numbers]
+            origins = self._origins.setdefault(sides, np.full(is_open.size, now))
+            was_open = self._open.get(sides)
+            origins[is_open if was_open is None else is_open & ~was_open] = now
+            self._open[sides] = is_open
+
+    def keep(self, kept: Array) -> None:
+        """Keep the selected instances only."""
+        self._begins, self._fresh = self._begins[kept], self._fresh[kept]
+        self._origins = {sides: origins[kept] for sides, origins in self._origins.items()}
+        self._open = {sides: is_open[kept] for sides, is_open in self._open.items()}
+
+    def of(self, index: int, location: Location) -> Mapping[Sides, int]:
+        """Return the origins of the windows of a location, for one instance."""
+        if self._fresh[index]:
+            return {}
+        if not self.opens_later:
+            return dict.fromkeys(location.unbounded, int(self._begins[index]))
+        found = ((sides, self._origins.get(sides)) for sides in location.unbounded)
+        return {sides: int(origins[index]) for sides, origins in found if origins is not None}

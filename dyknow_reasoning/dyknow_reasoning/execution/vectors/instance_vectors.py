@@ -1,8 +1,9 @@
 """Vectors of instances of one template: where each instance is in the automaton.
 
-`TabulatedVectors` holds the number of a configuration for each instance. `ClockedVectors` holds the
-number of a location for each instance, and a row for each clock (a clock vector). Instances at one
-location that see the same truth of the atoms make their step together.
+`TabulatedVectors` holds the number of a configuration for each instance, which suits steps of time
+that repeat (`SamplingRegularity`). `ClockedVectors` holds the number of a location for each
+instance, and a row for each clock (a clock vector). Instances at one location that see the same
+truth of the atoms make their step together.
 
 Example, the automaton of `always (p -> eventually[0, 2 s] q)` (see `automaton`) with four instances
 in ClockedVectors, at a state at 6 s; times are in seconds:
@@ -27,14 +28,13 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from dyknow_reasoning.execution.automata.automaton import (
-    Automaton,
     Decision,
     Guard,
     Location,
     Move,
     Times,
 )
-from dyknow_reasoning.execution.automata.configurations import Configuration, Configurations
+from dyknow_reasoning.execution.automata.configurations import Configuration, Template
 from dyknow_reasoning.execution.vectors.atom_vectors import Array
 
 _UNKNOWN = -1
@@ -69,8 +69,8 @@ class TabulatedVectors:
     `width` is the number of possible symbols, which are the truths of the atoms as bits.
     """
 
-    def __init__(self, configurations: Configurations, numbers: Array, width: int) -> None:
-        self._configurations = configurations
+    def __init__(self, template: Template, numbers: Array, width: int) -> None:
+        self._template = template
         self._width = width
         self.rows: Array = numbers * width
         # For each step of time, by row + symbol: the row r of the next configuration, or -2 - r if
@@ -85,7 +85,7 @@ class TabulatedVectors:
     @property
     def locations(self) -> list[Location]:
         """The location of each number."""
-        return [each.location for each in self._configurations.found]
+        return [each.location for each in self._template.found]
 
     def position(self, index: int, latest: int) -> tuple[Location, Times]:
         """Return the location and the clocks of an instance."""
@@ -109,15 +109,15 @@ class TabulatedVectors:
         self.rows = np.where(after < _UNKNOWN, -2 - after, after)
         return list(self._decided(before, after, now - elapsed))
 
-    def clocked(self, automaton: Automaton, latest: int) -> ClockedVectors:
+    def clocked(self, latest: int) -> ClockedVectors:
         """Return the same instances with clocks."""
         present, inverse = np.unique(self.rows, return_inverse=True)
         positions = [self._position(row, latest) for row in present.tolist()]
-        return ClockedVectors(automaton, positions, self._width, inverse)
+        return ClockedVectors(self._template, positions, self._width, inverse)
 
     def _table(self, elapsed: int) -> Array:
         table = self._tables.get(elapsed)
-        needed = len(self._configurations.found) * self._width
+        needed = len(self._template.found) * self._width
         if table is None or table.size < needed:
             grown = np.full(2 * needed, _UNKNOWN, dtype=np.intp)
             if table is not None:
@@ -126,11 +126,11 @@ class TabulatedVectors:
         return table
 
     def _fill(self, codes: Array, elapsed: int) -> None:
-        configurations = self._configurations
+        template = self._template
         for code in np.flatnonzero(np.bincount(codes)).tolist():
             number, symbol = divmod(code, self._width)
-            before = configurations.found[number]
-            after = configurations.step(before, symbol & before.location.node.mask, elapsed)
+            before = template.found[number]
+            after = template.step(before, symbol & before.location.node.mask, elapsed)
             decided, row = after.location.verdict is not None, after.number * self._width
             self._table(elapsed)[code] = -2 - row if decided else row
 
@@ -140,7 +140,7 @@ class TabulatedVectors:
             yield Decided(index, verdict is True, *self._position(int(before[index]), latest))
 
     def _configuration(self, row: int) -> Configuration:
-        return self._configurations.found[row // self._width]
+        return self._template.found[row // self._width]
 
     def _position(self, row: int, latest: int) -> tuple[Location, Times]:
         found = self._configuration(row)
@@ -151,7 +151,7 @@ class ClockedVectors:
     """The location and the clocks of each instance.
 
     Args:
-        automaton: the automaton of the template.
+        template: their template.
         positions: locations, each with its clocks.
         width: the number of possible symbols.
         chosen: for each instance, the index of its position.
@@ -159,14 +159,14 @@ class ClockedVectors:
 
     def __init__(
         self,
-        automaton: Automaton,
+        template: Template,
         positions: Sequence[tuple[Location, Times]],
         width: int,
         chosen: Array,
     ) -> None:
         self.locations: list[Location] = []
         self._numbers: dict[Location, int] = {}
-        self._automaton = automaton
+        self._template = template
         self._width = width
         rows = max((len(times) for _, times in positions), default=0)
         clocks = np.zeros((rows, len(positions)), int)
@@ -204,17 +204,17 @@ class ClockedVectors:
                     decided.append(Decided(index, move.target.verdict, location, times))
         return decided
 
-    def clocked(self, automaton: Automaton, latest: int) -> ClockedVectors:  # noqa: ARG002
+    def clocked(self, latest: int) -> ClockedVectors:  # noqa: ARG002
         """Return the same instances without the locations that do not occur."""
         present, inverse = np.unique(self.numbers, return_inverse=True)
         positions: list[tuple[Location, Times]] = [
             (self.locations[number], ()) for number in present.tolist()
         ]
-        vectors = ClockedVectors(automaton, positions, self._width, inverse)
+        vectors = ClockedVectors(self._template, positions, self._width, inverse)
         vectors._clocks = self._clocks
         return vectors
 
-    def tabulated(self, configurations: Configurations, latest: int) -> TabulatedVectors:
+    def tabulated(self, latest: int) -> TabulatedVectors:
         """Return the same instances with configurations."""
         rows = np.vstack((self.numbers, latest - self._clocks))
         for number, location in enumerate(self.locations):
@@ -223,9 +223,10 @@ class ClockedVectors:
         numbers = []
         for number, *ages in found.T.tolist():
             location = self.locations[number]
-            numbers.append(configurations.at(location, tuple(ages[: location.clocks])).number)
+            found_at = self._template.at(location, tuple(ages[: location.clocks]))
+            numbers.append(found_at.number)
         chosen = np.array(numbers, dtype=np.intp)[inverse.ravel()]
-        return TabulatedVectors(configurations, chosen, self._width)
+        return TabulatedVectors(self._template, chosen, self._width)
 
     def _moves(
         self, location: Location, symbol: int, indices: Indices, now: int
@@ -238,7 +239,7 @@ class ClockedVectors:
             if decision is None:
                 first = 0 if isinstance(alike, slice) else int(alike[0])
                 times = self._times(location, first)
-                self._automaton.move(location, symbol, (*times, now))
+                self._template.automaton.move(location, symbol, (*times, now))
                 pending.append((location.moves.get(symbol), alike))
             elif type(decision) is Move:
                 yield decision, alike
@@ -290,3 +291,39 @@ def _chosen(indices: Indices, chosen: Array) -> Array:
         return np.flatnonzero(chosen)
     found: Array = indices[chosen]
     return found
+
+
+_PATIENCE_STATES = 8
+_MAX_KNOWN_STEPS = 16
+
+
+class SamplingRegularity:
+    """Detects if states come at few steps of time that repeat.
+
+    A stream with a period is regular, also if it misses a state now and then. A stream with varying
+    time stamps is not. A change is detected after a few states.
+    """
+
+    def __init__(self) -> None:
+        self._is_regular = True
+        self._known: dict[int, None] = {}
+        self._new_in_a_row = 0
+        self._latest = 0
+        self._same_in_a_row = 0
+
+    def observe(self, elapsed: int) -> bool:
+        """Record a step of time in nanoseconds; return True if steps repeat."""
+        self._same_in_a_row = self._same_in_a_row + 1 if elapsed == self._latest else 1
+        self._latest = elapsed
+        if not self._is_regular:
+            if self._same_in_a_row >= _PATIENCE_STATES:
+                self._is_regular, self._known, self._new_in_a_row = True, {elapsed: None}, 0
+        elif elapsed in self._known:
+            self._new_in_a_row = 0
+        else:
+            self._known[elapsed] = None
+            if len(self._known) > _MAX_KNOWN_STEPS:
+                del self._known[next(iter(self._known))]
+            self._new_in_a_row += 1
+            self._is_regular = self._new_in_a_row < _PATIENCE_STATES
+        return self._is_regular
