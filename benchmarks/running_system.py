@@ -30,7 +30,7 @@ from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.launcher import EndedProcess, Launcher
 from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import fleet_configuration
-from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import RUNNING, STATUS, nanoseconds_to_duration
 

@@ -31,7 +31,7 @@ from dyknow_bringup.processes.processes import (
     dyknow_processes,
 )
 from dyknow_bringup.processes.robot import fleet_configuration, requested_streams
-from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common.ros import (
     LATCHED,
     RUNNING,

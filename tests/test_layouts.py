@@ -23,7 +23,7 @@ from dyknow_bringup.processes.processes import (
 )
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.resources import formulas_path, scenario_path, share
-from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_stream_processing.ros import message_class
 from system import Client, private_environment
 

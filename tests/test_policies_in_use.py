@@ -43,8 +43,8 @@ from dyknow_bringup.resources import (
 from dyknow_bringup.security.interfaces import COORDINATOR
 from dyknow_bringup.security.policy import policy_text
 from dyknow_bringup.security.systems import SecuredSystem
-from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.missions import load_mission
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import BlackBoxOptions, Verdict
 from dyknow_configuration import read_robot
 from dyknow_coordinator import Answer

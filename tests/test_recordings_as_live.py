@@ -9,8 +9,8 @@ import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from dyknow_bringup.recordings.recording import record
 from dyknow_bringup.resources import scenario_path
+from dyknow_bringup.simulation.recording import record
 from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_common import SECOND_NS
 from replayed import compare

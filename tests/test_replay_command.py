@@ -14,8 +14,8 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
 from commands import command, output_of, running
-from dyknow_bringup.recordings.recording import OFFERED
 from dyknow_bringup.resources import share
+from dyknow_bringup.simulation.recording import OFFERED
 from dyknow_common import SECOND_NS
 from system import Client, System, private_environment
 

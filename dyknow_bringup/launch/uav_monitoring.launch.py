@@ -13,7 +13,7 @@ from dyknow_bringup.processes.processes import (
 )
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.resources import formulas_path, scenario_path
-from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.vehicle import vehicle_names
 
 ARGUMENTS = {
     'scenario': ('nominal', 'name of a shipped scenario, or path of a YAML file'),

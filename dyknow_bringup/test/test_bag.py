@@ -5,10 +5,10 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.recordings.recording import STORAGES, record
-from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.recording import STORAGES, record
 from dyknow_bringup.simulation.scenario import Scenario
 from dyknow_bringup.simulation.simulation import Simulation
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import NANOSECONDS, ExitCode
 from dyknow_recordings import Bag, QualityOfService, RecordedTopic, RecordingError
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from dyknow_bringup.demonstration.expectations import MonitoredFormula, unexpected
+from dyknow_bringup.demonstration import unexpected
+from dyknow_bringup.monitored_formula import MonitoredFormula
 from dyknow_bringup.simulation.scenario import Expectation
 from dyknow_configuration import RequestedFormula
 

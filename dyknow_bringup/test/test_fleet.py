@@ -1,7 +1,7 @@
 import pytest
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.vehicle import vehicle_names
 
 
 def test_names() -> None:

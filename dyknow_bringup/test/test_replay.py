@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.recordings.replay import MAX_STEP_NS, Replay, ReplayTime, Schedule
+from dyknow_bringup.replay import MAX_STEP_NS, Replay, ReplayTime, Schedule
 from dyknow_recordings import RecordedMessage
 
 times = st.integers(0, 2 * 10**18)

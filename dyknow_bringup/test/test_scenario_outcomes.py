@@ -13,10 +13,10 @@ from math import dist, inf
 
 import pytest
 
-from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.scenario import Scenario
 from dyknow_bringup.simulation.simulation import Simulation
 from dyknow_bringup.simulation.telemetry import Battery, Channel, Odometry, Telemetry
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import NANOSECONDS
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import FormulaGroup

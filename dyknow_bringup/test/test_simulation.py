@@ -7,10 +7,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.scenario import Scenario
 from dyknow_bringup.simulation.simulation import Simulation
 from dyknow_bringup.simulation.telemetry import TRANSPORT, Battery, Channel, Odometry, Telemetry
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import NANOSECONDS
 
 SECOND = NANOSECONDS['s']

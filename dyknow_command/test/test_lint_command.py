@@ -11,7 +11,7 @@ import pytest
 
 import dyknow_command
 from dyknow_command.linting.findings import FilePlace
-from dyknow_command.linting.statements import syntax_findings
+from dyknow_command.linting.inputs import syntax_findings
 from dyknow_common import TextPosition
 from dyknow_semantics import parse_annotations
 

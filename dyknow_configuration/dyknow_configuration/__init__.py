@@ -4,8 +4,7 @@ from dyknow_configuration.documents.yaml_values import YamlValue, add_quotes, re
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
-from dyknow_configuration.formula_notes import warn_of_notes
-from dyknow_configuration.formulas import read_formulas
+from dyknow_configuration.formulas import read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES
 from dyknow_configuration.proposals.observations import (
     MAX_MESSAGES,

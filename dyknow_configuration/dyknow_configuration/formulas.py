@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from dyknow_common import BlackBoxOptions, read_text
+from dyknow_common import FORMULA_WORDS, BlackBoxOptions, LanguageError, read_text
 from dyknow_configuration.documents.composed_text import checked_text
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, Severity
 from dyknow_configuration.triggers.reading import NO_TRIGGERS, Triggers, read_events
 from dyknow_configuration.triggers.trigger import FormulaTriggers
-from dyknow_reasoning import NO_CONSTANTS, Constants, check_types, parse_formula
+from dyknow_reasoning import (
+    NO_CONSTANTS,
+    Constants,
+    check_types,
+    notes_on,
+    parse_constants,
+    parse_formula,
+)
 
 FORMULA_KEYS: Final = (
     'name',
@@ -134,3 +143,32 @@ def _record(value: YamlValue) -> BlackBoxOptions | None:
         # The fault is shown at its value.
         each.read(lambda _: BlackBoxOptions(**{key: read}), '')  # noqa: B023 - called at once
     return BlackBoxOptions(**given)
+
+
+def read_constants(value: YamlValue) -> Constants:
+    """Return the constants of a mapping from their names to values, such as `150 W`.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    found: Constants = ()
+    for key, each in value.entries('a mapping from names to values'):
+        name, given = key.text(), each.plain()
+        if name in FORMULA_WORDS:
+            raise key.error(f"'{name}' cannot be the name of a constant; use another")
+        if not isinstance(given, bool | int | float | str):
+            raise each.expected('a number, or a text such as 150 W,')
+        text = str(given).lower() if isinstance(given, bool) else str(given)
+        try:
+            found += parse_constants({name: text})
+        except LanguageError as error:
+            raise each.error(f"the constant '{name}': {error.reason}") from None
+    return found
+
+
+def warn_of_notes(formulas: Iterable[str]) -> None:
+    """Print the notes on formulas as warnings; an incorrect formula has none."""
+    for formula in formulas:
+        with suppress(LanguageError):
+            for note in notes_on(formula):
+                print(f'warning: {note}', file=sys.stderr)  # noqa: T201 - of a command

@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import Final
 
 from dyknow_common import InlineText
-from dyknow_configuration.constants import read_constants
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml, texts
 from dyknow_configuration.expectations import read_expectations
-from dyknow_configuration.formulas import formulas_of
+from dyknow_configuration.formulas import formulas_of, read_constants
+from dyknow_configuration.guards import read_guards
 from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.ontology_text import ontology_text
-from dyknow_configuration.reactions.guards import read_guards
 from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
 from dyknow_configuration.topics import MAX_TEXTS, read_topics

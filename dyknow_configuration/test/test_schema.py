@@ -15,7 +15,7 @@ from dyknow_common import CONSTRAINT_KINDS, ValueType
 from dyknow_configuration import PACKAGES, Severity, reading
 from dyknow_configuration.expectations import EXPECTATION_KEYS
 from dyknow_configuration.formulas import FORMULA_KEYS
-from dyknow_configuration.reactions.guards import GUARD_KEYS
+from dyknow_configuration.guards import GUARD_KEYS
 from dyknow_configuration.stream_texts import TEMPLATE_KEYS
 from dyknow_configuration.topics import SOURCE_KEYS
 from dyknow_configuration.triggers.reading import ACTION_KEYS, TRIGGER_KEYS

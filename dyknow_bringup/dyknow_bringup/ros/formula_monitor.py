@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from dyknow_bringup.demonstration.expectations import (
+from dyknow_bringup.monitored_formula import (
     HOLDS,
     NOT_CONNECTED,
+    UNDECIDED,
     VIOLATED,
     WAITING,
     MonitoredFormula,
 )
 from dyknow_bringup.resources import formulas_path
-from dyknow_bringup.simulation.scenario import UNDECIDED
 from dyknow_common import SECOND_NS, ExitCode, clock_time, round_time, with_readable_times
 from dyknow_common.ros import DyKnowNode, run
 from dyknow_configuration import RequestedFormula, Severity, read_formulas, read_robot

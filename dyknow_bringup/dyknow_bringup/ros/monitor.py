@@ -16,17 +16,17 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rich.live import Live
 
-from dyknow_bringup.demonstration.expectations import (
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.monitored_formula import (
     HOLDS,
+    UNDECIDED,
     VIOLATED,
     MonitoredFormula,
+    formula_table,
 )
-from dyknow_bringup.demonstration.tables import formula_table
-from dyknow_bringup.errors import BringupError
 from dyknow_bringup.processes.processes import NO_TIMEOUT_S
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.system_start import where_coordinators_are
-from dyknow_bringup.simulation.scenario import UNDECIDED
 from dyknow_common import SECOND_NS, ExitCode, add_utc_option, duration_option, round_duration
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_common.ros import TICK_PERIOD_S, start_ros

@@ -8,7 +8,7 @@ from pathlib import Path
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from dyknow_bringup.recordings.replay import Replay, ReplayTime, Schedule
+from dyknow_bringup.replay import Replay, ReplayTime, Schedule
 from dyknow_common import SECOND_NS, duration_option
 from dyknow_common.executables import ERROR, describe
 from dyknow_common.ros import DyKnowNode, command_main, nanoseconds_to_time, run

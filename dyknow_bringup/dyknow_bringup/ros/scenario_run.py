@@ -23,8 +23,8 @@ from dyknow_bringup.processes.processes import (
 )
 from dyknow_bringup.processes.robot import fleet_configuration, requested_streams
 from dyknow_bringup.resources import scenario_path
-from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.scenario import load_scenario
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import SECOND_NS, ExitCode
 from dyknow_common.executables import FALSE, SUCCESS, interruptible
 from dyknow_common.ros import LATCHED, DyKnowNode, RemoteNode, start_ros

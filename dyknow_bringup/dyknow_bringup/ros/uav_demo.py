@@ -12,12 +12,12 @@ from typing import Any
 
 from rich.live import Live
 
-from dyknow_bringup.demonstration.expectations import unexpected
-from dyknow_bringup.demonstration.tables import formula_table, summary
-from dyknow_bringup.recordings.flight_report import write_flight_report
+from dyknow_bringup.demonstration import summary, unexpected
+from dyknow_bringup.monitored_formula import formula_table
 from dyknow_bringup.resources import scenario_names
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
+from dyknow_bringup.simulation.recording import write_flight_report
 from dyknow_common import SECOND_NS
 from dyknow_common.executables import describe
 from dyknow_common.ros import command_main

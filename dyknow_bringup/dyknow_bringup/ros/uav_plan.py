@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
-from dyknow_bringup.demonstration.tables import plan_table, verdict_line
+from dyknow_bringup.demonstration import plan_table, verdict_line
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.resources import plan_path
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario

@@ -32,8 +32,8 @@ from dyknow_bringup.security.interfaces import (
     recorder_interfaces,
 )
 from dyknow_bringup.security.policy import Enclave, policy_text
-from dyknow_bringup.simulation.fleet import vehicle_names
 from dyknow_bringup.simulation.telemetry import Channel, topic
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_configuration import RequestedGuard, Trigger, TriggerKind
 from dyknow_stream_processing import (
     TF_STATIC,

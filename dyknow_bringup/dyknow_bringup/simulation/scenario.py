@@ -18,13 +18,12 @@ from dyknow_common import NANOSECONDS, ExitCode, Verdict
 LANE_WIDTH: Final = 20.0
 """Distance between neighbouring lanes, in m; lanes run east."""
 
-UNDECIDED: Final = Verdict.UNDECIDED.name.lower()
-"""The outcome of a formula without an answer."""
+_UNDECIDED: Final = Verdict.UNDECIDED.name.lower()
 
 OUTCOMES: Final = (
     Verdict.TRUE.name.lower(),
     Verdict.FALSE.name.lower(),
-    UNDECIDED,
+    _UNDECIDED,
     *(code.name for code in ExitCode if code is not ExitCode.SUCCESS),
 )
 """Outcomes of a formula: the verdicts, and the names of exit codes."""
@@ -211,7 +210,7 @@ def _expectation(entry: YamlEntry) -> Expectation:
         raise entries['outcome'].error(
             f'no outcome {outcome!r}; write one of {", ".join(OUTCOMES)}'
         )
-    if outcome == UNDECIDED:
+    if outcome == _UNDECIDED:
         if 'decided_between' in entry.value:
             raise entry.error("leave out 'decided_between': nothing is decided")
         return Expectation(outcome, None)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_bringup.document import Point
+from dyknow_bringup.errors import BringupError
 
 Vector = NDArray[np.float64]
 """Three components, along x, y and z."""
@@ -138,3 +139,14 @@ def battery_load(percentage: float, power: float) -> tuple[float, float]:
 def _limited(vector: Vector, limit: float) -> Vector:
     length = float(np.linalg.norm(vector))
     return vector if length <= limit else vector * (limit / length)
+
+
+def vehicle_names(count: int) -> tuple[str, ...]:
+    """Return the names of the vehicles of a fleet: uav1, uav2 and so on.
+
+    Raises:
+        BringupError: for less than one vehicle.
+    """
+    if count < 1:
+        raise BringupError(f'a fleet of {count} vehicles cannot fly; have one at least')
+    return tuple(f'uav{number}' for number in range(1, count + 1))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dyknow_bringup.processes.robot import fleet_configuration, requested_streams
-from dyknow_bringup.simulation.fleet import vehicle_names
+from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_configuration import read_robot
 from dyknow_recordings import MonitoringFiles, evaluate_recording, open_recording
 from dyknow_semantics import Ontology, check_annotation, parse_annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -23,7 +23,14 @@ from dyknow_bringup.simulation.simulation import Simulation
 from dyknow_bringup.simulation.telemetry import topic
 from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
 from dyknow_common import ExitCode
-from dyknow_recordings import BAG_VERSION
+from dyknow_recordings import (
+    BAG_VERSION,
+    MonitoringFiles,
+    PictureFiles,
+    RequestedFormula,
+    evaluate_recording,
+    open_recording,
+)
 
 STORAGES: Final = {
     'mcap': (StoragePlugin.MCAP, CompressionMode.STORAGE),
@@ -86,3 +93,34 @@ def record(
             data = types.serialize_cdr(message, MESSAGE_TYPES[telemetry.channel])
             key = telemetry.vehicle, telemetry.channel
             writer.write(connections[key], telemetry.delivery_time, data)
+
+
+def write_flight_report(
+    scenario: Scenario,
+    vehicles: Sequence[str],
+    start: int,
+    files: MonitoringFiles,
+    formulas: Iterable[RequestedFormula],
+    folder: Path,
+    pictures: PictureFiles,
+) -> None:
+    """Record the flight of a scenario, and write a page about formulas over it.
+
+    Args:
+        scenario: it determines the flight.
+        vehicles: the names of the fleet.
+        start: the time of the first stamp, in nanoseconds since the epoch.
+        files: the configuration of DyKnow for the fleet.
+        formulas: to check.
+        folder: for the recording.
+        pictures: the files to write.
+
+    Raises:
+        DyKnowError: naming a file that cannot be written.
+    """
+    bag = folder / scenario.name
+    record(scenario, vehicles, start, bag)
+    with open_recording(bag) as recording:
+        report = evaluate_recording(recording, list(formulas), files, keep_signals=True)
+    pictures.add(report)
+    pictures.close(())

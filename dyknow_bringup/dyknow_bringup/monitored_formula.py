@@ -1,12 +1,16 @@
-"""Outcomes of the monitored formulas, compared with those that a scenario expects."""
+"""Formulas that are monitored, with their outcomes so far, and as a table on a terminal."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from dyknow_bringup.simulation.scenario import UNDECIDED, Expectation
-from dyknow_common import Margin, round_time
+from rich.table import Table
+from rich.text import Text
+
+from dyknow_common import Margin, Verdict, round_time, with_readable_times
+from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
 from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import StandingVerdicts
 
@@ -22,7 +26,16 @@ NOT_CONNECTED: Final = 'not connected'
 WAITING: Final = 'waiting'
 """Its outcome from then on until its first state."""
 
+UNDECIDED: Final = Verdict.UNDECIDED.name.lower()
+"""Its outcome from its first state until the answer."""
+
 _OPEN: Final = frozenset({NOT_CONNECTED, WAITING, UNDECIDED})
+
+STYLES: Final = {'true': 'bold green', 'false': 'bold red', HOLDS: 'green', VIOLATED: 'bold red'}
+"""The styles of outcomes."""
+
+FAILED: Final = 'bold magenta'
+"""The style of an error."""
 
 
 @dataclass(slots=True)
@@ -70,27 +83,27 @@ class MonitoredFormula:
         return self.outcome not in _OPEN
 
 
-def unexpected(
-    monitored: MonitoredFormula, expectation: Expectation | None, start: int
-) -> str | None:
-    """Return how an outcome differs from the expected one; None if it does not.
+def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: int) -> Table:
+    """Return a table of formulas with their outcomes.
 
     Args:
-        monitored: the formula and its outcome.
-        expectation: of the scenario; None if it expects nothing of the formula.
-        start: of the scenario, in nanoseconds.
+        monitored: the formulas.
+        start: of the monitoring, in nanoseconds.
+        elapsed: nanoseconds since then.
     """
-    if expectation is None:
-        return None
-    if monitored.outcome != expectation.outcome:
-        return f'{monitored.outcome} instead of {expectation.outcome}'
-    if expectation.decided_between is None or monitored.known_at is None:
-        return None
-    earliest, latest = expectation.decided_between
-    elapsed = monitored.known_at - start
-    if earliest <= elapsed <= latest:
-        return None
-    return (
-        f'{monitored.outcome} at {round_time(elapsed)} instead of between '
-        f'{round_time(earliest)} and {round_time(latest)}'
-    )
+    columns = (named('formula'), fixed('verdict'), figure('since'), wide('why'))
+    rows = (_formula_row(each, start) for each in monitored)
+    return framed_table(columns, rows, title=round_time(elapsed), expand=True)
+
+
+def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
+    since = '' if monitored.known_at is None else round_time(monitored.known_at - start)
+    reason = Text(monitored.waits_for or monitored.formula.description, 'dim')
+    style = 'dim'
+    if monitored.is_decided:
+        text = with_readable_times(monitored.explanation, start)
+        reason = Text(text or monitored.formula.description)
+        style = STYLES.get(monitored.outcome, FAILED)
+    if monitored.margin is not None:
+        reason.append(f'{"; " if reason.plain else ""}margin {monitored.margin}', 'dim')
+    return [monitored.formula.name, Text(monitored.status, style), since, reason]

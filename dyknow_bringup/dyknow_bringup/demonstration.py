@@ -1,34 +1,47 @@
-"""Formulas and plans of the demonstration on a terminal."""
+"""The demonstration: outcomes compared with those that a scenario expects, and plans as tables."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import Final
 
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_bringup.demonstration.expectations import HOLDS, VIOLATED, MonitoredFormula
+from dyknow_bringup.monitored_formula import FAILED, STYLES, MonitoredFormula
+from dyknow_bringup.simulation.scenario import Expectation
 from dyknow_common import round_time, with_readable_times
-from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
+from dyknow_common.tables import Cell, fixed, framed_table, named, wide
 from dyknow_coordinator import PlanOutcome, PlanPhase, PlanVerdict
 
-_PLAN = '(the plan)'
-_STYLES = {'true': 'bold green', 'false': 'bold red', HOLDS: 'green', VIOLATED: 'bold red'}
-_FAILED = 'bold magenta'
+_PLAN: Final = '(the plan)'
 
 
-def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: int) -> Table:
-    """Return a table of formulas with their outcomes.
+def unexpected(
+    monitored: MonitoredFormula, expectation: Expectation | None, start: int
+) -> str | None:
+    """Return how an outcome differs from the expected one; None if it does not.
 
     Args:
-        monitored: the formulas.
+        monitored: the formula and its outcome.
+        expectation: of the scenario; None if it expects nothing of the formula.
         start: of the scenario, in nanoseconds.
-        elapsed: nanoseconds since then.
     """
-    columns = (named('formula'), fixed('verdict'), figure('since'), wide('why'))
-    rows = (_formula_row(each, start) for each in monitored)
-    return framed_table(columns, rows, title=round_time(elapsed), expand=True)
+    if expectation is None:
+        return None
+    if monitored.outcome != expectation.outcome:
+        return f'{monitored.outcome} instead of {expectation.outcome}'
+    if expectation.decided_between is None or monitored.known_at is None:
+        return None
+    earliest, latest = expectation.decided_between
+    elapsed = monitored.known_at - start
+    if earliest <= elapsed <= latest:
+        return None
+    return (
+        f'{monitored.outcome} at {round_time(elapsed)} instead of between '
+        f'{round_time(earliest)} and {round_time(latest)}'
+    )
 
 
 def summary(scenario: str, problems: Mapping[str, str]) -> Panel:
@@ -70,22 +83,9 @@ def plan_table(outcome: PlanOutcome) -> Table:
     return framed_table(columns, rows, expand=True)
 
 
-def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
-    since = '' if monitored.known_at is None else round_time(monitored.known_at - start)
-    reason = Text(monitored.waits_for or monitored.formula.description, 'dim')
-    style = 'dim'
-    if monitored.is_decided:
-        text = with_readable_times(monitored.explanation, start)
-        reason = Text(text or monitored.formula.description)
-        style = _STYLES.get(monitored.outcome, _FAILED)
-    if monitored.margin is not None:
-        reason.append(f'{"; " if reason.plain else ""}margin {monitored.margin}', 'dim')
-    return [monitored.formula.name, Text(monitored.status, style), since, reason]
-
-
 def _state(verdict: PlanVerdict) -> Text:
-    style = _FAILED if verdict.phase is PlanPhase.FAILED else 'dim'
-    return Text(verdict.outcome, _STYLES.get(verdict.outcome, style))
+    style = FAILED if verdict.phase is PlanPhase.FAILED else 'dim'
+    return Text(verdict.outcome, STYLES.get(verdict.outcome, style))
 
 
 def _reason(verdict: PlanVerdict) -> str:

@@ -1,1 +1,0 @@
-"""Formulas, expected verdicts and tables of the demonstration."""

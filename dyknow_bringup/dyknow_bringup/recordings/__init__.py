@@ -1,1 +1,0 @@
-"""Writing and replaying rosbag2 recordings without ROS."""

@@ -1,1 +1,0 @@
-"""Reactions to verdicts in a robot.yaml."""
