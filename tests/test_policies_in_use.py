@@ -78,6 +78,9 @@ NOT_USED_HERE = {'/clock', '/black_box_recorder/save_black_box'}
 live page, whose client is on the graph for a moment only.
 """
 
+SEARCH = Use('/dyknow_monitor', 'subscribe', f'{COORDINATOR}/evaluations')
+"""By which `dyknow monitor` learns, for a moment, if the formulas are monitored already."""
+
 NEVER_USED = {'/dyknow_admin'}
 """The enclave for people, who may do more than they do."""
 
@@ -259,7 +262,7 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
             return sorted(
                 rule
                 for rule in permitted
-                if rule.enclave in enclaves and rule.name not in NOT_USED_HERE
+                if rule.enclave in enclaves and rule.name not in NOT_USED_HERE and rule != SEARCH
                 and not any(rule.permits(use) for use in recorder.uses)
             )  # fmt: skip
 

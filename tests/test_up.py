@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
+from dyknow_interfaces.msg import EvaluationStatusArray
 from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import Float64
 
 from commands import command, output_of, running
+from dyknow_common.ros import LATCHED
 from system import LIMIT, Client, private_environment
 from test_rover import EXAMPLES, Rover
 from test_stopping import members, wait_for
@@ -175,20 +180,41 @@ def test_the_logs_of_an_error_are_left(tmp_path: Path) -> None:
 
 
 def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
+    """Another monitor of the same formulas shows what this one finds."""
     robot = tmp_path / 'robot.yaml'
     formula = '\'always "/level".data < 5\''
     robot.write_text(f'formulas: [{{name: calm, severity: error, formula: {formula}}}]')
     environment = private_environment()
+    levels = [3.0]
+    reports: list[Any] = []
     with (
         up(environment, str(robot), '--monitor') as terminal,
         closing(Client(environment)) as client,
+        ThreadPoolExecutor() as threads,
     ):
-        publisher = client.node.create_publisher(Float64, '/level', 10)
-        client.node.create_timer(0.1, lambda: publisher.publish(Float64(data=7.0)))
+        node = client.node
+        topic = 'stream_reasoning_coordinator/evaluations'
+        node.create_subscription(EvaluationStatusArray, topic, reports.append, LATCHED)
+        publisher = node.create_publisher(Float64, '/level', 10)
+        node.create_timer(0.1, lambda: publisher.publish(Float64(data=levels[-1])))
+        client.spin_until(lambda: bool(reports and reports[-1].evaluations), 'an evaluation')
+        line = command('dyknow', 'monitor', str(robot), '--json')
+        other = threads.submit(output_of, line, environment)
+        client.spin_until(
+            lambda: any(each.startswith('dyknow_monitor_') for each in node.get_node_names()),
+            'the other monitor',
+        )
+        levels.append(7.0)
         alarm = 'ERROR formula_monitor: calm: false at '
         client.spin_until(
             lambda: alarm in terminal.text, 'the alarm', instead=lambda: terminal.text
         )
+        client.spin_until(other.done, 'the end of the other monitor')
+        done = other.result()
+        assert 'as formula_monitor monitors them' in done.stderr
+        outcomes = [json.loads(each)['outcome'] for each in done.stdout.splitlines()]
+        assert (done.returncode, outcomes[-1]) == (1, 'false')
+        assert len(reports[-1].evaluations) == 1
 
 
 def test_parameters_and_engines(tmp_path: Path) -> None:

@@ -14,7 +14,14 @@ from dyknow_bringup.monitored_formula import (
     MonitoredFormula,
 )
 from dyknow_bringup.resources import formulas_path
-from dyknow_common import SECOND_NS, ExitCode, clock_time, round_time, with_readable_times
+from dyknow_common import (
+    SECOND_NS,
+    DyKnowError,
+    ExitCode,
+    clock_time,
+    round_time,
+    with_readable_times,
+)
 from dyknow_common.ros import DyKnowNode, run
 from dyknow_configuration import RequestedFormula, Severity, read_formulas, read_robot
 from dyknow_coordinator import Answer, Progress, StandingVerdicts
@@ -36,7 +43,108 @@ RETRY_DELAY_S = 0.5
 """Time until a formula is monitored again after an error worth retrying."""
 
 
-class FormulaMonitor(DyKnowNode):
+class MonitorNode(DyKnowNode):
+    """A node that keeps the outcomes of formulas.
+
+    Args:
+        name: of the node.
+        on_change: called with every formula whose outcome has changed; None: it is logged.
+    """
+
+    def __init__(self, name: str, on_change: Callable[[MonitoredFormula], None] | None) -> None:
+        super().__init__(name)
+        self.coordinator = self.parameter(
+            'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
+        )
+        self.formulas: list[MonitoredFormula] = []
+        self._on_change = on_change or self.log
+
+    @property
+    def is_connected(self) -> bool:
+        """True if the coordinator has accepted each formula once."""
+        return all(each.outcome != NOT_CONNECTED for each in self.formulas)
+
+    @property
+    def idle(self) -> list[MonitoredFormula]:
+        """The formulas that never had a state, and have no error that says why."""
+        return [each for each in self.formulas if not (each.has_states or each.is_decided)]
+
+    def explain_wait(self, hint: str) -> None:
+        """Report the formulas that are not connected, with what to do."""
+        for each in self.formulas:
+            if each.outcome == NOT_CONNECTED:
+                self.explain(each, f'{NOT_ACCEPTED}{hint}')
+
+    def log(self, monitored: MonitoredFormula) -> None:
+        """Log the outcome of a formula: an alarm with the severity of the formula."""
+        logger = self.get_logger()
+        text = f'{monitored.name}: {monitored.outcome}'
+        text += '' if monitored.known_at is None else f' at {clock_time(monitored.known_at)}'
+        reason = with_readable_times(monitored.explanation)
+        text += f': {reason}' if reason else ''
+        # A formula that is not violated in its time ends with TIMEOUT. A logger of rclpy has one
+        # severity for each call in the code.
+        if monitored.outcome in {'true', HOLDS, UNDECIDED, ExitCode.TIMEOUT.name}:
+            logger.info(text)
+        elif monitored.formula.severity is Severity.ERROR and monitored.is_decided:
+            logger.error(text)
+        else:
+            logger.warning(text)
+
+    def note_progress(self, monitored: MonitoredFormula, progress: Progress) -> None:
+        """Note a report on an evaluation that goes on."""
+        monitored.margin, monitored.presumably_false = progress.margin, progress.presumably_false
+        monitored.has_states |= progress.states_progressed > 0
+        self.explain(monitored, progress.waits_for)
+        outcome, verdicts = UNDECIDED, progress.episodes
+        if verdicts is not None:
+            self._follow(monitored, verdicts)
+            is_known = verdicts.holds or verdicts.is_violated
+            outcome = (VIOLATED if verdicts.is_violated else HOLDS) if is_known else UNDECIDED
+        if progress.states_progressed and monitored.outcome != outcome:
+            self.set_outcome(monitored, outcome, '')
+
+    def note_answer(self, monitored: MonitoredFormula, answer: Answer) -> None:
+        """Note the end of an evaluation."""
+        monitored.margin = answer.margin or monitored.margin
+        if answer.episodes is not None:
+            self._follow(monitored, answer.episodes)
+        if answer.error is not None:
+            self.set_outcome(monitored, answer.error.code.name, answer.error.message)
+            return
+        monitored.has_states = True
+        self.set_outcome(monitored, answer.verdict.name.lower(), answer.explanation)
+
+    def explain(self, monitored: MonitoredFormula, reason: str) -> None:
+        """Note why a formula has no state, and report it until it has one."""
+        is_news = reason not in {'', monitored.waits_for}
+        monitored.waits_for = reason
+        if is_news and monitored.outcome in {NOT_CONNECTED, WAITING}:
+            monitored.explanation = reason
+            self._on_change(monitored)
+
+    def _follow(self, monitored: MonitoredFormula, verdicts: StandingVerdicts) -> None:
+        """Set the outcome at each begin and end of an episode."""
+        before, monitored.verdicts = monitored.verdicts, verdicts
+        for episode, has_ended in verdicts.changes(before):
+            monitored.margin = episode.worst or monitored.margin
+            if has_ended:
+                self.set_outcome(monitored, HOLDS, episode.past_text)
+            else:
+                begun = f'from {round_time(episode.begin)} on: {episode.text}'
+                self.set_outcome(monitored, VIOLATED, begun)
+
+    def set_outcome(self, monitored: MonitoredFormula, outcome: str, explanation: str) -> None:
+        """Note an outcome, with its reason."""
+        has_changed = outcome != monitored.outcome
+        monitored.outcome, monitored.explanation = outcome, explanation
+        monitored.has_failed |= outcome in {'false', VIOLATED}
+        if has_changed:
+            monitored.known_at = None if outcome == UNDECIDED else self.now()
+            self._on_change(monitored)
+
+
+class FormulaMonitor(MonitorNode):
     """A client that monitors each formula by a MonitorFormula action, and keeps its outcome.
 
     Args:
@@ -56,16 +164,13 @@ class FormulaMonitor(DyKnowNode):
         name: str = 'formula_monitor',
         retries: bool = False,
     ) -> None:
-        super().__init__(name)
+        super().__init__(name, on_change)
         robot = self.parameter('robot', '', 'robot.yaml whose formulas are monitored.')
         path = self.parameter(
             'formulas', str(formulas_path()), 'YAML file with the formulas, without a robot.'
         )
         self._timeout = self.parameter(
             'timeout', 86_400.0, 'Seconds after which the monitoring of a formula ends.', (0.1, 1e9)
-        )
-        self.coordinator = self.parameter(
-            'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
         )
         if formulas is None:
             formulas = read_robot(Path(robot)).formulas if robot else read_formulas(Path(path))
@@ -75,7 +180,6 @@ class FormulaMonitor(DyKnowNode):
         self._retries = retries
         self._is_cancelled = False
         self._restarting: set[int] = set()
-        self._on_change = on_change or self.log
         self._client = FormulaClient(self, self.coordinator)
         self._retry_until: int | None = None
         self._monitors: dict[int, Monitor] = {}
@@ -88,16 +192,6 @@ class FormulaMonitor(DyKnowNode):
         return self._triggers.warnings
 
     @property
-    def is_connected(self) -> bool:
-        """True if the coordinator has accepted each formula once."""
-        return all(each.outcome != NOT_CONNECTED for each in self.formulas)
-
-    @property
-    def idle(self) -> list[MonitoredFormula]:
-        """The formulas that never had a state, and have no error that says why."""
-        return [each for each in self.formulas if not (each.has_states or each.is_decided)]
-
-    @property
     def is_running(self) -> bool:
         """True if the coordinator monitors all formulas."""
         return all(monitor.accepted.done() for monitor in self._monitors.values())
@@ -107,12 +201,6 @@ class FormulaMonitor(DyKnowNode):
         """True if the monitoring of all formulas has ended, and their triggers have."""
         has_ended = all(monitor.outcome.done() for monitor in self._monitors.values())
         return has_ended and not self._restarting and self._triggers.is_idle
-
-    def explain_wait(self, hint: str) -> None:
-        """Report the formulas that are not connected, with what to do."""
-        for each in self.formulas:
-            if each.outcome == NOT_CONNECTED:
-                self._explain_wait(each, f'{NOT_ACCEPTED}{hint}')
 
     def cancel_all(self) -> None:
         """Cancel the monitoring of all formulas."""
@@ -127,22 +215,6 @@ class FormulaMonitor(DyKnowNode):
         self._client.close()
         self._triggers.close()
         super().destroy_node()
-
-    def log(self, monitored: MonitoredFormula) -> None:
-        """Log the outcome of a formula: an alarm with the severity of the formula."""
-        logger = self.get_logger()
-        text = f'{monitored.name}: {monitored.outcome}'
-        text += '' if monitored.known_at is None else f' at {clock_time(monitored.known_at)}'
-        reason = with_readable_times(monitored.explanation)
-        text += f': {reason}' if reason else ''
-        # A formula that is not violated in its time ends with TIMEOUT. A logger of rclpy has one
-        # severity for each call in the code.
-        if monitored.outcome in {'true', HOLDS, UNDECIDED, ExitCode.TIMEOUT.name}:
-            logger.info(text)
-        elif monitored.formula.severity is Severity.ERROR and monitored.is_decided:
-            logger.error(text)
-        else:
-            logger.warning(text)
 
     def _start(self, index: int) -> None:
         monitored = self.formulas[index]
@@ -175,34 +247,7 @@ class FormulaMonitor(DyKnowNode):
         if self._monitors[index].outcome.done():
             return  # Feedback may arrive after the verdict.
         self._triggers.on_progress(monitored.formula, progress)
-        monitored.margin, monitored.presumably_false = progress.margin, progress.presumably_false
-        monitored.has_states |= progress.states_progressed > 0
-        self._explain_wait(monitored, progress.waits_for)
-        outcome, verdicts = UNDECIDED, progress.episodes
-        if verdicts is not None:
-            self._follow(monitored, verdicts)
-            is_known = verdicts.holds or verdicts.is_violated
-            outcome = (VIOLATED if verdicts.is_violated else HOLDS) if is_known else UNDECIDED
-        if progress.states_progressed and monitored.outcome != outcome:
-            self._set(monitored, outcome, '')
-
-    def _explain_wait(self, monitored: MonitoredFormula, reason: str) -> None:
-        is_news = reason not in {'', monitored.waits_for}
-        monitored.waits_for = reason
-        if is_news and monitored.outcome in {NOT_CONNECTED, WAITING}:
-            monitored.explanation = reason
-            self._on_change(monitored)
-
-    def _follow(self, monitored: MonitoredFormula, verdicts: StandingVerdicts) -> None:
-        """Set the outcome at each begin and end of an episode."""
-        before, monitored.verdicts = monitored.verdicts, verdicts
-        for episode, has_ended in verdicts.changes(before):
-            monitored.margin = episode.worst or monitored.margin
-            if has_ended:
-                self._set(monitored, HOLDS, episode.past_text)
-            else:
-                begun = f'from {round_time(episode.begin)} on: {episode.text}'
-                self._set(monitored, VIOLATED, begun)
+        self.note_progress(monitored, progress)
 
     def _on_verdict(self, index: int, answer: Answer) -> None:
         monitored, error = self.formulas[index], answer.error
@@ -211,19 +256,15 @@ class FormulaMonitor(DyKnowNode):
         )
         if not is_starting:
             self._triggers.on_answer(monitored.formula, answer)
-        monitored.margin = answer.margin or monitored.margin
-        if answer.episodes is not None:
-            self._follow(monitored, answer.episodes)
-        if error is None:
-            monitored.has_states = True
-            self._set(monitored, answer.verdict.name.lower(), answer.explanation)
-        elif error.code is not ExitCode.CANCELLED or not self._is_cancelled:
-            if not is_starting:
-                self._set(monitored, error.code.name, error.message)
-            if is_starting or self._is_retried(monitored, error.code):
-                self._restarting.add(index)
-                due = self.deadlines.after(RETRY_DELAY_S)
-                due.add_done_callback(lambda _: self._restart(index))
+        if error is None or not (is_starting or self._has_cancelled(error)):
+            self.note_answer(monitored, answer)
+        if error is not None and (is_starting or self._is_retried(monitored, error.code)):
+            self._restarting.add(index)
+            due = self.deadlines.after(RETRY_DELAY_S)
+            due.add_done_callback(lambda _: self._restart(index))
+
+    def _has_cancelled(self, error: DyKnowError) -> bool:
+        return self._is_cancelled and error.code is ExitCode.CANCELLED
 
     def _is_retried(self, monitored: MonitoredFormula, code: ExitCode) -> bool:
         is_late = code is ExitCode.UNAVAILABLE and not monitored.has_states
@@ -233,14 +274,6 @@ class FormulaMonitor(DyKnowNode):
         if index in self._restarting:
             self._restarting.remove(index)
             self._start(index)
-
-    def _set(self, monitored: MonitoredFormula, outcome: str, explanation: str) -> None:
-        has_changed = outcome != monitored.outcome
-        monitored.outcome, monitored.explanation = outcome, explanation
-        monitored.has_failed |= outcome in {'false', VIOLATED}
-        if has_changed:
-            monitored.known_at = None if outcome == UNDECIDED else self.now()
-            self._on_change(monitored)
 
 
 def main() -> int:

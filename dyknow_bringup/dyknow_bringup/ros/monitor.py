@@ -24,8 +24,9 @@ from dyknow_bringup.monitored_formula import (
     MonitoredFormula,
     formula_table,
 )
-from dyknow_bringup.processes.processes import NO_TIMEOUT_S
-from dyknow_bringup.ros.formula_monitor import FormulaMonitor
+from dyknow_bringup.processes.processes import MONITOR, NO_TIMEOUT_S
+from dyknow_bringup.ros.attached_monitor import AttachedMonitor, is_monitored
+from dyknow_bringup.ros.formula_monitor import FormulaMonitor, MonitorNode
 from dyknow_bringup.ros.system_start import where_coordinators_are
 from dyknow_common import SECOND_NS, ExitCode, add_utc_option, duration_option, round_duration
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
@@ -86,7 +87,9 @@ class _MonitorRun:
             latest from FIRST_STATES_S after the connection; None: until all have ended.
     """
 
-    def __init__(self, monitor: FormulaMonitor, wait: int | None, duration: int | None) -> None:
+    def __init__(
+        self, monitor: FormulaMonitor | AttachedMonitor, wait: int | None, duration: int | None
+    ) -> None:
         self._monitor = monitor
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(monitor)
@@ -182,12 +185,17 @@ def _watching(
     quiet = ['--disable-stdout-logs'] if is_live else []
     start_ros([*sys.argv, '--ros-args', *parameters, *quiet])
     try:
-        node = FormulaMonitor(
-            formulas,
-            lambda monitored: _report(node, monitored, as_json=options.json),
-            name=f'dyknow_monitor_{os.getpid()}',
-            retries=options.retry,
-        )
+        node: FormulaMonitor | AttachedMonitor
+        name = f'dyknow_monitor_{os.getpid()}'
+
+        def report(monitored: MonitoredFormula) -> None:
+            _report(node, monitored, as_json=options.json)
+
+        if is_monitored({each.name for each in formulas}, options.coordinator):
+            sys.stderr.write(f'formulas are shown as {MONITOR} monitors them, which runs already\n')
+            node = AttachedMonitor(formulas, report, name=name)
+        else:
+            node = FormulaMonitor(formulas, report, name=name, retries=options.retry)
         for warning in node.warnings if is_live else ():
             sys.stderr.write(f'warning: {warning}\n')
         watch = _MonitorRun(node, options.wait, options.duration)
@@ -199,7 +207,7 @@ def _watching(
         rclpy.try_shutdown()
 
 
-def _report(node: FormulaMonitor, monitored: MonitoredFormula, *, as_json: bool) -> None:
+def _report(node: MonitorNode, monitored: MonitoredFormula, *, as_json: bool) -> None:
     node.log(monitored)
     if as_json:
         document = {
@@ -222,7 +230,8 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
         parser,
         'Monitor the formulas of a robot.yaml with the running system, which "dyknow up '
         'robot.yaml" starts. A formula that is false is logged as a warning or an error, as its '
-        'severity says. Waits for the system. Ends by Ctrl-C, or when all formulas have a verdict.',
+        'severity says. Waits for the system. Ends by Ctrl-C, or when all formulas have a verdict. '
+        'If "dyknow up --monitor" monitors them already, shows what it finds.',
         (
             'dyknow monitor robot.yaml',
             'dyknow monitor robot.yaml --retry',
