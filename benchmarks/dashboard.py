@@ -220,7 +220,14 @@ class Measurement:
 
 def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
     """Return the cost of each situation."""
-    line = [str(executable_path('dyknow_command', 'dyknow')), 'dashboard', '--port', '0']
+    line = [
+        str(executable_path('dyknow_command', 'dyknow')),
+        'dashboard',
+        '--port',
+        '0',
+        '--history',
+        'none',
+    ]
     sizes = [f'--{name}={getattr(options, name)}' for name in ('streams', 'rate', 'formulas')]
     publisher = [sys.executable, __file__, '--publish', *sizes]
     with (

@@ -127,6 +127,8 @@ def test_a_failure_is_kept_over_restarts_and_once(tmp_path: Path) -> None:
     with kept(path) as second:
         second.report(FAILED, LOST_STREAM)
         speed, power = second.rows()
+        assert second.board.counts['history', 'written'] == 0
+        assert second.board.counts['history', 'known already'] == 2
         assert power == {
             'id': 1,
             'name': 'power',

@@ -30,7 +30,7 @@ def test_the_history_page(steps: list[dict[str, Any]]) -> None:
     hidden, shown, who, acknowledged, refused, filtered, fault = steps
     assert hidden['requests'] == []
     assert hidden['texts'][:2] == ['History (2)', '3 kept, 2 not acknowledged']
-    assert shown['requests'] == ['api/history?name=']
+    assert shown['requests'] == ['api/history?name=&limit=100']
     (row,) = shown['rows']
     assert row[1:] == ['power', 'false', 'p is false', '', 'Acknowledge']
     assert row[0].startswith(KNOWN)
@@ -39,7 +39,7 @@ def test_the_history_page(steps: list[dict[str, Any]]) -> None:
     assert (who['texts'][3], who['requests']) == ('Say who you are first.', [])
     assert acknowledged['requests'] == [
         'api/acknowledge {"ids":[7],"by":"Ada"}',
-        'api/history?name=',
+        'api/history?name=&limit=100',
     ]
     assert acknowledged['rows'][0][4:] == ['Ada, 2026-09-21 14:13:21.000', 'Clear']
     assert (acknowledged['texts'][0], acknowledged['older']) == ('History', False)
@@ -48,6 +48,6 @@ def test_the_history_page(steps: list[dict[str, Any]]) -> None:
         'the page is read-only',
     )
     span = 'name=po%26w&from=1774742400000000000&to=1774828800000000000'
-    assert filtered['requests'] == [f'api/history?{span}']
+    assert filtered['requests'] == [f'api/history?{span}&limit=100']
     assert filtered['step'] == f'api/junit?{span}'
     assert (fault['texts'][2], fault['requests']) == ('the file is damaged', [])

@@ -144,7 +144,7 @@ class FailureHistory:
                 self._file = file = self._file or _opened(path)
                 before = file.total_changes
                 with file:
-                    removed = _insert(file, waiting, self._clock() - MAX_AGE_NS)
+                    added, removed = _insert(file, waiting, self._clock() - MAX_AGE_NS)
                     result = work(file)
                     text = 'SELECT count(*), count(*) - count(acknowledged_at) FROM failure'
                     count, unacknowledged = file.execute(text).fetchone()
@@ -155,7 +155,8 @@ class FailureHistory:
             raise DashboardError(error.message, ExitCode.UNAVAILABLE) from None
         for _ in waiting:
             self._waiting.popleft()
-        self._counts['history', 'written'] += len(waiting)
+        self._counts['history', 'written'] += added
+        self._counts['history', 'known already'] += len(waiting) - added
         self._counts['history', 'removed, as too old or too many'] += removed
         version = state.version + (file.total_changes > before or bool(state.fault))
         self.state = HistoryState('', count, unacknowledged, version)
@@ -175,7 +176,9 @@ def _opened(path: Path) -> sqlite3.Connection:
     return file
 
 
-def _insert(file: sqlite3.Connection, events: Sequence[VerdictEvent], oldest: int) -> int:
+def _insert(
+    file: sqlite3.Connection, events: Sequence[VerdictEvent], oldest: int
+) -> tuple[int, int]:
     """Write the events that the file lacks; remove failures that are too old or too many.
 
     Args:
@@ -184,12 +187,12 @@ def _insert(file: sqlite3.Connection, events: Sequence[VerdictEvent], oldest: in
         oldest: the time before which failures are too old.
 
     Returns:
-        The number of removed failures.
+        The numbers of written and removed failures.
     """
-    file.executemany(_INSERT, map(asdict, events))
+    added = file.executemany(_INSERT, map(asdict, events)).rowcount if events else 0
     too_many = f'(SELECT id FROM failure ORDER BY id DESC LIMIT 1 OFFSET {MAX_FAILURES})'
     text = f'DELETE FROM failure WHERE known_at < ? OR id <= {too_many}'
-    return file.execute(text, (oldest,)).rowcount
+    return added, file.execute(text, (oldest,)).rowcount
 
 
 def failures(file: sqlite3.Connection, query: HistoryQuery) -> list[dict[str, Any]]:

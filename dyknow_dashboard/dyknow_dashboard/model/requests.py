@@ -182,13 +182,8 @@ def acknowledgement(document: Mapping[str, Any]) -> tuple[list[int], str]:
     return ids, by
 
 
-def history_query(arguments: Mapping[str, str], usual: int, limit: int) -> HistoryQuery:
-    """Return which failures a request asks for.
-
-    Args:
-        arguments: of the request.
-        usual: the most failures if it does not say how many.
-        limit: the most that it may ask for.
+def history_query(arguments: Mapping[str, str], limit: int) -> HistoryQuery:
+    """Return which failures a request asks for, by its arguments: at most as many as a limit.
 
     Raises:
         DashboardError: naming the argument that is wrong.
@@ -204,7 +199,7 @@ def history_query(arguments: Mapping[str, str], usual: int, limit: int) -> Histo
     _check_names(arguments, {'from', 'to', 'name', 'before', 'limit'})
     span = number('from', 0), number('to', LAST)
     name = arguments.get('name', '')
-    return HistoryQuery(*span, name, number('before', LAST), number('limit', usual, limit))
+    return HistoryQuery(*span, name, number('before', LAST), number('limit', limit, limit))
 
 
 def named(document: Mapping[str, Any], *, allow_empty: bool = False) -> str:

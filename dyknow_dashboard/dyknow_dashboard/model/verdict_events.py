@@ -1,11 +1,12 @@
 """Changes of verdicts, as the coordinator reports them: for the history, and for a collector.
 
-report on an evaluation                          event
-an episode of a standing monitor has begun       false
-it has ended                                     clear
-the evaluation has ended with a verdict          true or false
-it has ended with an error, or was lost          violation
-it was cancelled, or its timeout has passed      none
+Events of an evaluation, from its reports:
+
+    an episode of a standing monitor has begun       false
+    it has ended                                     clear
+    the evaluation has ended with a verdict          true or false
+    it has ended with an error, or was lost          violation
+    it was cancelled, or its timeout has passed      none
 """
 
 from __future__ import annotations

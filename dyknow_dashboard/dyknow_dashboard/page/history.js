@@ -32,6 +32,7 @@ class KeptFailures {
     $('history-junit').hidden = !filter.has('from');
     $('history-junit').href = `api/junit?${filter}`;
     if (before) filter.set('before', before);
+    filter.set('limit', 100);
     this.asked += 1;
     const {asked} = this;
     const answer = await answerOf(fetch(`api/history?${filter}`));
@@ -52,7 +53,7 @@ class KeptFailures {
       key: failure.id,
       cells: [
         dateText(failure.known_at), failure.name,
-        {text: failure.verdict, kind: `word ${failure.event === 'false' ? 'false' : 'error-free'}`}, first,
+        {text: failure.verdict, kind: `word ${failure.event === 'false' ? 'false' : 'error'}`}, first,
         isSeen ? `${failure.acknowledged_by}, ${dateText(failure.acknowledged_at)}` : '',
         this.readOnly ? '' : button,
       ],

@@ -31,9 +31,6 @@ from dyknow_dashboard.model.requests import (
 from dyknow_dashboard.model.typed_formulas import check, proposals
 from dyknow_dashboard.server.guards import HEADERS, RateLimit, is_own_host, is_same_origin
 
-PAGE: Final = 100
-"""The number of failures in an answer, unless the request says how many."""
-
 _STATUSES: Final = {
     ExitCode.INVALID_ARGUMENT: 400,
     ExitCode.NOT_FOUND: 404,
@@ -183,11 +180,11 @@ class HistoryHandler(GuardedHandler):
         arguments = {name: self.get_query_argument(name) for name in self.request.query_arguments}
         try:
             if form == 'junit':
-                query = history_query(arguments, MAX_FAILURES, MAX_FAILURES)
+                query = history_query(arguments, MAX_FAILURES)
                 self.set_header('Content-Type', 'application/xml; charset=utf-8')
                 self.finish(await history.do(partial(junit, query=query)))
                 return
-            query = history_query(arguments, PAGE, MAX_IDS)
+            query = history_query(arguments, MAX_IDS)
             found = await history.do(partial(failures, query=query))
             more = found[-1]['id'] if found and len(found) == query.limit else None
             self.finish({'failures': found, 'next': more})
