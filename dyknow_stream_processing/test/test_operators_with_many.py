@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from recorded_flow import Flow
 
 from dyknow_common import Value
-from dyknow_stream_processing import NeedsStepsError, Sample, SampleBatch, column_of
-from dyknow_stream_processing.dataflow.batches import never
+from dyknow_stream_processing import NeedsStepsError, Sample, SampleBatch, never
+from dyknow_stream_processing.dataflow.batches import column_of
 
 MS = 1_000_000
 UNITS = """
