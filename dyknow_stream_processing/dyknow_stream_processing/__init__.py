@@ -4,7 +4,6 @@ from dyknow_stream_processing.aggregates import NoValueError
 from dyknow_stream_processing.dataflow.batches import (
     NeedsStepsError,
     SampleBatch,
-    column_of,
     concatenated,
     never,
     rows_of,
@@ -93,7 +92,6 @@ __all__ = [
     'ViolationKind',
     'WholeMessage',
     'built_in_fields',
-    'column_of',
     'concatenated',
     'free_names',
     'in_namespace',

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from recorded_flow import Flow
 
 from dyknow_common import Value
-from dyknow_stream_processing import NeedsStepsError, Sample, SampleBatch, column_of
-from dyknow_stream_processing.dataflow.batches import never
+from dyknow_stream_processing import NeedsStepsError, Sample, SampleBatch, never
+from dyknow_stream_processing.dataflow.batches import column_of
 
 MS = 1_000_000
 UNITS = """
@@ -182,7 +182,7 @@ Drawn = list[tuple[str, int, int, float, int, str]]
 DRAWN = st.tuples(
     st.sampled_from('aaabbce'),
     st.sampled_from([1, 1, 7, 20, 100]),
-    st.sampled_from([0, 0, 3, 50]),
+    st.sampled_from([0, 0, 1, 3, 50]),
     st.sampled_from([0.0, 1.0, 1.5, 2.0, 2.5]),
     st.sampled_from([0, 1, 2, 3]),
     st.sampled_from(
@@ -258,3 +258,10 @@ def test_plain_batches_need_no_steps(name: str) -> None:
 def test_other_operators_refuse(name: str) -> None:
     parts = steady()
     assert compare(REFUSED[name], parts, [False] * len(parts)) == 0
+
+
+def test_a_sample_that_no_other_can_precede_is_released_at_once() -> None:
+    fields: dict[str, Value] = {'v': 1.0, 'w': 1, 't': 'one'}
+    times = [('b', 1000, 1000), ('c', 1062, 1062), ('b', 1065, 1015)]
+    parts = [[Message(topic, now * MS, time * MS, fields)] for topic, now, time in times]
+    assert compare(PLANNED['put in order, periodic'], parts, [False] * 3) == 3
