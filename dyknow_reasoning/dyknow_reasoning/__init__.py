@@ -4,7 +4,7 @@ from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
-from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
+from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants, literal_of
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -33,6 +33,7 @@ from dyknow_reasoning.language.terms import (
     FieldReference,
     Function,
     Number,
+    PastTerm,
     Quantifier,
     Term,
     Variable,
@@ -79,6 +80,7 @@ __all__ = [
     'Number',
     'Once',
     'PastFormula',
+    'PastTerm',
     'Previous',
     'Quantifier',
     'ReasoningError',
@@ -99,6 +101,7 @@ __all__ = [
     'check_types',
     'continue_from',
     'ground_atoms',
+    'literal_of',
     'notes_on',
     'objects_text',
     'parse_constants',
