@@ -21,6 +21,7 @@ from dyknow_reasoning.language.formula import (
     Since,
     Until,
     as_written,
+    compares_past,
     parts,
     walk,
 )
@@ -99,6 +100,7 @@ __all__ = [
     'check_trace',
     'check_trial',
     'check_types',
+    'compares_past',
     'continue_from',
     'ground_atoms',
     'literal_of',
