@@ -22,6 +22,7 @@ from dyknow_dashboard.model import streams as shown_streams
 from dyknow_dashboard.model.typed_formulas import MAX_FORMULA
 from dyknow_dashboard.ros import operations
 from dyknow_dashboard.server import pages, serving
+from dyknow_reasoning.execution.past.past_comparisons import MAX_COUNTED
 from dyknow_reasoning.execution.standing.standing_monitor import MAX_RUNS
 from dyknow_reasoning.language.sugar import _MAX_PARTS
 from dyknow_reasoning.ros.group_work import MAX_QUEUED_STATES
@@ -94,6 +95,7 @@ ROWS = {
     'time between two messages to a page': (Fraction(str(pages.PERIOD_S)),),
     'parts that `holds until`': (_MAX_PARTS,),
     'runs of states': (MAX_RUNS,),
+    'states at which F held': (MAX_COUNTED,),
     'states that wait for the progression': (MAX_QUEUED_STATES,),
     'length of the name of a formula': (texts.MAX_NAME,),
     'texts in the status of an evaluation': (_MAX_TEXT, 100),

@@ -9,12 +9,19 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from dyknow_command.linting.findings import Finding, FindingLevel, in_order, robot_error
+from dyknow_command.linting.findings import (
+    Finding,
+    FindingLevel,
+    in_order,
+    robot_error,
+    warning_at,
+)
 from dyknow_command.linting.inputs import YAML_ENDINGS, LintInputs, read_inputs
 from dyknow_command.observing import add_duration_option, observe
 from dyknow_common import DyKnowError, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import ObservedTopic, add_quotes
+from dyknow_reasoning import notes_on
 from dyknow_recordings import add_reading_options, message_types, observe_recording
 
 FINDINGS = 1
@@ -31,6 +38,7 @@ def lint(options: argparse.Namespace) -> int:
     findings = in_order(
         [
             *inputs.findings,
+            *_notes(inputs),
             *_trigger_findings(inputs, is_live=options.live),
             *_findings(inputs, topics, _where(options)),
         ]
@@ -96,6 +104,16 @@ def _findings(
     yield from VocabularyChecks(inputs, contents_of(observed)).findings()
     if topics is not None:
         yield from topic_findings(inputs, observed, where)
+
+
+def _notes(inputs: LintInputs) -> Iterator[Finding]:
+    """Yield what is correct in formulas, but may mean something else than their authors think."""
+    for formula in inputs.formulas:
+        text = formula.requested.text
+        for note in notes_on(text):
+            before = text.splitlines(keepends=True)[: note.position.line - 1]
+            index = sum(map(len, before)) + note.position.column - 1
+            yield warning_at(formula.place(index), note.message)
 
 
 def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]:

@@ -59,6 +59,22 @@ def test_messages_of_triggers(
     test_findings('triggers', ['triggers.yaml'], capsys, monkeypatch)
 
 
+def test_notes_on_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'formulas:\n'
+        '  - name: jump\n'
+        '    formula: |\n'
+        '      always[0, 5] "/odom".z < 9 and\n'
+        '      always "/odom".z - prev("/odom".z) < 5\n',
+        encoding='utf-8',
+    )
+    code, shown = lint(capsys, path)
+    assert code == 1
+    assert f'{path}:4:17: warning: the time 5 has no unit' in shown
+    assert f"{path}:5:26: warning: the comparison with 'prev' is false at the first" in shown
+
+
 OBJECTS = ', '.join(f'r{number}' for number in range(100_000))
 WORDS = 'a > 1 and ' * 90_000
 

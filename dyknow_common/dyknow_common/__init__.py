@@ -71,6 +71,11 @@ from dyknow_common.limits import (
     cached_by_text,
     check_name,
 )
+from dyknow_common.message_constants import (
+    TypeConstants,
+    constant_names,
+    message_constant,
+)
 from dyknow_common.parsing import (
     NOWHERE,
     ConstraintBuilder,
@@ -154,6 +159,7 @@ __all__ = [
     'SyntaxBuilder',
     'SyntaxNode',
     'TextPosition',
+    'TypeConstants',
     'UnitConversion',
     'UnnestedArray',
     'Value',
@@ -171,6 +177,7 @@ __all__ = [
     'clock_time',
     'comparison_value',
     'computed_field',
+    'constant_names',
     'date_time',
     'distinct_settings',
     'duration_option',
@@ -185,6 +192,7 @@ __all__ = [
     'listed',
     'listed_as',
     'literal_value',
+    'message_constant',
     'message_path',
     'number_of',
     'number_value',

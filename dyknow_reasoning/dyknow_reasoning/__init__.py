@@ -4,7 +4,7 @@ from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
-from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
+from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants, literal_of
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -21,6 +21,7 @@ from dyknow_reasoning.language.formula import (
     Since,
     Until,
     as_written,
+    compares_past,
     parts,
     walk,
 )
@@ -33,6 +34,7 @@ from dyknow_reasoning.language.terms import (
     FieldReference,
     Function,
     Number,
+    PastTerm,
     Quantifier,
     Term,
     Variable,
@@ -79,6 +81,7 @@ __all__ = [
     'Number',
     'Once',
     'PastFormula',
+    'PastTerm',
     'Previous',
     'Quantifier',
     'ReasoningError',
@@ -97,8 +100,10 @@ __all__ = [
     'check_trace',
     'check_trial',
     'check_types',
+    'compares_past',
     'continue_from',
     'ground_atoms',
+    'literal_of',
     'notes_on',
     'objects_text',
     'parse_constants',

@@ -14,7 +14,7 @@ from typing import Any
 
 from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, amount, round_time
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import InstanceMonitor, Outcomes, Recording
+from dyknow_reasoning.execution import InstanceMonitor, Outcomes, PastValues, Recording
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import Remainders
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
@@ -69,7 +69,7 @@ class FormulaGroup:
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
-        self._margins = GroupMargins(limits.node_limit)
+        self._margins = GroupMargins(limits.node_limit, PastValues)
         self._counts: dict[str, int] = {}
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""

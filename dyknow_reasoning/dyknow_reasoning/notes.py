@@ -4,12 +4,15 @@ Example: `always[0, 5] x < 3`. The number 5 has no unit and is taken for 5 ms, w
 
     formula:1:11: the time 5 has no unit and is taken for 5 ms; write the unit
 
+`always x - prev(x) < 5` is false at the first state, as there is no value before.
+
 `previous p -> q` is `previous (p -> q)`, as `previous` reaches as far right as possible.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -40,8 +43,8 @@ class FormulaNote:
 def notes_on(formula: str) -> tuple[FormulaNote, ...]:
     """Return the notes on a formula, in the order of the text.
 
-    There is one for each time without a unit, but for zero, and for each `previous` over an
-    operator of two sides that is not in brackets.
+    There is one for each time without a unit, but for zero, for each `previous` over an operator of
+    two sides that is not in brackets, and for each `prev` that makes an `always` false.
 
     Raises:
         LanguageError: for a text that is not a formula.
@@ -86,6 +89,14 @@ class _Collector(SyntaxBuilder[Any]):
                 message = f'the time {each} has no unit and is taken for {taken}; write the unit'
                 self.found.append((each, message))
 
+    def always(self, children: list[Any]) -> None:
+        for prev in _required_before(children[-1]):
+            message = (
+                f"the comparison with '{prev}' is false at the first state, which has no value "
+                'before; write what must not happen, always not (...)'
+            )
+            self.found.append((prev, message))
+
     def previous(self, children: list[Any]) -> None:
         word, body = children
         operator = _BINARY.get(body.data) if isinstance(body, Tree) else None
@@ -99,6 +110,17 @@ class _Collector(SyntaxBuilder[Any]):
         first = _SPACES.match(self._formula, start)
         end = self._brackets.get(first.end()) if first else None
         return end is not None and _OPERAND_END.match(self._formula, end) is not None
+
+
+def _required_before(body: Any) -> Iterator[Token]:
+    """Return the `prev` of each comparison that must hold if a formula does."""
+    if not isinstance(body, Tree):
+        return
+    if body.data == 'comparison':
+        calls = (each.children[0] for each in body.find_data('call'))
+        yield from (each for each in calls if isinstance(each, Token) and each == 'prev')
+    for part in body.children if body.data in {'and_', 'forall'} else ():
+        yield from _required_before(part)
 
 
 def _brackets(text: str) -> dict[int, int]:

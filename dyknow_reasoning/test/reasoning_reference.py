@@ -29,7 +29,7 @@ from dyknow_reasoning.language.formula import (
     Since,
     Until,
 )
-from dyknow_reasoning.language.terms import Feature, Truth
+from dyknow_reasoning.language.terms import Arithmetic, Feature, StateCount, Truth, ValueBefore
 
 NAMES = ('p', 'q')
 
@@ -74,9 +74,8 @@ def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901,
         case Feature():
             return trace[i][1][str(formula)] is True
         case Comparison(symbol, left, right):
-            values = trace[i][1]
-            found: bool = COMPARISONS[symbol](value_of(left, values), value_of(right, values))
-            return found
+            sides = [past_value_of(each, trace, i) for each in (left, right)]
+            return None not in sides and bool(COMPARISONS[symbol](*sides))
         case Not(body):
             return negation(holds(body, trace, i))
         case And(left, right):
@@ -124,6 +123,21 @@ def counted(bound: CountBound, number: int, values: Sequence[bool | None]) -> bo
 
 def value_of(term: Any, values: Mapping[str, Value]) -> Any:
     return values[str(term)] if isinstance(term, Feature) else term.value
+
+
+def past_value_of(term: Any, trace: Trace, i: int) -> Any:
+    """The value of a term at a state; None if it needs a state before the first one."""
+    match term:
+        case ValueBefore(body):
+            return past_value_of(body, trace, i - 1) if i else None
+        case StateCount(body, interval):
+            first = trace[i][0] - (interval.end or 0)
+            return sum(holds(body, trace, j) is True for j in range(i + 1) if trace[j][0] >= first)
+        case Arithmetic('-', left, right):
+            sides = [past_value_of(each, trace, i) for each in (left, right)]
+            return None if None in sides else sides[0] - sides[1]
+        case _:
+            return value_of(term, trace[i][1])
 
 
 def until(left: Formula, right: Formula, interval: Interval, trace: Trace, i: int) -> bool | None:

@@ -397,3 +397,19 @@ def test_values_in_arrays(text: str, expected: str, reference: FieldReference) -
     assert str(formula) == expected
     assert reference in list(walk(formula))
     assert parse_formula(expected) == formula
+
+
+@pytest.mark.parametrize(
+    ('text', 'canonical'),
+    [
+        ('"/a".status = GoalStatus.STATUS_ABORTED', '"/a".status = 6'),
+        ('Status = action_msgs/msg/GoalStatus.STATUS_ABORTED', 'Status = 6'),
+        ('any("/a".list.status = GoalStatus.STATUS_ABORTED)', 'any("/a".list.status = 6)'),
+        ('let bad = GoalStatus.STATUS_ABORTED in Status >= bad', 'Status >= 6'),
+        ('Dock.ON = goals.STATUS / Dock.status', 'Dock.ON = (goals.STATUS / Dock.status)'),
+    ],
+)
+def test_constants_of_message_types(text: str, canonical: str) -> None:
+    assert str(parse_formula(text)) == canonical
+    with pytest.raises(LanguageError, match="have no constant 'STATUS_ABRTED'; did you mean"):
+        parse_formula('x = GoalStatus.STATUS_ABRTED')

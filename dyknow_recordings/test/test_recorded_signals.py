@@ -25,6 +25,7 @@ from dyknow_recordings.evaluation.observation import (
     SignalRecorder,
     terms_of,
 )
+from dyknow_recordings.reporting.pictures.panels import panels
 
 STEPS = st.lists(st.integers(1, 10**6), min_size=1, max_size=400)
 NAN = float('nan')
@@ -234,3 +235,14 @@ def test_a_signal_with_a_window_keeps_the_values_in_it(
     expected = [each for each in known if each[0] >= times[-1] - window]
     shown = signal(found, 'a')
     assert list(zip(shown.times.tolist(), shown.values.tolist(), strict=True)) == expected
+
+
+def test_values_of_the_past_are_shown_by_their_features() -> None:
+    formulas = ['always not x - prev(y) > 5 and z + 1 < 2', 'always count(b or c > 1, 1 s) < 3']
+    assert list(map(str, terms_of(formulas, {}))) == ['x', 'y', 'z + 1', 'b', 'c']
+    trace = recording([sample('/a', n, x=float(n * n)) for n in range(4)])
+    text = 'always not "/a".x - prev("/a".x) > 4'
+    (report,) = evaluate_recording(trace, [RequestedFormula(text)], keep_signals=True).formulas
+    (panel,), _ = panels(report)
+    assert [each.name for each in panel.signals] == ['"/a".x']
+    assert not panel.thresholds

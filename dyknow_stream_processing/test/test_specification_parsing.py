@@ -292,3 +292,16 @@ def test_all_paths_are_written_without_quotes(path: str) -> None:
 )
 def test_words_of_the_grammar_and_the_code_agree(terminal: str, words: type[StrEnum]) -> None:
     assert set(re.findall('[a-z]+', LANGUAGE.pattern(terminal))) == set(words)
+
+
+@pytest.mark.parametrize(
+    'name', ['GoalStatus.STATUS_ABORTED', 'action_msgs/msg/GoalStatus.STATUS_ABORTED']
+)
+def test_constants_of_message_types(name: str) -> None:
+    text = f'select any(list.status = {name}) as is_aborted from "/a" where status = {name}'
+    plain = text.replace(name, '6')
+    assert parse_specification(text) == parse_specification(plain)
+    with pytest.raises(LanguageError, match="did you mean 'STATUS_ABORTED'"):
+        parse_specification(text.replace('ABORTED', 'ABRTED'))
+    with pytest.raises(LanguageError, match=r'the message type of .* is not installed'):
+        parse_specification('select x from "/a" where status = Dock.ON')

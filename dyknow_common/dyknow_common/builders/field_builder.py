@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lark import Token
 
-from dyknow_common.errors import shortened
+from dyknow_common.errors import DyKnowError, shortened
 from dyknow_common.fields.paths import (
     ArrayElements,
     ComputedField,
@@ -12,6 +12,7 @@ from dyknow_common.fields.paths import (
     MessagePath,
     parse_field,
 )
+from dyknow_common.message_constants import message_constant
 from dyknow_common.parsing import (
     ConstraintBuilder,
     Language,
@@ -95,12 +96,25 @@ def field_text(language: Language, name: str) -> str:
     return name if isinstance(field, ComputedField) else language.name_text(name, 'FIELD')
 
 
+def _installed_constant(token: Token) -> Value:
+    try:
+        found = message_constant(token)
+    except DyKnowError as error:
+        raise PositionedError(error.message, TextPosition.of(token)) from None
+    if found is None:
+        message = f"the message type of '{token}' is not installed; write the value"
+        raise PositionedError(message, TextPosition.of(token))
+    return found
+
+
 def literal_value(token: Token) -> Value:
-    """Return the value of a number, a quoted text, `true` or `false`.
+    """Return the value of a number, a quoted text, `true`, `false` or a constant of a message type.
 
     Raises:
-        PositionedError: see `number_value` and `text_value`.
+        PositionedError: see `number_value` and `text_value`; for a constant that is not installed.
     """
+    if token.type == 'MESSAGE_CONSTANT':
+        return _installed_constant(token)
     if token.type == 'QUOTED':
         return text_value(token)
     return token.startswith('t') if token.type == 'TRUTH' else number_value(token)

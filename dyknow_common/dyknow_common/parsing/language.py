@@ -45,6 +45,7 @@ _SPELLINGS: Final = {
     'DURATION': 'a duration',
     'FUNCTION': 'a function of a field',
     'TRUTH': 'true or false',
+    'MESSAGE_CONSTANT': 'a constant of a message type',
     'CONSTRAINT': _CONSTRAINT,
     'SWITCH': _CONSTRAINT,
 }

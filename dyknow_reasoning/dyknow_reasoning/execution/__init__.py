@@ -21,6 +21,8 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
+from dyknow_reasoning.execution.past.past_comparisons import past_terms, value_field
+from dyknow_reasoning.execution.past.past_values import PastValues
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
 from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
@@ -35,8 +37,11 @@ __all__ = [
     'InstanceState',
     'InstanceVerdict',
     'Outcomes',
+    'PastValues',
     'Recording',
     'StandingMonitor',
     'StartCounts',
     'VerdictLog',
+    'past_terms',
+    'value_field',
 ]

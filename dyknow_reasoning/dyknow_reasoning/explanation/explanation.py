@@ -13,7 +13,13 @@ from functools import cached_property
 from math import prod
 
 from dyknow_common import COMPARISONS, TEXT_COMPARISONS, Value, format_time
-from dyknow_reasoning.execution import DecidingMoment, Histories, InstanceVerdict
+from dyknow_reasoning.execution import (
+    DecidingMoment,
+    Histories,
+    InstanceVerdict,
+    past_terms,
+    value_field,
+)
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
 from dyknow_reasoning.explanation.past_facts import PastStates, past_fact, shortened_text
 from dyknow_reasoning.language.formula import (
@@ -297,15 +303,32 @@ class _Explainer:
             # States before this one may be missing in a gap.
             is_known = not self._before.is_fresh and self._before.instance.gap is None
             previous = self._previous if is_known else None
+            if isinstance(atom.formula, Comparison):
+                return self._past_comparison(atom, atom.formula, holds=holds)
             states = PastStates(self._now, previous, self._histories.first_state(atom))
             return past_fact(as_written(atom.formula), states, holds=holds)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
         holds = (self._symbol >> literal.slot & 1) == literal.positive
+        operator = atom.operator if literal.positive else NEGATED_COMPARISONS[atom.operator]
+        return self._compared(replace(atom, operator=operator), self._values, holds=holds)
+
+    def _past_comparison(self, atom: PastAtom, comparison: Comparison, *, holds: bool) -> str:
+        """Return the values of the past that a comparison depends on, and the comparison."""
+        found = {each: self._values.get(value_field(atom, each)) for each in past_terms(comparison)}
+        missing = next((each for each, value in found.items() if value is None), None)
+        if missing is not None:
+            shown = shortened_text(as_written(missing))
+            return (
+                f"'{shown}' has no value at {format_time(self._now)}, as there is no state before"
+            )
+        values = {str(each): value for each, value in found.items() if value is not None}
+        return self._compared(comparison, {**self._values, **values}, holds=holds)
+
+    def _compared(self, atom: Comparison, state: Values, *, holds: bool) -> str:
         operator, terms = atom.operator, (atom.left, atom.right)
-        if not literal.positive:
-            operator = NEGATED_COMPARISONS[operator]
-        values = [evaluate(term, self._values) for term in terms]
+        time = format_time(self._now)
+        values = [evaluate(term, state) for term in terms]
         choices = (
             [_shown(*each, digits) for each in zip(terms, values, strict=True)]
             for digits in _DIGITS

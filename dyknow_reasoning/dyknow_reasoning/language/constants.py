@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Final, TypeAlias
 
-from dyknow_common import NOWHERE, PositionedError, TextPosition
+from dyknow_common import NOWHERE, PositionedError, TextPosition, Value
 from dyknow_reasoning.language.formula import (
     Formula,
     Let,
@@ -64,6 +64,13 @@ def without_lets(formula: Formula, constants: Constants) -> tuple[Formula, Units
     names = {name.name: name.position for let in lets for name, _ in let.constants}
     _check_uses(replaced, {**dict.fromkeys(known, NOWHERE), **names})
     return replaced, units
+
+
+def literal_of(value: Value) -> Constant:
+    """Return the term that stands for a value."""
+    if isinstance(value, bool):
+        return Truth(value)
+    return TextLiteral(value) if isinstance(value, str) else Number(value)
 
 
 def constants_of(node: Any, name: str) -> list[tuple[str, Constant]]:

@@ -33,9 +33,11 @@ from dyknow_reasoning.language.terms import (
     FieldReference,
     Function,
     Number,
+    StateCount,
     Term,
     TextLiteral,
     Truth,
+    ValueBefore,
 )
 
 
@@ -99,13 +101,17 @@ def with_numbers(node: Any) -> Any:
 
 
 def _as_number(term: Term) -> Term:
+    if isinstance(term, ValueBefore):
+        return with_changed_parts(term, _as_number)  # type: ignore[no-any-return]
     if not isinstance(term, FieldReference):
         return term
     return FieldReference(term.stream, number_of(term.path), position=term.position)
 
 
 def _is_number(term: Term) -> bool:
+    if isinstance(term, ValueBefore):
+        return _is_number(term.body)
     if not isinstance(term, FieldReference):
-        return isinstance(term, Number | Arithmetic | Function | Aggregate)
+        return isinstance(term, Number | Arithmetic | Function | Aggregate | StateCount)
     field = parse_field(term.path)
     return isinstance(field, ComputedField) and field.gives_number

@@ -22,6 +22,7 @@ from dyknow_reasoning.language.terms import (
     Number,
     Object,
     Operation,
+    PastTerm,
     Quantifier,
     ShownQuantity,
     Term,
@@ -215,11 +216,11 @@ class PastAtom(SyntaxNode):
     """A past operator over ground operands without future operators: an atom of each state.
 
     Args:
-        formula: the operator.
+        formula: the operator, or a comparison with values of the past.
         field: the name of the field that holds its truth; empty before a group has given it one.
     """
 
-    formula: PastFormula
+    formula: PastFormula | Comparison
     field: str = ''
 
     def __str__(self) -> str:
@@ -279,7 +280,7 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
-        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let():
+        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | PastTerm():
             return (node.body,)
         case PastAtom():
             return (node.formula,)
@@ -296,7 +297,7 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
-        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let():
+        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | PastTerm():
             return replace(node, body=change(node.body))
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))
@@ -330,3 +331,8 @@ def walk(node: Formula | Term) -> Iterator[Formula | Term]:
 def looks_forward(formula: Formula) -> bool:
     """Return True if a formula contains an operator of the future: one state may not decide it."""
     return any(isinstance(each, FutureFormula) for each in walk(formula))
+
+
+def compares_past(node: Formula | Term) -> bool:
+    """Return True for a comparison with a value of the past, directly or in an operand."""
+    return isinstance(node, Comparison) and any(isinstance(each, PastTerm) for each in walk(node))

@@ -21,6 +21,7 @@ _OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
     'min': ('two operands or more', 2, None),
     'max': ('two operands or more', 2, None),
     'hypot': ('two operands or more', 2, None),
+    'prev': ('one operand', 1, 1),
 }
 """For each function, its operands in words, the fewest and the most."""
 

@@ -14,7 +14,9 @@ _SPELLINGS: Final = {
     **{f'_{word.upper()}': _OPERATOR for word in FORMULA_WORDS},
     **dict.fromkeys(('_IMPLIES', '_EQUIVALENT', '_HOLDS_UNTIL', 'COMPARISON'), _OPERATOR),
     **dict.fromkeys(('PLUS', 'TIMES', 'DIVIDED_BY', '_TO_THE'), _OPERATOR),
-    **dict.fromkeys(('STRING', 'REFERENCE', 'QUOTED_REFERENCE', 'FUNCTION'), _FORMULA),
+    **dict.fromkeys(
+        ('STRING', 'REFERENCE', 'QUOTED_REFERENCE', 'FUNCTION', 'MESSAGE_CONSTANT'), _FORMULA
+    ),
     'UNIT': 'a unit',
     'DURATION': 'a duration such as 5 s',
     'INFINITY': "'inf'",
@@ -59,6 +61,7 @@ _ADVICE: Final = {
     ),
     r'\bin\s*[\[(]': "write an interval of values as '0 <= x and x <= 5'",
     r'\*\s*\*': "write a power as 'x^2'",
+    r'[-+*/<>=≤≥≠]\s*previous\b': "write the value before as 'prev(x)'",
     r'\[\s*\]': "did you mean 'always' instead of '[]'?",
     r'[{}]': 'use round brackets',
 }

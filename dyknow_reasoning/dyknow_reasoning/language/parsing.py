@@ -20,7 +20,9 @@ from dyknow_common import (
     check_unit,
     comparison_value,
     duration_value,
+    message_constant,
     number_value,
+    parse_duration,
     shortened,
 )
 from dyknow_reasoning.language import formula as syntax
@@ -30,6 +32,7 @@ from dyknow_reasoning.language.constants import (
     Constant,
     Constants,
     constants_of,
+    literal_of,
     without_lets,
 )
 from dyknow_reasoning.language.field_functions import (
@@ -84,13 +87,13 @@ def parse_constants(texts: Mapping[str, str]) -> Constants:
     for name, value in texts.items():
         text = f'let {name} = {value} in true'
         with LANGUAGE.errors_in(text):
-            found += constants_of(LANGUAGE.parse(text, _FormulaBuilder()), name)
+            found += constants_of(LANGUAGE.parse(text, _FormulaBuilder(())), name)
     return tuple(found)
 
 
 def _parse(text: str, constants: Constants) -> Formula:
     with LANGUAGE.errors_in(text):
-        formula = _formula(LANGUAGE.parse(text, _FormulaBuilder()))
+        formula = _formula(LANGUAGE.parse(text, _FormulaBuilder(constants)))
         LANGUAGE.check_depth(formula, syntax.parts)
         formula, units = without_lets(formula, constants)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
@@ -117,6 +120,12 @@ def _formula(node: Formula | Term) -> Formula:
             raise PositionedError(
                 f'{_shown(node)} is a string, not a formula; compare it with another', node.position
             )
+        case terms.ValueBefore():
+            raise PositionedError(
+                f"'{_shown(node)}' is a value, not a formula; compare it with another, or write "
+                f"'previous {_shown(node.body)}'",
+                node.position,
+            )
         case terms.Object() | terms.Variable():  # pragma: no cover - never an operand here
             raise PositionedError(f"'{_shown(node)}' is an object, not a formula", node.position)
         case _:
@@ -130,6 +139,27 @@ def _term(node: Formula | Term) -> Term:
         f"'{_shown(node)}' is a formula, not a value; join formulas with '<->', 'and', 'or'",
         node.position,
     )
+
+
+def _state_count(body: Formula | Term, window: Formula | Term) -> terms.StateCount:
+    formula = _formula(body)
+    if syntax.looks_forward(formula):
+        raise PositionedError(
+            f"'{_shown(formula)}' looks into the future; 'count' counts states so far",
+            formula.position,
+        )
+    match window:
+        case terms.Number(value):
+            text = str(value)
+        case terms.Quantity(value, unit):
+            text = f'{value} {unit}'
+        case _:
+            text = _shown(window)
+    try:
+        interval = Interval(0, parse_duration(text))
+    except ValueError as error:
+        raise PositionedError(str(error), window.position) from None
+    return terms.StateCount(formula, interval)
 
 
 def _whole(token: Token) -> int:
@@ -189,7 +219,15 @@ _NO_OPERANDS: Final = Token | Interval | None
 
 @builder
 class _FormulaBuilder(SyntaxBuilder[Any]):
-    """The builder of the abstract syntax: unbound names are features, arguments are objects."""
+    """The builder of the abstract syntax: unbound names are features, arguments are objects.
+
+    Args:
+        constants: the values of names, also of constants of recorded message types.
+    """
+
+    def __init__(self, constants: Constants) -> None:
+        super().__init__()
+        self._constants = dict(constants)
 
     equivalent = _connective(syntax.Equivalent)
     implies = _connective(syntax.Implies)
@@ -268,7 +306,11 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def call(self, name: Token, *arguments: Formula | Term) -> Term:
         if len(arguments) == 1 and name in FIELD_FUNCTIONS:
             return function_of_field(name, arguments[0])
+        if name == 'count' and len(arguments) == 2:  # noqa: PLR2004 - a formula and a time
+            return _state_count(*arguments)
         check_call(name, len(arguments))
+        if name == 'prev':
+            return terms.ValueBefore(_term(arguments[0]))
         return terms.Function(str(name), tuple(map(_term, arguments)))
 
     def aggregate(
@@ -294,7 +336,13 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         return terms.Truth(False)
 
     def reference(self, token: Token) -> Term:
-        return field_reference(token)
+        if token in self._constants:
+            return self._constants[str(token)]
+        try:
+            value = message_constant(token)
+        except DyKnowError as error:
+            raise PositionedError(error.message, TextPosition.of(token)) from None
+        return field_reference(token) if value is None else literal_of(value)
 
     def name(self, token: Token) -> Term:
         return self.feature(token, ())

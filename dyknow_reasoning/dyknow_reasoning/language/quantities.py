@@ -37,7 +37,9 @@ from dyknow_reasoning.language.terms import (
     Function,
     Number,
     Quantity,
+    StateCount,
     Term,
+    ValueBefore,
 )
 
 _Measured: TypeAlias = tuple[Term, str | None]
@@ -171,9 +173,9 @@ class _Conversion:
                 return self._product(term)
             case Function():
                 return self._function(term)
-            case Aggregate(function='count'):
+            case Aggregate(function='count') | StateCount():
                 return with_changed_parts(term, lambda body: _converted(body, self)), None
-            case Aggregate():
+            case Aggregate() | ValueBefore():
                 ((body, unit),) = self.alike((term.body,))
                 return replace(term, body=body), unit
             case _:

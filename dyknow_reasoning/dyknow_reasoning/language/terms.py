@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
-from dyknow_common import ComputedField, SyntaxNode, parse_field
+from dyknow_common import ComputedField, SyntaxNode, format_duration, parse_field
 from dyknow_reasoning.language.grammar import LANGUAGE
+from dyknow_reasoning.language.interval import Interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,17 +205,44 @@ class Aggregate(Quantifier):
         return f'{self.function}({self.body} for {self.variable}{sort})'
 
 
-NumericTerm: TypeAlias = Number | Quantity | Arithmetic | Function | Aggregate
+@dataclass(frozen=True, slots=True)
+class PastTerm(SyntaxNode):
+    """A value that depends on earlier states; it comes from `execution.past.past_comparisons`."""
+
+    body: Any
+
+
+@dataclass(frozen=True, slots=True)
+class ValueBefore(PastTerm):
+    """The value of a term at the state before; there is none at the first state."""
+
+    def __str__(self) -> str:
+        return f'prev({self.body})'
+
+
+@dataclass(frozen=True, slots=True)
+class StateCount(PastTerm):
+    """The number of states at which a formula held, from `interval.end` before this one on."""
+
+    interval: Interval
+
+    def __str__(self) -> str:
+        return f'count({self.body}, {format_duration(self.interval.end or 0)})'
+
+
+NumericTerm: TypeAlias = Number | Quantity | Arithmetic | Function | Aggregate | StateCount
 """The terms that are numbers, whatever their parts are."""
 
-Term: TypeAlias = NumericTerm | TextLiteral | Truth | Object | Variable | Feature | FieldReference
+Term: TypeAlias = (
+    NumericTerm | ValueBefore | TextLiteral | Truth | Object | Variable | Feature | FieldReference
+)
 """An operand of a comparison."""
 
 
 def holds_terms(node: Any) -> bool:
     """Return True if the parts of a node are terms, not formulas."""
     is_aggregate = isinstance(node, Aggregate) and node.function != 'count'
-    return is_aggregate or isinstance(node, Operation | Function)
+    return is_aggregate or isinstance(node, Operation | Function | ValueBefore)
 
 
 def operand_text(node: Any) -> str:

@@ -90,6 +90,8 @@ class _TypeChecker:
                 _check_arity(node, arities.setdefault(node.name, node))
             elif isinstance(node, terms.Object):
                 _check_object(node, variables, sorts)
+            elif isinstance(node, terms.ValueBefore):
+                _check_before(node)
 
     def check_variables(self, node: Formula | Term, bound: Mapping[str, TextPosition]) -> None:
         """Check that no quantifier binds a variable again."""
@@ -114,7 +116,7 @@ class _TypeChecker:
         for node in walk(formula):
             if isinstance(node, syntax.Comparison) and node.operator not in TEXT_COMPARISONS:
                 self._infer_equality(node)
-                for side in (node.left, node.right):
+                for side in map(_valued, (node.left, node.right)):
                     if isinstance(side, terms.Feature | terms.FieldReference):
                         comparisons[_name(side)].append(node)
         pending = list(self.uses)
@@ -147,8 +149,11 @@ class _TypeChecker:
                 operands: tuple[Term, ...] = (left, right)
             case terms.Function(symbol, operands):
                 pass
-            case terms.Aggregate(function='count', body=body):
+            case terms.Aggregate(function='count', body=body) | terms.StateCount(body):
                 self._infer_use(body)
+                return
+            case terms.ValueBefore(body):
+                self._infer_numbers(body)
                 return
             case terms.Aggregate(function=symbol, body=body):
                 operands = (body,)
@@ -167,6 +172,8 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
+            case terms.ValueBefore(body):
+                return self._kind(body)
             case _ if isinstance(term, terms.NumericTerm):
                 return Kind.NUMBER
             case terms.TextLiteral():
@@ -180,7 +187,7 @@ class _TypeChecker:
                 return use.kind if use else None
 
     def _require(self, term: Term, kind: Kind, purpose: str) -> None:
-        known = self._kind(term)
+        known, term = self._kind(term), _valued(term)
         if known is None:
             self.uses[_name(term)] = _Use(kind, term.position)
         elif known is not kind:
@@ -261,6 +268,12 @@ def _check_object(node: terms.Object, variables: set[str], sorts: set[str]) -> N
         )
 
 
+def _check_before(node: terms.ValueBefore) -> None:
+    if isinstance(_valued(node), terms.Object | terms.Variable):
+        message = f"'{node.body}' is an object, which is the same at every state"
+        raise PositionedError(f'{message}; leave out the prev()', node.position)
+
+
 def _counted(feature: terms.Feature) -> str:
     count = len(feature.arguments)
     return '1 argument' if count == 1 else f'{count} arguments'
@@ -274,6 +287,11 @@ def _computed_kind(reference: terms.FieldReference) -> Kind | None:
     if field.gives_number:
         return Kind.NUMBER
     return Kind.STRING if field.function == 'text' else Kind.BOOLEAN
+
+
+def _valued(term: Term) -> Term:
+    """Return the term whose value it is, now or before."""
+    return _valued(term.body) if isinstance(term, terms.ValueBefore) else term
 
 
 def _name(term: Term) -> str:

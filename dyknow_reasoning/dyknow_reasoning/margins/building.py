@@ -32,6 +32,7 @@ from dyknow_reasoning.language.formula import (
     StateAtom,
     Until,
     as_written,
+    compares_past,
     parts,
 )
 from dyknow_reasoning.language.terms import Feature, FieldReference, Truth
@@ -121,6 +122,7 @@ class MarginBuilder:
         signals: the margins of the comparisons and other atoms, and of negated ones.
         atoms: the texts of the comparisons, by number.
         fields: the names of their fields.
+        past: the comparisons with values of the past.
         operators: the number of operators that were built, for each object.
     """
 
@@ -128,6 +130,7 @@ class MarginBuilder:
         self.signals: list[AtomMargins] = []
         self.atoms: list[str] = []
         self.fields: set[str] = set()
+        self.past: list[Comparison] = []
         self.operators = 0
         self._kinds = kinds
         self._domains = domains
@@ -291,6 +294,8 @@ class MarginBuilder:
             self._numbers[text] = len(self.atoms)
             self.atoms.append(str(as_written(ground)))
             self.fields.update(map(str, fields(ground)))
+            if isinstance(ground, Comparison) and compares_past(ground):
+                self.past.append(ground)
         return self._numbers[text]
 
     def _objects(self, formula: Forall | Exists | Count) -> Sequence[str]:

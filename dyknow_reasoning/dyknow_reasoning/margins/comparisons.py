@@ -18,7 +18,13 @@ from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Object
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, vector
-from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS, Values, predicate, term_reader
+from dyknow_reasoning.progression.atoms import (
+    NEGATED_COMPARISONS,
+    NoStateBeforeError,
+    Values,
+    predicate,
+    term_reader,
+)
 
 UNUSABLE = ReasoningError, OverflowError
 """The errors of a reader where the values are unusable."""
@@ -105,7 +111,7 @@ def _reader(
     operator = atom.operator if positive else NEGATED_COMPARISONS[atom.operator]
     slow = _comparison(Comparison(operator, atom.left, atom.right), kinds, number)
     if limit is None:
-        return slow
+        return _false_without_past(slow, positive=positive)
     name, bound, is_above = limit
 
     def read(values: Values) -> Robustness:
@@ -116,6 +122,18 @@ def _reader(
                 return margin, number
         found: Robustness = slow(values)
         return found
+
+    return read
+
+
+def _false_without_past(margin: MarginReader, *, positive: bool) -> MarginReader:
+    """Return the margin of an atom that is false where it needs a state before the first one."""
+
+    def read(values: Values) -> Any:
+        try:
+            return margin(values)
+        except NoStateBeforeError:
+            return LOWEST if positive else HIGHEST
 
     return read
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from math import inf
-from typing import ClassVar, cast
+from typing import ClassVar, Protocol, TypeAlias, cast
 
 from dyknow_common import Margin
-from dyknow_reasoning.language.formula import Formula
+from dyknow_reasoning.language.formula import Comparison, Formula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.building import MarginBuilder
 from dyknow_reasoning.margins.comparisons import UNUSABLE
@@ -36,6 +36,20 @@ _MAX_STEPS = 64
 
 _MAX_WORK = 4096
 """The number of operators times the number of states that are processed together."""
+
+
+class PastTermValues(Protocol):
+    """The values of past terms at each state, by their texts."""
+
+    def extended(self, time: int, values: Values) -> Values:
+        """Return the values of a state and of the past terms."""
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+
+
+PastReader: TypeAlias = Callable[[Sequence[Comparison], Kinds], PastTermValues]
+"""Gives the values of the past terms in comparisons without variables."""
 
 
 class MarginBound:
@@ -68,6 +82,7 @@ class BoundedMargins(ABC):
         kinds: the kinds of its features.
         domains: the objects of each sort.
         limit: of the number of operators.
+        past: reads values of the past; needed for a formula with such.
 
     Attributes:
         fields: the names of the fields that it reads.
@@ -80,9 +95,17 @@ class BoundedMargins(ABC):
     every_state: ClassVar[bool]
     """True if the margin is needed from every state on, and not from the first alone."""
 
-    def __init__(self, formula: Formula, kinds: Kinds, domains: Domains, limit: int) -> None:
+    def __init__(
+        self,
+        formula: Formula,
+        kinds: Kinds,
+        domains: Domains,
+        limit: int,
+        past: PastReader | None = None,
+    ) -> None:
         builder = MarginBuilder(kinds, domains, limit)
         operator = builder.build(formula, every_state=self.every_state)
+        self._past = past(builder.past, kinds) if past and builder.past else None
         # One for both bounds as long as they depend on the future alone.
         self._bounds = [MarginBound(operator, None)]
         self._steps = Steps()
@@ -100,6 +123,8 @@ class BoundedMargins(ABC):
         if self._gap_follows:
             self._gap(valid_time)
         self._latest = valid_time
+        if self._past is not None:
+            values = self._past.extended(valid_time, values)
         try:
             signals = [each.read(values) for each in self._signals]
         except UNUSABLE:
@@ -113,6 +138,8 @@ class BoundedMargins(ABC):
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         self._gap_follows = self._latest is not None
+        if self._past is not None:
+            self._past.gap()
 
     @abstractmethod
     def at_present(self) -> Margin:
@@ -178,8 +205,15 @@ class FormulaMargin(BoundedMargins):
 
     every_state = False
 
-    def __init__(self, formula: Formula, kinds: Kinds, domains: Domains, limit: int) -> None:
-        super().__init__(formula, kinds, domains, limit)
+    def __init__(
+        self,
+        formula: Formula,
+        kinds: Kinds,
+        domains: Domains,
+        limit: int,
+        past: PastReader | None = None,
+    ) -> None:
+        super().__init__(formula, kinds, domains, limit, past)
         # The bounds do not change before a time while all states satisfy the guards.
         self._stable_until = -inf
         self._guards: list[Callable[[Signals], bool]] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dyknow_common import Margin
 from dyknow_reasoning.margins.building import check_margin
-from dyknow_reasoning.margins.formula_margin import BoundedMargins, FormulaMargin
+from dyknow_reasoning.margins.formula_margin import BoundedMargins, FormulaMargin, PastReader
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
@@ -16,14 +16,15 @@ class GroupMargins:
 
     Args:
         limit: of the operators of a formula.
+        past: reads values of the past.
 
     Attributes:
         running: the margins that change with the next state, by formula.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, past: PastReader) -> None:
         self.running: dict[int, BoundedMargins] = {}
-        self._limit = limit
+        self._limit, self._past = limit, past
         self._domains: Domains | None = None
         self._latest: int | None = None
         # The formulas that have not begun.
@@ -105,4 +106,4 @@ class GroupMargins:
 
     def _margin(self, formula: NamedFormula, domains: Domains) -> BoundedMargins:
         kind = StandingMargin if formula.every_state else FormulaMargin
-        return kind(formula.formula, formula.kinds, domains, self._limit)
+        return kind(formula.formula, formula.kinds, domains, self._limit, self._past)

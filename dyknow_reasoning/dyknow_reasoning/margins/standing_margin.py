@@ -26,7 +26,7 @@ from typing import NamedTuple
 from dyknow_common import Margin
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.margins.formula_margin import BoundedMargins
+from dyknow_reasoning.margins.formula_margin import BoundedMargins, PastReader
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, MarginThreshold, Robustness
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
@@ -59,8 +59,15 @@ class StandingMargin(BoundedMargins):
 
     every_state = True
 
-    def __init__(self, formula: Formula, kinds: Kinds, domains: Domains, limit: int) -> None:
-        super().__init__(formula, kinds, domains, limit)
+    def __init__(
+        self,
+        formula: Formula,
+        kinds: Kinds,
+        domains: Domains,
+        limit: int,
+        past: PastReader | None = None,
+    ) -> None:
+        super().__init__(formula, kinds, domains, limit, past)
         self._states = 0
         # The states without a margin yet, by their numbers; None for a gap.
         self._open: deque[int | None] = deque()

@@ -9,16 +9,26 @@ from typing import Any, TypeAlias, cast
 
 from dyknow_common import COMPARISONS, Value
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import Atom, Comparison, Formula, PastAtom, walk
+from dyknow_reasoning.language.formula import (
+    Atom,
+    Comparison,
+    Formula,
+    PastAtom,
+    compares_past,
+    parts,
+    walk,
+)
 from dyknow_reasoning.language.terms import (
     Arithmetic,
     Feature,
     FieldReference,
     Function,
     Number,
+    PastTerm,
     Term,
     TextLiteral,
     Truth,
+    ValueBefore,
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.functions import call_function
@@ -73,6 +83,10 @@ MIRRORED_COMPARISONS: Mapping[str, str] = {
 """Each comparison operator with its sides exchanged."""
 
 
+class NoStateBeforeError(Exception):
+    """A value of the past is asked for where there was no state before."""
+
+
 def field_name(node: Term | Atom) -> str:
     """Return the name of the field that holds the value of a feature or of a past operator."""
     return node.field if isinstance(node, PastAtom) else str(node)
@@ -98,6 +112,11 @@ def predicate(atom: Atom, kinds: Kinds) -> Predicate:
     """
     if not isinstance(atom, Comparison):
         return _field(atom, Kind.BOOLEAN)
+    holds = _comparison(atom, kinds)
+    return _false_without_past(atom, holds, kinds) if compares_past(atom) else holds
+
+
+def _comparison(atom: Comparison, kinds: Kinds) -> Predicate:
     compare = COMPARISONS[atom.operator]
     left, right = term_reader(atom.left, kinds), term_reader(atom.right, kinds)
     if isinstance(atom.right, Number | TextLiteral | Truth):
@@ -108,12 +127,44 @@ def predicate(atom: Atom, kinds: Kinds) -> Predicate:
     return lambda values: compare(left(values), right(values))
 
 
+def _false_without_past(atom: Comparison, holds: Predicate, kinds: Kinds) -> Predicate:
+    """Return a predicate that is false where a value before is missing, if the others are usable.
+
+    So `prev(x) < 5` is `previous (x < 5)`, also at the first state and for each operator.
+    """
+    others = [term_reader(each, kinds) for each in _present_fields(atom)]
+
+    def holds_with_past(values: Values) -> bool:
+        try:
+            return holds(values)
+        except NoStateBeforeError:
+            for read in others:
+                read(values)
+            return False
+
+    return holds_with_past
+
+
+def _present_fields(node: Formula | Term) -> Iterator[Feature | FieldReference]:
+    """Return the features of a comparison whose present values it compares."""
+    if isinstance(node, Feature | FieldReference):
+        yield node
+    elif not isinstance(node, PastTerm):
+        for part in parts(node):
+            yield from _present_fields(part)
+
+
 def has_unknown_kind(atom: Comparison, kinds: Kinds) -> bool:
     """Return True if only the values show the kind of a side of a comparison."""
     return any(
         isinstance(side, Feature | FieldReference) and kind_of(side, kinds) is None
-        for side in (atom.left, atom.right)
+        for side in map(_present, (atom.left, atom.right))
     )
+
+
+def _present(term: Term) -> Term:
+    """Return the term whose value at the state before it is, if it is one."""
+    return _present(term.body) if isinstance(term, ValueBefore) else term
 
 
 def kind_of(term: Feature | FieldReference, kinds: Kinds) -> Kind | None:
@@ -136,7 +187,7 @@ def _compare_same_kind(atom: Comparison, left: Reader, right: Reader) -> Predica
     return holds
 
 
-def term_reader(term: Term | Comparison, kinds: Kinds) -> Reader:
+def term_reader(term: Term | Comparison, kinds: Kinds) -> Reader:  # noqa: PLR0911
     """Return the value of a term without variables; it raises ReasoningError if unusable.
 
     Args:
@@ -154,9 +205,25 @@ def term_reader(term: Term | Comparison, kinds: Kinds) -> Reader:
             return predicate(term, kinds)
         case Feature() | FieldReference():
             return _field(term, kind_of(term, kinds))
+        case PastTerm():
+            return _past_value(term)
         case _:
             name = str(term)  # Of an object, as a field holds it.
             return lambda _: name
+
+
+def _past_value(term: PastTerm) -> Reader:
+    name = str(term)
+
+    def read(values: Values) -> Value:
+        value: Value | ReasoningError | None = values[name]
+        if value is None:
+            raise NoStateBeforeError
+        if isinstance(value, ReasoningError):
+            raise value
+        return value
+
+    return read
 
 
 def _calculation(term: Arithmetic, kinds: Kinds) -> Reader:

@@ -180,8 +180,12 @@ def _overlap(node: Window, gap: Gap, times: Sequence[int]) -> bool:
     return first <= last
 
 
-def unknowable(gap: Gap) -> ReasoningError:
+class UnknowableError(ReasoningError):
+    """The error of a formula or a value that depends on missing states."""
+
+
+def unknowable(gap: Gap) -> UnknowableError:
     """Return the error of a formula that can become neither true nor false."""
-    return ReasoningError(
+    return UnknowableError(
         f'the verdict depends on states that are missing {gap}', ExitCode.CONSTRAINT_VIOLATION
     )

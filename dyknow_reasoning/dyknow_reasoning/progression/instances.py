@@ -34,6 +34,7 @@ from dyknow_reasoning.language.formula import (
     PastFormula,
     StateAtom,
     Until,
+    compares_past,
     looks_forward,
     parts,
     with_changed_parts,
@@ -47,8 +48,10 @@ from dyknow_reasoning.language.terms import (
     Function,
     Number,
     Object,
+    StateCount,
     Term,
     Truth,
+    ValueBefore,
     Variable,
 )
 from dyknow_reasoning.progression.atoms import (
@@ -283,6 +286,8 @@ class _Translator:
         found = _substitute(formula, binding, self._domains)
         if not isinstance(found, Comparison):
             return self._literal(found, positive=True)
+        if compares_past(found):  # At the first state, opposite comparisons are both false.
+            return self._literal(PastAtom(found), positive=True)
         left, right = found.left, found.right
         if isinstance(left, Object) and isinstance(right, Object):
             return constant(value=(left == right) == (found.operator == '='))
@@ -371,7 +376,9 @@ def _value_without_state(atom: Comparison) -> bool | None:
         return None  # A division by zero is an error at the first state.
 
 
-def _substitute(node: Any, binding: Binding, domains: Domains) -> Any:
+def _substitute(  # noqa: PLR0911 - one for each kind
+    node: Any, binding: Binding, domains: Domains
+) -> Any:
     match node:
         case Variable(name):
             return Object(binding[name])
@@ -387,6 +394,10 @@ def _substitute(node: Any, binding: Binding, domains: Domains) -> Any:
             return type(node)(operator, *sides)
         case Function(name, operands):
             return Function(name, tuple(_substitute(each, binding, domains) for each in operands))
+        case ValueBefore(body):
+            return ValueBefore(_substitute(body, binding, domains))
+        case StateCount(body, interval):
+            return StateCount(ground(body, binding, domains), interval)
         case _:
             return node
 

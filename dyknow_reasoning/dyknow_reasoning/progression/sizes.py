@@ -23,7 +23,15 @@ from dyknow_reasoning.language.formula import (
     Formula,
     parts,
 )
-from dyknow_reasoning.language.terms import Aggregate, Arithmetic, Feature, Function, Term
+from dyknow_reasoning.language.terms import (
+    Aggregate,
+    Arithmetic,
+    Feature,
+    Function,
+    PastTerm,
+    StateCount,
+    Term,
+)
 
 Counts: TypeAlias = Mapping[str, int]
 """The number of objects of each sort; a sort without an entry counts as one object."""
@@ -147,10 +155,12 @@ def _parts(formula: Formula, counts: Counts) -> int:
 
 
 def _operations(term: Formula | Term, counts: Counts) -> int:
+    if isinstance(term, StateCount):
+        return 1 + _parts(term.body, counts)
     inner = sum(_operations(each, counts) for each in parts(term))
     if isinstance(term, Aggregate):
         return 1 + counts.get(term.sort, 1) * (1 + inner)
-    return inner + isinstance(term, Arithmetic | Function)
+    return inner + isinstance(term, Arithmetic | Function | PastTerm)
 
 
 def _sides(bound: CountBound) -> int:

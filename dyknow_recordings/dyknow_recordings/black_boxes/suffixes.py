@@ -18,6 +18,7 @@ from dyknow_reasoning import (
     Formula,
     Interval,
     PastFormula,
+    PastTerm,
     parse_formula,
     parts,
     walk,
@@ -40,7 +41,7 @@ def is_invariant(formula: Formula) -> bool:
 
 def looks_back(formula: Any) -> bool:
     """Return True if a part of a formula is about the past."""
-    return isinstance(formula, PastFormula) or any(map(looks_back, parts(formula)))
+    return isinstance(formula, PastFormula | PastTerm) or any(map(looks_back, parts(formula)))
 
 
 def lacking_states(formula: Formula, *, every_state: bool) -> str:

@@ -114,7 +114,11 @@ class RecordingEvaluation:
         with closing(load_vocabulary(files, recording.contents)) as vocabulary:
             self._vocabulary_notes = tuple(vocabulary.notes)
             grounder = FormulaGrounder(
-                vocabulary, self._streams, states=files.states, constraints=files.constraints
+                vocabulary,
+                self._streams,
+                states=files.states,
+                constraints=files.constraints,
+                types=lambda: recording.constants,
             )
             self._requests = [self._ground(grounder, each) for each in formulas]
         grounded = [each.grounded.inputs for each in self._requests if each.grounded]

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from dyknow_common import NO_CONSTRAINTS, StreamConstraints, Symbol
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    StreamConstraints,
+    Symbol,
+    TypeConstants,
+    constant_names,
+    message_constant,
+)
 from dyknow_coordinator import (
     Candidates,
     CandidateSearch,
@@ -25,7 +32,7 @@ from dyknow_coordinator import (
     with_sorts,
     with_units,
 )
-from dyknow_reasoning import NO_CONSTANTS, Constants, FormulaGroup
+from dyknow_reasoning import NO_CONSTANTS, Constants, FormulaGroup, literal_of
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import Vocabulary
 
@@ -57,6 +64,7 @@ class FormulaGrounder:
         streams: of the recording.
         states: the specification of the states of the only formula; empty: its sources are found.
         constraints: of the states.
+        types: gives the constants of recorded message types.
     """
 
     def __init__(
@@ -66,8 +74,9 @@ class FormulaGrounder:
         *,
         states: str = '',
         constraints: StreamConstraints = NO_CONSTRAINTS,
+        types: Callable[[], TypeConstants] = dict,
     ) -> None:
-        self._states = states
+        self._states, self._types = states, types
         self._constraints = constraints
         self._vocabulary = vocabulary
         self._streams = streams
@@ -129,6 +138,8 @@ class FormulaGrounder:
     def _completed(self, text: str, constants: Constants) -> str:
         """Return the canonical text of a formula, with all sorts, and numbers without units."""
         group = FormulaGroup()
+        if names := constant_names(text):
+            constants = (*constants, *recorded_constants(names, self._types()))
         formula_id = group.add_formula(text, text, constants)
         symbols: Sequence[Symbol] = group.symbols()
         check_symbols(symbols, Grounding.AUTO)
@@ -144,6 +155,16 @@ class FormulaGrounder:
 
     async def _query(self, sparql: str) -> Sequence[tuple[str, ...]]:
         return self._vocabulary.query(sparql)
+
+
+def recorded_constants(names: Iterable[str], types: TypeConstants) -> Constants:
+    """Return the values of those names that are constants of message types.
+
+    Raises:
+        DyKnowError: for a constant that its type does not have, or with several values.
+    """
+    values = {name: message_constant(name, types) for name in names}
+    return tuple((name, literal_of(each)) for name, each in values.items() if each is not None)
 
 
 def _finished(coroutine: Coroutine[Any, Any, Result]) -> Result:

@@ -21,6 +21,7 @@ from dyknow_reasoning import (
     Number,
     Term,
     call_function_on_vectors,
+    compares_past,
     ground_atoms,
     parse_formula,
     parts,
@@ -116,9 +117,15 @@ def terms_of(formulas: Iterable[str], domains: Mapping[str, Sequence[str]]) -> l
     for text in formulas:
         for _, atoms in ground_atoms(parse_formula(text), domains):
             for atom in atoms:
-                sides = (atom.left, atom.right) if isinstance(atom, Comparison) else (atom,)
-                found |= {side: None for side in sides if features_of(side)}
+                found |= {side: None for side in sides_of(atom) if features_of(side)}
     return list(found)
+
+
+def sides_of(atom: Comparison | Feature | FieldReference) -> Sequence[Term]:
+    """Return the terms that an atom compares; the features of one with values of the past."""
+    if compares_past(atom):
+        return features_of(atom)
+    return (atom.left, atom.right) if isinstance(atom, Comparison) else (atom,)
 
 
 class SignalRecorder:

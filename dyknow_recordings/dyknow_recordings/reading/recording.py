@@ -12,7 +12,15 @@ from typing import Any, Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import SECOND_NS, ExitCode, ValueType, format_time, round_duration, shortened
+from dyknow_common import (
+    SECOND_NS,
+    ExitCode,
+    TypeConstants,
+    ValueType,
+    format_time,
+    round_duration,
+    shortened,
+)
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
@@ -258,6 +266,11 @@ class RecordingReader(ABC):
     @abstractmethod
     def contents(self) -> Mapping[str, TopicContent]:
         """The contents of the messages of each topic, sorted by its name."""
+
+    @property
+    def constants(self) -> TypeConstants:
+        """The constants of message types; none if the format defines no types."""
+        return {}
 
     @property
     def start_time(self) -> int:

@@ -16,21 +16,22 @@ from typing import Any, cast
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory, reach
+from dyknow_reasoning.execution.past.past_comparisons import ComparisonRegister, operands_of
 from dyknow_reasoning.execution.past.register_groups import RegisterGroup, units
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import SharedVectors, VectorState
-from dyknow_reasoning.language.formula import Atom, Formula, PastAtom, PastFormula
+from dyknow_reasoning.language.formula import Atom, Comparison, Formula, PastAtom, PastFormula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, fields, kind_of
 from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.gaps import Gap
-from dyknow_reasoning.progression.instances import Instance, past_operands
+from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import slots
-from dyknow_reasoning.progression.past_operators import PastMemory
 
-_History = dict[tuple[PastFormula, Hashable], Register]
+_Register = Register | ComparisonRegister
+_History = dict[tuple[PastFormula | Comparison, Hashable], _Register]
 
 
 class Histories:
@@ -47,13 +48,13 @@ class Histories:
         self._store = NodeStore(Chronology())
         self._numbers = count(1)
         # By their fields; inner operators precede outer ones.
-        self.registers: dict[str, Register] = {}
+        self.registers: dict[str, _Register] = {}
         # Of the instances of kept formulas that look back on operators of the future.
         self.memories: dict[Instance, OperandHistory] = {}
         self.refused: dict[int, ReasoningError] = {}
         """The errors of formulas that begin now, and look back to states that are not known."""
         # What takes the states, in this order.
-        self._units: list[Register | RegisterGroup | OperandHistory] = []
+        self._units: list[_Register | RegisterGroup | OperandHistory] = []
         self._has_groups = False
         # True if something begins or ends with the next state.
         self._is_changed = False
@@ -64,7 +65,7 @@ class Histories:
         self._remembering: dict[Formula, list[Instance]] = {}
         # What the formulas that begin with the next state remember.
         self._beginning: dict[int, list[OperandHistory]] = {}
-        self._used: dict[int, list[Register]] = {}
+        self._used: dict[int, list[_Register]] = {}
         self._latest: int | None = None
         self._gap_follows = False
 
@@ -168,7 +169,7 @@ class Histories:
         self._latest = recording.time(-1)
         return found
 
-    def tried(self, time: int, values: Values) -> tuple[Values, list[PastMemory]]:
+    def tried(self, time: int, values: Values) -> tuple[Values, list[Any]]:
         """Return a proposed state with the fields of registers, and their memories after it.
 
         There is no trace of the state, unless these are accepted.
@@ -177,14 +178,14 @@ class Histories:
             ReasoningError: if an operand of a past operator has no truth.
         """
         found: dict[str, Any] = dict(values)
-        memories = []
+        memories: list[Any] = []
         for each in self.registers.values():
-            memory = each.memory.of_row(0)
+            memory: Any = each.memory.of_row(0)
             found[each.field] = each.tried(memory, time, found)
             memories.append(memory)
         return found, memories
 
-    def accept(self, memories: Iterable[PastMemory]) -> None:
+    def accept(self, memories: Iterable[Any]) -> None:
         """Add the state to the histories after which the registers have some memories."""
         for register, memory in zip(self.registers.values(), memories, strict=False):
             register.begin_with(memory)
@@ -209,9 +210,9 @@ class Histories:
 
     def _with_fields(
         self, instances: Iterable[Instance], history: _History, kinds: Kinds
-    ) -> tuple[list[Instance], list[Register]]:
+    ) -> tuple[list[Instance], list[_Register]]:
         """Return instances with fields for their past operators, and the registers of these."""
-        used: dict[Register, None] = {}
+        used: dict[_Register, None] = {}
         found = []
         for each in instances:
             mask = each.node.mask
@@ -225,20 +226,26 @@ class Histories:
         return found, list(used)
 
     def _field_of(
-        self, atom: Atom, history: _History, kinds: Kinds, used: dict[Register, None]
+        self, atom: Atom, history: _History, kinds: Kinds, used: dict[_Register, None]
     ) -> Atom:
         """Return an atom; a past operator with its field, and a register if there is none."""
         if not isinstance(atom, PastAtom):
             return atom
         formula = atom.formula
-        operands = past_operands(formula, self._store)
-        atoms = tuple(self._field_of(each, history, kinds, used) for each in operands.atoms)
+        operands = [
+            replace(each, atoms=tuple(self._field_of(a, history, kinds, used) for a in each.atoms))
+            for each in operands_of(formula, self._store)
+        ]
         key = formula, tuple(kind_of(each, kinds) for each in fields(formula))
         register = history.get(key)
         if register is None:
             named = PastAtom(formula, f'#{next(self._numbers)}')
+            atoms = (atom for each in operands for atom in each.atoms)
             inner = [self.registers[each.field] for each in atoms if isinstance(each, PastAtom)]
-            register = Register(named, replace(operands, atoms=atoms), inner, kinds, self._store)
+            if isinstance(formula, Comparison):
+                register = ComparisonRegister(named, operands, inner, kinds)
+            else:
+                register = Register(named, operands[0], inner, kinds, self._store)
             history[key] = self.registers[register.field] = register
             self._is_changed = True
         used[register] = None

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Sequence
 from itertools import repeat
 from operator import attrgetter
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from dyknow_reasoning.execution.past.past_comparisons import ComparisonRegister
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
@@ -132,12 +133,14 @@ def _rows(truths: Array) -> int:
     return int.from_bytes(truths.tobytes(), 'little')
 
 
-def units(registers: Iterable[Register], shared: SharedVectors) -> list[Register | RegisterGroup]:
+def units(
+    registers: Iterable[Register | ComparisonRegister], shared: SharedVectors
+) -> list[Register | ComparisonRegister | RegisterGroup]:
     """Return groups of registers that are alike, and single registers, inner ones first."""
-    forms: dict[Hashable, list[Register]] = {}
+    forms: dict[Hashable, list[Any]] = {}
     for register in sorted(registers, key=attrgetter('depth')):
         forms.setdefault(register.form or register, []).append(register)
-    found: list[Register | RegisterGroup] = []
+    found: list[Register | ComparisonRegister | RegisterGroup] = []
     for form, each in forms.items():
         is_group = type(form) is tuple and len(each) >= MIN_REGISTERS
         found += [RegisterGroup(each, shared)] if is_group else each

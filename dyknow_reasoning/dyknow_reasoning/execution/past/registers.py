@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import MutableMapping, Sequence
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Protocol, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Columns,
     atom_form,
 )
-from dyknow_reasoning.language.formula import Atom, PastAtom
+from dyknow_reasoning.language.formula import Atom, PastAtom, PastFormula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, field_name, fields
 from dyknow_reasoning.progression.gaps import (
@@ -64,6 +64,13 @@ class Sides(dict[int, tuple[int, int]]):
         return quick_reader(self._atoms, self._kinds, self._left.mask | self._right.mask)
 
 
+class InnerRegister(Protocol):
+    """What a register needs of those of its operands."""
+
+    depth: int
+    gap: Gap | None
+
+
 class Register:
     """A past operator of formulas that begin with the same state.
 
@@ -79,7 +86,7 @@ class Register:
         self,
         atom: PastAtom,
         operands: PastOperands,
-        inner: Sequence[Register],
+        inner: Sequence[InnerRegister],
         kinds: Kinds,
         store: NodeStore,
     ) -> None:
@@ -90,13 +97,14 @@ class Register:
         """The gap that it depends on."""
         self.first_state: int | None = None
         """The valid time of the first state."""
-        self.is_negated = is_dual(atom.formula)
+        formula = cast('PastFormula', atom.formula)
+        self.is_negated = is_dual(formula)
         self.kinds = kinds
         self.operands = operands
         self.depth: int = 1 + max((each.depth for each in inner), default=0)
         """The nesting depth of past operators."""
         self._store, self._inner = store, inner
-        self.memory = memory_of(atom.formula)
+        self.memory = memory_of(formula)
         self.sides = Sides(operands.atoms, operands.left, operands.right, kinds)
         # After a gap there are two: for the least and for the most favourable missing states.
         self._branches: tuple[tuple[Sides, PastMemory], ...] = ((self.sides, self.memory),)
@@ -225,7 +233,7 @@ class Register:
             self.step(time, values)
             for name, column in found.items():
                 column.append(values[name])
-        return {name: _vector(column) for name, column in found.items()}
+        return {name: column_array(column) for name, column in found.items()}
 
 
 def field_names(atom: Atom) -> list[str]:
@@ -235,8 +243,8 @@ def field_names(atom: Atom) -> list[str]:
     return [field_name(each) for each in fields(atom)]
 
 
-def _vector(column: list[Any]) -> Array:
-    """Return booleans as such; errors stay objects."""
+def column_array(column: list[Any]) -> Array:
+    """Return booleans as such; errors and other values stay objects."""
     if set(map(type, column)) <= {bool}:
         return np.array(column, bool)
     return np.fromiter(column, object, len(column))

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import ExitCode, ValueType
+from dyknow_common import ExitCode, TypeConstants, ValueType
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.bag_files import open_files
 from dyknow_recordings.reading.bags.bag_metadata import METADATA, BagMetadata, distro_beside
@@ -21,6 +21,7 @@ from dyknow_recordings.reading.bags.storage import StoredChannel
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
 from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
+from dyknow_recordings.reading.messages.definitions import type_constants
 from dyknow_recordings.reading.messages.json_messages import JSON, JsonLayout, JsonReader
 from dyknow_recordings.reading.messages.layouts import MessageLayout, TypeLayout
 from dyknow_recordings.reading.messages.message_types import (
@@ -119,6 +120,14 @@ class Bag(RecordingReader):
     def topics(self) -> tuple[RecordedTopic, ...]:
         """The recorded topics, sorted by name."""
         return self._topics
+
+    @property
+    def constants(self) -> TypeConstants:
+        """The constants of message types: as the bag defines them, or else its distribution."""
+        found = dict(self._types.constants)
+        for definition in dict.fromkeys(each.definition for each in self._channels):
+            found |= type_constants(definition)
+        return found
 
     @property
     def distro(self) -> str:

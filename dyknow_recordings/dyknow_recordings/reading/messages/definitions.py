@@ -10,7 +10,7 @@ from typing import Any, Final
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from dyknow_common import shortened
+from dyknow_common import TypeConstants, shortened
 from dyknow_recordings.errors import RecordingError
 
 Members = tuple[tuple[str, Any], ...]
@@ -76,6 +76,25 @@ def parsed_types(definition: TypeDefinition) -> dict[str, Members]:
     if '/srv/' in definition.name and definition.name.endswith(SERVICE_EVENT):
         found[definition.name] = _service_event(definition.name)
     return found
+
+
+def type_constants(definition: TypeDefinition) -> TypeConstants:
+    """Return the constants of the types in the text of a definition; none if it cannot be read."""
+    try:
+        types = _parse(definition) if 0 < len(definition.text) <= MAX_DEFINITION else {}
+    except MemoryError:
+        raise
+    except Exception:  # noqa: BLE001 - see `parsed_types`, which tells of them
+        return {}
+    return named_constants(types)
+
+
+def named_constants(types: Mapping[str, tuple[Any, Any]]) -> TypeConstants:
+    """Return the constants of types as rosbags describes them."""
+    return {
+        name: {constant: value for constant, _, value in constants}
+        for name, (constants, _) in types.items()
+    }
 
 
 def _parse(definition: TypeDefinition) -> Mapping[str, tuple[Any, Any]]:

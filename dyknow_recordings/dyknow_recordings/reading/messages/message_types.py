@@ -16,7 +16,7 @@ from typing import Final
 
 from rosbags.typesys import Stores, get_typestore
 
-from dyknow_common import ExitCode
+from dyknow_common import ExitCode, TypeConstants
 from dyknow_common.text_files import read_regular
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.definitions import (
@@ -24,6 +24,7 @@ from dyknow_recordings.reading.messages.definitions import (
     SERVICE_EVENT,
     Members,
     TypeDefinition,
+    named_constants,
     parsed_types,
 )
 
@@ -68,6 +69,11 @@ class MessageTypes:
         """
         return _members(self, name)
 
+    @property
+    def constants(self) -> TypeConstants:
+        """The constants of the types of the distribution."""
+        return _released_constants(self.distro or LATEST)
+
 
 NO_TYPES: Final = MessageTypes()
 
@@ -98,6 +104,11 @@ def _members(types: MessageTypes, name: str) -> Members | None:
             if each.is_file() and (found := _members_in(each, name)):
                 return found
     return _released(LATEST).get(name)
+
+
+@cache
+def _released_constants(distro: str) -> TypeConstants:
+    return named_constants(get_typestore(Stores[f'ROS2_{distro.upper()}']).fielddefs)
 
 
 @cache

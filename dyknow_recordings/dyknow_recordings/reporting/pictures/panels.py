@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,12 +13,13 @@ from dyknow_reasoning import (
     Feature,
     FieldReference,
     Number,
+    Term,
     as_written,
     ground_atoms,
     objects_text,
     parse_formula,
 )
-from dyknow_recordings.evaluation.observation import Signal, StateSignals
+from dyknow_recordings.evaluation.observation import Signal, StateSignals, sides_of
 from dyknow_recordings.evaluation.results import FormulaReport
 from dyknow_recordings.reporting.pictures.timeline import (
     MAX_MARKS,
@@ -153,7 +154,7 @@ def _panels_of(
     thresholds: dict[tuple[str, ...], dict[float, dict[str, None]]] = {}
     units: dict[tuple[str, ...], str] = {}
     for atom in atoms:
-        sides = (atom.left, atom.right) if isinstance(atom, Comparison) else (atom,)
+        sides = sides_of(atom)
         named = dict.fromkeys(map(str, sides))
         # A feature that the formula does not depend on after its simplification has no values.
         names = tuple(name for name in named if _has_values(known.signals.get(name)))
@@ -163,7 +164,7 @@ def _panels_of(
             for each in sides:
                 if isinstance(each, Number) and each.unit:
                     units[names] = each.unit
-            if isinstance(atom, Comparison) and (threshold := _threshold(atom)):
+            if isinstance(atom, Comparison) and (threshold := _threshold(atom, sides)):
                 found.setdefault(threshold.value, {})[threshold.text] = None
     return [
         Panel(
@@ -182,7 +183,9 @@ def _has_values(signal: Signal | None) -> bool:
     return signal is not None and not np.isnan(signal.values).all()
 
 
-def _threshold(atom: Comparison) -> Threshold | None:
+def _threshold(atom: Comparison, sides: Sequence[Term]) -> Threshold | None:
+    if atom.left not in sides:  # A value of the past, which has no line.
+        return None
     if isinstance(atom.right, Number):
         return Threshold(float(atom.right.value), f'{atom.operator} {as_written(atom.right)}')
     if isinstance(atom.left, Number):

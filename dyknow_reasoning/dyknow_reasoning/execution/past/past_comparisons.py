@@ -1,0 +1,301 @@
+"""Comparisons with values of the past, as registers: `x - prev(x) < 5`, `count(p, 10 s) <= 3`.
+
+At each state, the memories of the past terms give their values, inner ones first, and take those
+of their operands. Example, `prev(x)` and `count(x > 2, 2 s)`:
+
+    time, s    x    prev(x)    count(x > 2, 2 s)
+    0          1    none       0
+    1          3    1          1
+    2          4    3          2
+    4          1    4          1, as 1 s is too long ago
+
+After a gap, values that depend on missing states are not known: the comparison is false for the
+least favourable states and true for the most favourable ones.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import ChainMap, deque
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, Final, cast
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.readers import quick_reader
+from dyknow_reasoning.execution.past.registers import InnerRegister, column_array, field_names
+from dyknow_reasoning.execution.recording import Recording
+from dyknow_reasoning.execution.vectors.atom_vectors import Columns
+from dyknow_reasoning.language.formula import (
+    Comparison,
+    Formula,
+    PastAtom,
+    PastFormula,
+    Previous,
+    parts,
+)
+from dyknow_reasoning.language.terms import PastTerm, StateCount, Term
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression.atoms import (
+    NoStateBeforeError,
+    Values,
+    field_name,
+    fields,
+    predicate,
+    term_reader,
+)
+from dyknow_reasoning.progression.gaps import Gap, UnknowableError, unknowable
+from dyknow_reasoning.progression.instances import PastOperands, past_operands
+from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import holds_at
+
+MAX_COUNTED: Final = 100_000
+"""The most states in the window of a count at which its formula held."""
+
+
+def operands_of(formula: PastFormula | Comparison, store: NodeStore) -> list[PastOperands]:
+    """Return the operands of a ground past operator, or of each count in a comparison."""
+    if not isinstance(formula, Comparison):
+        return [past_operands(formula, store)]
+    counts = (each for each in past_terms(formula) if isinstance(each, StateCount))
+    return [past_operands(Previous(each.body), store) for each in counts]
+
+
+class ComparisonRegister:
+    """A comparison with values of the past, of formulas that begin with the same state.
+
+    Args:
+        atom: the comparison, with the name of its field.
+        operands: of its counts; their past operators are atoms with fields, too.
+        inner: the registers of these.
+        kinds: the kinds of the features.
+
+    Attributes as of `Register`. The value of each past term has a field, too.
+    """
+
+    form: Final = None
+
+    def __init__(
+        self,
+        atom: PastAtom,
+        operands: Sequence[PastOperands],
+        inner: Sequence[InnerRegister],
+        kinds: Kinds,
+    ) -> None:
+        comparison = cast('Comparison', atom.formula)
+        self.field, self.users = atom.field, 0
+        self.gap: Gap | None = None
+        self.first_state: int | None = None
+        self.depth: int = 1 + max((each.depth for each in inner), default=0)
+        self._inner = inner
+        self._holds = predicate(comparison, kinds)
+        terms = past_terms(comparison)
+        counted = iter(operands)
+        self._readers = {
+            str(each): _truth_reader(next(counted), kinds)
+            if isinstance(each, StateCount)
+            else term_reader(each.body, kinds)
+            for each in terms
+        }
+        self.memory = TermMemories([_memory_of(each) for each in terms])
+        atoms = [each for operand in operands for each in operand.atoms]
+        names = (name for each in atoms for name in field_names(each))
+        self._names = {*map(field_name, fields(comparison)), *names}
+        bounds = ('', '-', '+')
+        self._bounds = [f'{self.field}{each}' for each in bounds]
+        self._terms = [value_field(atom, each) for each in terms]
+        self._has_gaps = False
+
+    @property
+    def fields(self) -> list[str]:
+        """The fields: as of a `Register`, and of the values of the past terms."""
+        return [*self._bounds[: 3 if self._has_gaps else 1], *self._terms]
+
+    def begin_with(self, memory: TermMemories) -> None:
+        """Replace the memory."""
+        self.memory = memory
+
+    def tried(self, memory: TermMemories, time: int, values: Values) -> bool:
+        """Return the truth of the comparison at a state, which a memory takes.
+
+        Raises:
+            ReasoningError: if a value is unusable or unknown.
+        """
+        return self._holds(self._with_terms(memory, time, values))
+
+    def step(self, time: int, values: MutableMapping[str, Any]) -> None:
+        """Take a state, and set the fields of the register."""
+        known: Any
+        least: Any
+        most: Any
+        found = self._with_terms(self.memory, time, values)
+        try:
+            known = least = most = self._holds(found)
+        except UnknowableError as error:
+            known, least, most = error, False, True
+        except ReasoningError as error:
+            known = least = most = error
+        values[self.field] = known
+        if self._has_gaps:
+            values.update(zip(self._bounds, (known, least, most), strict=True))
+            if self.memory.are_known(time) and all(each.gap is None for each in self._inner):
+                self.gap = None
+        values.update(zip(self._terms, found.maps[0].values(), strict=True))
+
+    def columns(self, recording: Recording) -> Columns:
+        """Return the fields of the register at the states of a recording."""
+        found: dict[str, list[Any]] = {name: [] for name in self.fields}
+        for time, values in recording.rows(self._names):
+            self.step(time, values)
+            for name, column in found.items():
+                column.append(values[name])
+        return {name: column_array(column) for name, column in found.items()}
+
+    def pass_gap(self, gap: Gap) -> None:
+        """Take a gap before the next state."""
+        if not gap.is_empty:
+            self.gap, self._has_gaps = self.gap.join(gap) if self.gap else gap, True
+            self.memory.miss_states(gap)
+
+    def _with_terms(self, memory: TermMemories, time: int, values: Values) -> ChainMap[str, Any]:
+        """Return the values of a state with those of the past terms; a memory takes the state."""
+        terms: dict[str, Any] = {}
+        found = ChainMap(terms, cast('MutableMapping[str, Any]', values))
+        for (name, read), each in zip(self._readers.items(), memory.memories, strict=True):
+            now: Any
+            try:
+                now = read(found)
+            except NoStateBeforeError:
+                now = None
+            except ReasoningError as error:
+                now = error
+            terms[name] = each.step(time, now)
+        return found
+
+
+def value_field(atom: PastAtom, term: PastTerm) -> str:
+    """Return the name of the field that holds the value of a past term in a comparison."""
+    return f'{atom.field.rstrip("+-")}:{term}'
+
+
+@dataclass(slots=True)
+class TermMemories:
+    """The memories of the past terms of a comparison, inner ones first."""
+
+    memories: Sequence[_TermMemory]
+
+    def of_row(self, _row: int) -> TermMemories:
+        """Return a copy."""
+        return TermMemories([each.copied() for each in self.memories])
+
+    def miss_states(self, gap: Gap) -> None:
+        """Take a gap."""
+        for each in self.memories:
+            each.miss_states(gap)
+
+    def are_known(self, time: int) -> bool:
+        """Return True if no value after a state depends on states that are missing."""
+        return all(each.is_known(time) for each in self.memories)
+
+
+class _TermMemory(ABC):
+    """The memory of a past term."""
+
+    @abstractmethod
+    def step(self, time: int, now: Any) -> Any:
+        """Take the value of the operand at a state, or its error; return that of the term.
+
+        None is the value of an operand or a term that has none.
+        """
+
+    @abstractmethod
+    def miss_states(self, gap: Gap) -> None:
+        """Take a gap."""
+
+    @abstractmethod
+    def is_known(self, time: int) -> bool:
+        """Return True if no value after a state depends on states that are missing."""
+
+    def copied(self) -> _TermMemory:
+        """Return a copy, which steps by itself."""
+        return copy(self)
+
+
+class _ValueMemory(_TermMemory):
+    """The value of the operand at the latest state."""
+
+    def __init__(self) -> None:
+        self._value: Any = None
+
+    def step(self, time: int, now: Any) -> Any:  # noqa: ARG002
+        found, self._value = self._value, now
+        return found
+
+    def miss_states(self, gap: Gap) -> None:
+        self._value = unknowable(gap)
+
+    def is_known(self, time: int) -> bool:  # noqa: ARG002
+        return not isinstance(self._value, UnknowableError)
+
+
+class _CountMemory(_TermMemory):
+    """The times at which the operand held in the window of a count."""
+
+    def __init__(self, term: StateCount) -> None:
+        self._term = term
+        self._window = cast('int', term.interval.end)
+        self._times: deque[int] = deque()
+        # The latest state without a usable truth, or the end of a gap.
+        self._lost: tuple[ReasoningError, int] | None = None
+
+    def step(self, time: int, now: Any) -> Any:
+        times, first = self._times, time - self._window
+        if isinstance(now, ReasoningError):
+            self._lost = now, time
+        elif now:
+            times.append(time)
+        while times and times[0] < first:
+            times.popleft()
+        if len(times) > MAX_COUNTED:
+            times.clear()
+            message = f"'{self._term}' counts more than {MAX_COUNTED} states; use a shorter window"
+            self._lost = ReasoningError(message), time
+        if self._lost and self._lost[1] >= first:
+            return self._lost[0]
+        return len(times)
+
+    def miss_states(self, gap: Gap) -> None:
+        self._lost = unknowable(gap), gap.before - 1
+
+    def is_known(self, time: int) -> bool:
+        is_unknown = self._lost is not None and isinstance(self._lost[0], UnknowableError)
+        return not (is_unknown and self._lost and self._lost[1] > time - self._window)
+
+    def copied(self) -> _CountMemory:
+        found = copy(self)
+        found._times = self._times.copy()  # noqa: SLF001 - of the same class
+        return found
+
+
+def _memory_of(term: PastTerm) -> _TermMemory:
+    return _CountMemory(term) if isinstance(term, StateCount) else _ValueMemory()
+
+
+def past_terms(comparison: Comparison) -> list[PastTerm]:
+    """Return the past terms of a comparison, each once, inner ones first."""
+    return list(dict.fromkeys(_inner_first(comparison)))
+
+
+def _inner_first(node: Formula | Term) -> Iterator[PastTerm]:
+    if not isinstance(node, StateCount):  # The operand of a count has atoms of its own.
+        for part in parts(node):
+            yield from _inner_first(part)
+    if isinstance(node, PastTerm):
+        yield node
+
+
+def _truth_reader(operands: PastOperands, kinds: Kinds) -> Callable[[Values], bool]:
+    node = operands.right
+    read = quick_reader(operands.atoms, kinds, node.mask)
+    return lambda values: holds_at(node, read(values))
