@@ -24,6 +24,7 @@ from dyknow_coordinator.grounding.source_choice import (
     StateFault,
     describe_sources,
     describe_violation,
+    may_be_silent,
     silent_topics,
     worst_fault,
 )
@@ -91,6 +92,7 @@ __all__ = [
     'has_loaded',
     'has_units',
     'infer_sorts',
+    'may_be_silent',
     'parse_sources',
     'silent_topics',
     'sort_names',

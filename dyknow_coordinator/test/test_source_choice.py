@@ -19,6 +19,7 @@ from dyknow_coordinator import (
     StateFault,
     describe_violation,
     infer_sorts,
+    may_be_silent,
     parse_sources,
     silent_topics,
     worst_fault,
@@ -54,6 +55,34 @@ def test_a_source_that_nobody_publishes_replaces_none() -> None:
     choice = SourceChoice()
     choice.exclude([B, C], 0)
     assert choice.choose(['F'], CANDIDATES, KNOWN, 1) == (B,)
+
+
+def test_better_sources_have_samples() -> None:
+    choice, everything = SourceChoice(), KnownStreams([], lambda _: True)
+    assert choice.better([C], CANDIDATES, everything, 0) == (A,)
+    waiting = KnownStreams([], lambda _: True, has_begun=lambda topic: topic != '/a')
+    assert choice.better([C], CANDIDATES, waiting, 0) == (B,)
+    # Its first samples may still be on their way.
+    assert choice.better([A], CANDIDATES, waiting, 0) == (A,)
+    choice.exclude([A, B], 0)
+    assert choice.better([C], CANDIDATES, everything, 1) == (C,)
+    assert choice.exclusion_end([A, C], 1) == 10 * SECOND_NS
+    assert choice.exclusion_end([A], 10 * SECOND_NS) is None
+
+
+def test_other_sources_of_another_feature_replace_none() -> None:
+    """The silent topic was "replaced" by itself, when another feature had a better source."""
+    choice, other = SourceChoice(), FeatureSource('G', 'g', 'stream g = select x as G from "/b"')
+    assert not choice.can_replace([B], [B, other], KNOWN, 0)
+    assert choice.can_replace([B], [C, other], KNOWN, 0)
+
+
+def test_better_sources_wait_while_a_topic_may_be_silent() -> None:
+    received = {'regular': 20 * SECOND_NS, 'other': 19 * SECOND_NS}
+    assert not may_be_silent(received.values(), 20 * SECOND_NS)
+    assert may_be_silent(received.values(), 21 * SECOND_NS)
+    # A latched topic is not: nothing more is known of it later.
+    assert not may_be_silent([0], 21 * SECOND_NS)
 
 
 def test_replacements_must_be_available_and_well() -> None:

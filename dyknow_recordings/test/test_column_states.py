@@ -336,6 +336,19 @@ def test_a_stand_in_that_waits_for_a_topic_of_another_group(start: EpisodeStart)
     assert report.formulas[1].waits_for == '/d has fallen silent'
 
 
+def test_a_group_that_has_ended_stands_by_no_more() -> None:
+    """Its standby shared operators with the streams of another group, which had other faults."""
+    drawn: Drawn = [
+        ('a', 1, 0, 5.0, ''),
+        ('c', 1, 3, 2.0, ''),
+        ('a', 400, 0, 1.0, ''),
+        ('e', 400, 0, 0.0, ''),
+    ]
+    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+        compare(made(drawn), 1, formulas)
+
+
 @pytest.mark.parametrize('batch', [16, 64, 1000])
 def test_a_stand_in_after_states_as_columns(batch: int) -> None:
     """The states that are kept of it were made as columns, too."""

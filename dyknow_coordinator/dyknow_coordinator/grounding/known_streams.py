@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import chain
 
 from dyknow_common import (
@@ -62,7 +63,8 @@ class KnownStreams:
     Args:
         is_published: returns True if a topic has a publisher.
         absolute: returns the absolute name of a topic.
-        has_begun: returns False if a topic is known to have had no message.
+        has_begun: returns False if a topic is known to have had no message; by default, if no
+            stream that is made from it has received one.
     """
 
     def __init__(
@@ -70,13 +72,13 @@ class KnownStreams:
         streams: Iterable[KnownStream],
         is_published: Callable[[str], bool],
         absolute: Callable[[str], str] = lambda topic: topic,
-        has_begun: Callable[[str], bool] = lambda _: True,
+        has_begun: Callable[[str], bool] | None = None,
     ) -> None:
         self._streams = {stream.name: stream for stream in streams}
         self._by_topic = {each.topic: each for each in self._streams.values() if each.topic}
         self._is_published = is_published
         self._absolute = absolute
-        self._has_begun = has_begun
+        self._has_begun = has_begun or self._is_received
 
     @staticmethod
     def parse(source: FeatureSource) -> None:
@@ -174,6 +176,18 @@ class KnownStreams:
         """Return True unless a stream that a source is made from is known to have no samples."""
         is_waiting = any(stream.waits_for for stream in self._named(source))
         return not is_waiting and all(map(self._has_begun, self.topics([source])))
+
+    def _is_received(self, topic: str) -> bool:
+        return topic not in self._unheard
+
+    @cached_property
+    def _unheard(self) -> frozenset[str]:
+        """The topics that streams are made from, but that none has received a message of."""
+        latest: dict[str, int] = {}
+        for stream in self._streams.values():
+            for topic, time in stream.received.items():
+                latest[topic] = max(time, latest.get(topic, 0))
+        return frozenset(topic for topic, time in latest.items() if not time)
 
     def identities(self, sources: Iterable[FeatureSource]) -> Mapping[str, int]:
         """Return the ids of the streams of engines that sources name, by their topics.

@@ -15,6 +15,8 @@ from dyknow_stream_processing import ViolationKind
 SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
 """The default time after which a topic without a message is silent, as is a stream of states."""
 
+_MAX_LAG_NS: Final = SECOND_NS
+
 EXCLUSION_NS: Final = 10 * SECOND_NS
 """Time for which a source that failed is not chosen again."""
 
@@ -87,6 +89,34 @@ class SourceChoice:
         """
         return self.choose(features, candidates, known, now, known.is_flowing)
 
+    def better(
+        self,
+        in_use: Sequence[FeatureSource],
+        candidates: Candidates,
+        known: KnownStreams,
+        now: int,
+    ) -> tuple[FeatureSource, ...]:
+        """Return the best source of each feature that has samples; those in use if none is better.
+
+        Args:
+            in_use: the sources in use, ordered by feature.
+            candidates: all sources.
+            known: all streams.
+            now: the time.
+        """
+        used = frozenset(in_use)
+        found = self.choose(
+            [each.feature for each in in_use],
+            candidates,
+            known,
+            now,
+            lambda source: source in used or known.is_flowing(source),
+        )
+        return tuple(
+            new if self.can_replace([old], [new], known, now) else old
+            for new, old in zip(found, in_use, strict=True)
+        )
+
     def stand_ins(
         self,
         in_use: Sequence[FeatureSource],
@@ -130,20 +160,27 @@ class SourceChoice:
         """Return True if a source has failed recently."""
         return source in self._failed and now - self._failed[source] < EXCLUSION_NS
 
+    def exclusion_end(self, sources: Iterable[FeatureSource], now: int) -> int | None:
+        """Return when the first of some sources is no longer excluded; None if none is."""
+        failed = [self._failed[each] for each in sources if self.is_excluded(each, now)]
+        return min(failed) + EXCLUSION_NS if failed else None
+
     def can_replace(
         self,
-        chosen: Iterable[FeatureSource],
+        sources: Iterable[FeatureSource],
         others: Iterable[FeatureSource],
         known: KnownStreams,
         now: int,
     ) -> bool:
-        """Return True if other sources have samples and have not failed recently.
+        """Return True if others have samples for the features of sources, and have not failed.
 
-        Sources that have failed would be replaced again at once, without end.
+        Sources that have failed recently would be replaced again at once, without end.
         """
-        new = set(others) - set(chosen)
-        is_well = all(known.is_available(each) and known.is_flowing(each) for each in new)
-        return bool(new) and is_well and not any(self.is_excluded(each, now) for each in new)
+        features = {each.feature for each in sources}
+        new = {each for each in others if each.feature in features}
+        are_well = all(known.is_available(each) and known.is_flowing(each) for each in new)
+        are_others = bool(new) and new.isdisjoint(sources)
+        return are_others and are_well and not any(self.is_excluded(each, now) for each in new)
 
 
 def silent_topics(
@@ -170,6 +207,18 @@ def silent_topics(
         is_overdue = any(known.is_overdue(each, started) for each in sources)
         silent.append(SilentTopic(topic, sources, is_overdue))
     return silent
+
+
+def may_be_silent(received: Iterable[int], now: int) -> bool:
+    """Return True if a topic may have fallen silent, which will soon be known.
+
+    Better streams could then only follow with a gap, while a standby has kept states.
+
+    Args:
+        received: when the latest message of each topic was received; 0 before the first.
+        now: the time, in nanoseconds.
+    """
+    return any(_MAX_LAG_NS < now - latest < 2 * SILENCE_LIMIT_NS for latest in received)
 
 
 def worst_fault(faults: Sequence[StateFault]) -> StateFault:

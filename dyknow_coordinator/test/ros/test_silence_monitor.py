@@ -42,6 +42,8 @@ class Bench:
         states = SimpleNamespace(
             stream=SimpleNamespace(name='states', created_at_s=BORN),
             chosen=('source',),
+            used_since=BORN * SECOND_NS,
+            improve=lambda: None,
             waits_for='',
             replace_silent=lambda _, reason, **__: self.replaced.append(reason),
         )

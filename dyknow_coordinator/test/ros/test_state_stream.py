@@ -143,6 +143,23 @@ def test_a_stream_that_has_fallen_silent_is_left_with_a_gap() -> None:
     made.context.cleanup.destroy_stream.assert_called_once_with('states_1')
 
 
+def test_a_stream_that_cannot_be_made_is_left_for_the_next() -> None:
+    made = Supervised('a', 'b', 'c')
+    supervisor, create = made.supervisor, made.context.clients.create_stream
+    asyncio.run(supervisor.start())
+
+    def refuse(name: str, specification: str, *_: object) -> tuple[str, str]:
+        if '/b' in specification:
+            raise CoordinationError("topic '/b' has no field 'x'")
+        return name, f'{name}/violations'
+
+    create.side_effect = refuse
+    made.violate(supervisor.stream, 'a', ViolationKind.MAX_GAP)
+    made.run()
+    assert [each.stream for each in supervisor.chosen] == ['p_c']
+    made.observer.fail.assert_not_called()
+
+
 def _candidates(*streams: str) -> Candidates:
     return Candidates(
         tuple(

@@ -49,14 +49,23 @@ class ColumnStates:
         parts: dict[str, list[MessageColumns]] = defaultdict(list)
         for part in batch:
             parts[part.topic].append(part)
-        if any(self._may_change(each, parts, end) for each in chain(*used)):
+        streams = list(chain(*used))
+        if self._begins_others(streams, parts):
+            return False
+        if any(self._may_change(each, parts, end) for each in streams):
             return False
         states = self._streams.step_many(parts, end)
         if states is None:
             return False
-        for each in chain(*used):
+        for each in streams:
             each.receive_many(states[each.name])
         return True
+
+    def _begins_others(self, streams: Sequence[GroupStream], parts: _TopicParts) -> bool:
+        """Return True if sources begin that may be better than those in use."""
+        topics = {topic for each in streams for topic in self._streams.topics(each.name)}
+        have_begun = all(map(self._streams.received_at, parts.keys() - topics))
+        return not have_begun and any(each.is_replaceable for each in streams)
 
     def _may_change(self, state: GroupStream, parts: _TopicParts, end: int) -> bool:
         """Return True if a group may be given another stream, or fail, until a time."""

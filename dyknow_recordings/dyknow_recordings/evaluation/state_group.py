@@ -8,7 +8,7 @@ those that failed at once, where nodes need a few hundred milliseconds.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Final
 
@@ -26,6 +26,7 @@ from dyknow_coordinator import (
     SymbolGrounding,
     describe_sources,
     describe_violation,
+    may_be_silent,
     silent_topics,
     state_specification,
     worst_fault,
@@ -78,16 +79,16 @@ class StateGroup:
             name for each in inputs.candidates.found for name in streams.known.origins(each)
         )
         """The streams of files that its states may be made of."""
+        self._topics_to_begin = set(streams.known.topics(inputs.candidates.found))
         self._faults: list[StateFault] = []
         self._chosen: tuple[FeatureSource, ...] = ()
         self._stream = ''
         # The log times from which on it is made, and in use.
         self._created_at = self._used_since = 0
-        self._streams_made = 0
         # The valid time of the latest state of the stream in use.
         self._latest_tick: int | None = None
         self._latest: int | None = None
-        self._latest_receipt = -1
+        self._latest_receipt, self._streams_made = -1, 0
         # True from a change of streams to the first state after the last one before.
         self._is_in_gap = False
         self._latest_error = CoordinationError('')
@@ -114,6 +115,12 @@ class StateGroup:
     def has_ended(self) -> bool:
         """True if all formulas have their results, and nobody observes the states."""
         return self.episodes.has_ended and not (self._stream and self.episodes.observer)
+
+    @property
+    def _is_idle(self) -> bool:
+        """True if a stream is made that nobody needs any more."""
+        is_in_use = self.episodes.observer and self._standby.stream is None
+        return self.episodes.has_ended and not is_in_use
 
     @property
     def group_streams(self) -> Sequence[GroupStream]:
@@ -147,40 +154,45 @@ class StateGroup:
             self._latest_receipt = int(states.emission_times()[-1])
             rest = {name: column[first:] for name, column in states.columns.items()}
             self.episodes.progress_many(valid_times[first:], rest)
-            if self.episodes.has_ended and not self.episodes.observer:
+            if self._is_idle:
                 self._on_fault()
 
     def react(self, now: int) -> None:
         """Replace streams that have failed, or fail; free the states at the end."""
+        obstacle = ''
         while self._faults and not self.episodes.has_ended:
             fault, count = worst_fault(self._faults), len(self._faults)
             standby = self._standby.take(now)
             chosen = standby.chosen if standby else self._replacements(now)
             failed = any(self._choice.is_excluded(each, now) for each in chosen)
-            if not standby and not fault.transient and failed:
-                self._fail(fault.error)
+            if not standby and failed and (obstacle or not fault.transient):
+                text = f'{fault.error.message}{obstacle}'
+                self._fail(CoordinationError(text, fault.error.code))
                 break
             try:
-                if standby:
-                    self._take_over(standby, now)
-                else:
+                if not standby:
                     self._switch(chosen, now)
             except DyKnowError as error:
-                reason = f'{fault.error.message}; no other states: {error.message}'
-                self._fail(CoordinationError(reason, fault.error.code))
-                break
+                obstacle = f'; no other states: {error.message}'
+                self._exclude(set(chosen) - set(self._chosen) or chosen, now)
+                continue
             del self._faults[:count]
             self._latest_error = fault.error
+            # The kept states may end the formulas.
             self.episodes.add_event(f'{fault.error.message}; {describe_sources(chosen)}')
+            if standby:
+                self._take_over(standby, now)
         if self._standby.can_improve and (better := self._standby.take(now)):
-            self._take_over(better, now)
             made_of = describe_sources(better.chosen)
             self.episodes.add_event(f'other streams are better now; {made_of}')
+            self._take_over(better, now)
         self._renew_standby(now)
         # States that are only observed any more are not made of other streams.
-        if self.episodes.has_ended and (self._faults or not self.episodes.observer):
-            self._faults.clear()
-            self._destroy()
+        if self.episodes.has_ended:
+            self._standby.end()
+            if self._faults or not self.episodes.observer:
+                self._faults.clear()
+                self._destroy()
 
     def lose(self, lost: LostMessages, now: int, *, is_late: bool = False) -> None:
         """Note a gap if messages are lost that the states are made of.
@@ -218,7 +230,7 @@ class StateGroup:
         for silent in silent_topics(self._chosen, known, received, self._used_since, oldest):
             self._exclude(silent.sources, now)
             others = self._replacements(now)
-            can_replace = self._choice.can_replace(self._chosen, others, known, now)
+            can_replace = self._choice.can_replace(silent.sources, others, known, now)
             if can_replace or silent.is_overdue:
                 limit = SILENCE_LIMIT_NS / SECOND_NS
                 text = f"topic '{silent.topic}' has been silent for {limit:g} s"
@@ -289,14 +301,24 @@ class StateGroup:
         self._stand_by(now)
 
     def _stand_by(self, now: int) -> None:
-        self._standby.follow(self._next_name(), self._chosen, self._choose(now), now)
+        best, known = self._chosen, self._streams.known
+        is_doubtful = may_be_silent(self._streams.received(self._stream).values(), now)
+        if not is_doubtful:
+            best = self._choice.better(best, self._inputs.candidates, known, now)
+        self._standby.follow(self._next_name(), self._chosen, best, now)
+        if is_doubtful and self._standby.due:
+            self._standby.due = now
 
     def _renew_standby(self, now: int) -> None:
-        if self._stream and self._standby.is_outdated(now) and not self.episodes.has_ended:
+        if not self._stream or self.episodes.has_ended:
+            return
+        begun = {each for each in self._topics_to_begin if self._streams.received_at(each)}
+        self._topics_to_begin -= begun
+        if begun or self._standby.is_outdated(now):
             self._stand_by(now)
 
     def _note_gap(self) -> None:
-        if self._latest is not None:
+        if self._latest is not None and not self._is_in_gap:
             self.episodes.gap(self._latest)
             self._is_in_gap = True
 
@@ -344,8 +366,7 @@ class StateGroup:
             self.episodes.end_gap(state.valid_time)
         self._latest, self._latest_receipt = state.valid_time, state.available_time
         self.episodes.progress(state.valid_time, state.fields)
-        is_unused = self.episodes.has_ended and not self.episodes.observer
-        if is_unused or self._standby.can_improve:
+        if self._is_idle or self._standby.can_improve:
             self._on_fault()
 
     def _on_violation(self, name: str, violation: Violation) -> None:
@@ -387,7 +408,7 @@ class StateGroup:
         self._exclude(sources or self._chosen, violation.available_time)
         self._interrupt(StateFault(error, transient=False))
 
-    def _exclude(self, sources: Sequence[FeatureSource], now: int) -> None:
+    def _exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
         self._choice.exclude(sources, now)
         self._standby.exclude(sources, now)
 

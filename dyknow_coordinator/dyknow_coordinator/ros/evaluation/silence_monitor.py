@@ -22,7 +22,7 @@ REPORT_LIMIT_NS: Final = 5 * SECOND_NS
 
 
 class SilenceMonitor:
-    """Replaces streams whose topics are silent, if others carry the same feature.
+    """Replaces streams whose topics are silent or that are worse than others, periodically.
 
     A stream without constraints breaks none by being silent. If nothing can replace it, its
     evaluations are waiting, clients and operators are told why, and the log has a warning. A stream
@@ -47,25 +47,22 @@ class SilenceMonitor:
         self._context = context
         self._groups = groups
         self._limit_s = limit_s
-        self._first_seen: dict[str, int] = {}
         self._log = LogOnce()
         context.node.create_timer(PERIOD_S, self._check, clock=context.node.wall_clock)
 
     def _check(self) -> None:
-        groups, now = self._groups.running(), self._context.node.now()
-        names = [group.states.stream.name for group in groups]
-        self._first_seen = {name: self._first_seen.get(name, now) for name in names}
+        groups = self._groups.running()
         self._report_waiting(groups)
         for group in groups:
             self._check_topics(group)
+            group.states.improve()
 
     def _check_topics(self, group: EvaluationGroup) -> None:
         known = self._context.streams.known
         stream = known.get(group.states.stream.name)
         if stream is None:
             return
-        since = self._first_seen[stream.name]
-        limit_s = self._limit_s()
+        since, limit_s = group.states.used_since, self._limit_s()
         oldest = self._context.streams.known_until - round(limit_s * SECOND_NS)
         for silent in silent_topics(group.states.chosen, known, stream.received, since, oldest):
             group.states.replace_silent(

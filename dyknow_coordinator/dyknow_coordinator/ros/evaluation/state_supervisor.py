@@ -23,7 +23,7 @@ Without a gap, because a better stream is available:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final, Protocol
@@ -40,6 +40,7 @@ from dyknow_coordinator.grounding.source_choice import (
     StateFault,
     describe_sources,
     describe_violation,
+    may_be_silent,
     worst_fault,
 )
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
@@ -119,6 +120,8 @@ class StateSupervisor:
         self._has_ended = False
         self.chosen = self._choose(inputs.candidates)
         self.stream = self._new_stream(name)
+        self.used_since = context.node.now()
+        """The time since which the streams in use are."""
         self._next: StateStream | None = None
         # Streams that were used, and that the reasoning engine has not unsubscribed from.
         self._left: list[StateStream] = []
@@ -152,6 +155,7 @@ class StateSupervisor:
         """
         if self.chosen:
             await self._create(self.stream, self.chosen, gap=False)
+        self.used_since = self._context.node.now()
         self._run_on()
 
     def end(self) -> None:
@@ -172,10 +176,11 @@ class StateSupervisor:
         self.improve()
 
     def improve(self) -> None:
-        """Switch to better streams, if any are available now, without a gap."""
-        if not (self._is_changing or self._has_ended) and self.chosen:
-            self._is_changing = True
-            self._context.node.spawn(self._improve)
+        """Switch to better streams, if any have samples now, without a gap."""
+        if self._is_changing or self._has_ended or self._better() == self.chosen:
+            return
+        self._is_changing = True
+        self._context.node.spawn(self._improve)
 
     def replace_silent(
         self, silent: Sequence[FeatureSource], reason: str, *, is_overdue: bool
@@ -184,7 +189,7 @@ class StateSupervisor:
         self._exclude(silent)
         others = self._replacements()
         known, now = self._context.streams.known, self._context.wall_time()
-        can_replace = self._choice.can_replace(self.chosen, others, known, now)
+        can_replace = self._choice.can_replace(silent, others, known, now)
         if can_replace or is_overdue:
             error = CoordinationError(reason, ExitCode.UNAVAILABLE)
             self._interrupt(StateFault(error, transient=can_replace))
@@ -209,7 +214,15 @@ class StateSupervisor:
         now = self._context.wall_time()
         return self._choice.replacements(inputs.features, inputs.candidates, known, now)
 
-    def _exclude(self, sources: Sequence[FeatureSource]) -> None:
+    def _better(self) -> tuple[FeatureSource, ...]:
+        """Return the best sources that have samples, those in use or others."""
+        streams, now = self._context.streams, self._context.wall_time()
+        made = streams.known.get(self.stream.name)
+        if made and may_be_silent(made.received.values(), streams.known_until):
+            return self.chosen
+        return self._choice.better(self.chosen, self.inputs.candidates, streams.known, now)
+
+    def _exclude(self, sources: Iterable[FeatureSource]) -> None:
         self._choice.exclude(sources, self._context.wall_time())
         self._standby.exclude(sources)
 
@@ -290,16 +303,19 @@ class StateSupervisor:
             fault, count = worst_fault(self._faults), len(self._faults)
             chosen = self._replacements()
             if not standby and not fault.transient and any(map(self._is_excluded, chosen)):
-                self._observer.fail(fault.error)
+                self._give_up()
                 break
             try:
                 await (self._take_over(standby) if standby else self._switch(chosen, gap=True))
             except DyKnowError as error:
                 self._obstacle = error.message
+                if error.code is not ExitCode.UNAVAILABLE:
+                    self._exclude(set(chosen) - set(self.chosen))
                 self._context.node.get_logger().info(f'{self.stream.name}: {error}')
                 await self._context.node.deadlines.after(POLL_PERIOD_S)
             else:
                 del self._faults[:count]
+                self.used_since = self._context.node.now()
                 event = f'{fault.error.message}; {describe_sources(self.chosen)}'
                 self._observer.add_event(event)
                 self._context.node.get_logger().warning(f'{self._observer.titles}: {event}')
@@ -307,8 +323,9 @@ class StateSupervisor:
         self._is_changing = False
         if not self._has_ended:
             self._run_on()
-        if standby:
-            self.improve()  # The standby avoids all sources in use, also those that are well.
+        # The standby avoids all sources in use, also those that are well, and streams may have
+        # changed meanwhile.
+        self.improve()
 
     def _run_on(self) -> None:
         self._observer.set_phase(EvaluationPhase.RUNNING)
@@ -338,17 +355,19 @@ class StateSupervisor:
     async def _improve(self) -> None:
         while await self._settle():
             pass
+        chosen = self._better()
         try:
-            chosen = self._choose(self.inputs.candidates)
             # If it has ended since this was spawned, nobody would destroy another stream.
             if chosen != self.chosen and not self._has_ended:
                 await self._switch(chosen, gap=False)
+                self.used_since = self._context.node.now()
                 self._observer.add_event(
                     f'other streams are better now; {describe_sources(self.chosen)}'
                 )
         except DyKnowError as error:
             if self._has_ended:
                 return
+            self._exclude(set(chosen) - set(self.chosen))
             self._observer.add_event(f'a better stream cannot be used: {error}')
         await self._recover()
 

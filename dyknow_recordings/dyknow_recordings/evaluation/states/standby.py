@@ -6,13 +6,13 @@ Rules as in the coordinator (`Standby`) and the reasoning engine (`StandbyStates
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from dyknow_common import DyKnowError
 from dyknow_coordinator import (
-    EXCLUSION_NS,
     FeatureSource,
     FormulaInputs,
     SourceChoice,
@@ -100,23 +100,27 @@ class RecordedStandby:
         now: int,
     ) -> None:
         """Stand by for the sources in use with the best ones; if they are the best, with others."""
-        self.end()
         self._in_use = in_use
-        inputs, known = self._inputs, self._streams.known
-        others = self._choice.stand_ins(in_use, inputs.candidates, known, now)
+        inputs, known, present = self._inputs, self._streams.known, self.stream
+        others = self._choice.stand_ins(
+            in_use, inputs.candidates, known, now, present.chosen if present else ()
+        )
         failed = any(self._choice.is_excluded(each, now) for each in best)
         is_better = best != in_use and not failed
         chosen = best if is_better else others
-        if not chosen:
-            found = inputs.candidates.found
-            is_one_excluded = any(self._choice.is_excluded(each, now) for each in found)
-            self.due = now + EXCLUSION_NS if is_one_excluded else None
-            return
-        try:
-            self._create(name, chosen)
-        except DyKnowError:
-            return  # It would be the error of a switch to these sources.
-        self.stream = StandbyStream(name, chosen, now, is_better)
+        if present is None or present.chosen != chosen or self._is_broken:
+            self.end()
+            self._make(name, chosen, now)
+        if self.stream is not None:
+            self.stream.is_better = is_better
+        self.due = self._choice.exclusion_end(inputs.candidates.found, now)
+
+    def _make(self, name: str, chosen: tuple[FeatureSource, ...], now: int) -> None:
+        if chosen:
+            # An error would be that of a switch to these sources.
+            with suppress(DyKnowError):
+                self._create(name, chosen)
+                self.stream = StandbyStream(name, chosen, now)
 
     def end(self) -> None:
         """Destroy the stream."""

@@ -1,0 +1,233 @@
+"""Formulas in the running system and over its recording: equal verdicts, whatever takes how long.
+
+In random worlds, topics begin late, fall silent, violate constraints and return. Several streams
+carry each feature, all with the same signal, so no verdict depends on the streams in use: it is
+right, or an error or undecided because of a gap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from random import Random
+from unittest import mock
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recorded import TYPE, ListedSamples, RecordedSample, at, recording
+from simulated_session import Outcome, SimulatedSystem
+
+from dyknow_common import ExitCode, Verdict
+from dyknow_configuration import RequestedFormula
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation import evaluation
+from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.results import FormulaReport
+from dyknow_recordings.evaluation.vocabulary import NoVocabulary
+
+MS = 1_000_000
+SPECIFICATIONS = {
+    'Power': (
+        'stream p = select v as Power from "/a" with max_gap = 300 ms, max_delay = 60 ms',
+        'stream q = select v as Power from "/c" with max_gap = 500 ms',
+        'stream r = select v as Power from "/d" with max_gap = 800 ms',
+    ),
+    'Height': (
+        'stream s = select v as Height from "/b" with max_gap = 400 ms',
+        'stream t = select v as Height from "/e" with max_gap = 600 ms',
+    ),
+}
+LOW, HIGH = 1.0, 5.0
+WINDOW_MS = 12_000
+# Of each formula: what it is about, from the values of Power and Height.
+FORMULAS: dict[str, Callable[[float, float], bool]] = {
+    'always Power < 4': lambda power, _: power > 4,
+    'eventually Power > 4': lambda power, _: power > 4,
+    'always[0 s, 12 s] Power < 4': lambda power, _: power > 4,
+    'eventually[0 s, 12 s] Power > 4': lambda power, _: power > 4,
+    'always (Power < 4 or Height < 4)': lambda power, height: min(power, height) > 4,
+    'always[0 s, 12 s] (Power < 4 or Height < 4)': lambda power, height: min(power, height) > 4,
+    'eventually[0 s, 12 s] Power + Height > 8': lambda power, height: power + height > 8,
+}
+STEP_MS = 100
+# Steps for which a signal may be high without a state: after more, a constraint is broken.
+UNNOTICED = 15
+
+
+@dataclass(frozen=True)
+class Published:
+    """A topic; all times are in milliseconds from the start.
+
+    Args:
+        silences: the start and the duration of each.
+        fault: the time from which on one message lacks its field, or comes late; None without.
+    """
+
+    period: int
+    begin: int = 0
+    silences: Sequence[tuple[int, int]] = ()
+    fault: int | None = None
+    is_late: bool = False
+
+
+@dataclass(frozen=True)
+class World:
+    """The topics, and for each feature the times at which its signal rises or falls."""
+
+    topics: dict[str, Published]
+    edges: dict[str, tuple[int, ...]]
+    length: int = 30_000
+
+    def value(self, feature: str, time: int) -> float:
+        """Return the value of a feature at a time in milliseconds."""
+        return HIGH if sum(each <= time for each in self.edges[feature]) % 2 else LOW
+
+    def messages(self) -> ListedSamples:
+        """Return all messages; those of different topics never come at the same time."""
+        found: list[RecordedSample] = []
+        for number, (name, topic) in enumerate(self.topics.items(), start=1):
+            fault = topic.fault
+            for time in range(topic.begin + number, self.length, topic.period):
+                if any(start <= time < start + length for start, length in topic.silences):
+                    continue
+                value: float | None = self.value('Height' if name in 'be' else 'Power', time)
+                delay = 0
+                if fault is not None and time >= fault:
+                    fault, value, delay = None, value if topic.is_late else None, 90
+                stamp = at(0) + time * MS + number * 1000
+                found.append(
+                    RecordedSample(stamp + delay * MS, f'/{name}', TYPE, stamp, {'v': value})
+                )
+        return recording(found)
+
+
+def lasting(durations: Sequence[int], offset: int) -> tuple[int, ...]:
+    """Return the edges of a signal that stays for some durations."""
+    return tuple(offset + sum(durations[:end]) for end in range(1, len(durations) + 1))
+
+
+TIMES = st.integers(0, 20).map(lambda second: second * 1000 + 7 * second)
+PUBLISHED = st.builds(
+    Published,
+    period=st.sampled_from([50, 100, 170]),
+    begin=st.sampled_from([0, 0, 0, 3000, 7000]),
+    silences=st.lists(st.tuples(TIMES, st.sampled_from([700, 2000, 6000, 60_000])), max_size=2).map(
+        tuple
+    ),
+    fault=st.none() | TIMES,
+    is_late=st.booleans(),
+)
+DURATIONS = st.lists(st.sampled_from([1500, 3000, 6000, 9000]), max_size=8)
+EDGES = st.fixed_dictionaries(
+    {
+        'Power': DURATIONS.map(lambda each: lasting(each, 0)),
+        'Height': DURATIONS.map(lambda each: lasting(each, 750)),
+    }
+)
+LATER = TIMES.filter(lambda time: time > 2000)
+# A topic with one defect, of which a standby knows enough.
+DEFECTIVE = st.builds(
+    lambda period, start, length: Published(period, silences=((start, length),)),
+    st.sampled_from([50, 100, 170]),
+    LATER,
+    st.sampled_from([700, 2000, 6000, 60_000]),
+) | st.builds(Published, st.just(100), fault=LATER, is_late=st.booleans())
+REGULAR = {name: Published(100) for name in 'abcde'}
+
+
+WORLDS = st.builds(World, st.fixed_dictionaries(dict.fromkeys('abcde', PUBLISHED)), EDGES)
+
+
+class Carriers(NoVocabulary):
+    """A vocabulary in which several streams carry each feature."""
+
+    def matching_streams(self, concept: str) -> tuple[str, ...]:
+        if concept not in SPECIFICATIONS:
+            raise RecordingError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
+        return SPECIFICATIONS[concept]
+
+
+def recorded(messages: ListedSamples, formula: str) -> FormulaReport:
+    """Evaluate a formula over a recording."""
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=Carriers({})):
+        (report,) = evaluate_recording(messages, [RequestedFormula(formula)]).formulas
+    return report
+
+
+def of_report(report: FormulaReport) -> Outcome:
+    """Return what a report says, as from the running system."""
+    episode = report.episodes[0] if report.episodes else None
+    error = report.error or (episode.error if episode else None)
+    if episode is None or error is not None:
+        # The running system waits for states until its client's timeout.
+        has_failed = error is not None and error.code is not ExitCode.NOT_FOUND
+        return Outcome(error=error if has_failed else None, events=list(report.events))
+    return Outcome(episode.verdict, episode.decided_at, events=list(report.events))
+
+
+def check(world: World, formula: str, found: Outcome) -> None:
+    """Check that a verdict is right: the signals are known."""
+    if found.verdict is Verdict.UNDECIDED:
+        return
+    assert found.decided_at is not None
+    end = (found.decided_at - at(0)) // MS
+    times = range(end, max(end - WINDOW_MS, 0), -STEP_MS)
+    is_about = FORMULAS[formula]
+    high = [is_about(*(world.value(each, time) for each in ('Power', 'Height'))) for time in times]
+    if (found.verdict is Verdict.TRUE) == formula.startswith('eventually'):
+        # A value counts until the next one of its stream.
+        assert any(high[:10]), 'no state is like the deciding one'
+    else:
+        runs = ''.join('1' if each else '0' for each in high).split('0')
+        assert max(map(len, runs)) < UNNOTICED, 'the signal was high for longer than a gap may be'
+
+
+def check_both(world: World, formula: str, live: Outcome) -> None:
+    """Check what was found live, and over the recording, and that they agree."""
+    report = recorded(world.messages(), formula)
+    offline = of_report(report)
+    check(world, formula, live)
+    check(world, formula, offline)
+    if Verdict.UNDECIDED not in {live.verdict, offline.verdict}:
+        assert live.verdict is offline.verdict
+    elif live.verdict is not offline.verdict:
+        # Whichever has none says which states may be missing.
+        other = live if live.verdict is Verdict.UNDECIDED else offline
+        assert other.error is not None or other.events
+
+
+def live(world: World, formula: str, seed: int | None = None) -> Outcome:
+    """Evaluate a formula in the running system; with a seed, everything takes a random time."""
+    if seed is None:
+        return SimulatedSystem(world.messages(), formula, Carriers({})).run()
+    random = Random(seed)  # noqa: S311 - not for cryptography
+    delays = [0, 1, 10, 40, 150, 400]
+
+    def delay(_: str) -> int:
+        return random.choice(delays) * MS
+
+    return SimulatedSystem(world.messages(), formula, Carriers({}), delay).run()
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(WORLDS, st.sampled_from(sorted(FORMULAS)))
+def test_without_delays(world: World, formula: str) -> None:
+    check_both(world, formula, live(world, formula))
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(WORLDS, st.sampled_from(sorted(FORMULAS)), st.integers(0, 1000))
+def test_with_delays(world: World, formula: str, seed: int) -> None:
+    check_both(world, formula, live(world, formula, seed))
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(st.sampled_from('abcde'), DEFECTIVE, EDGES, st.sampled_from(sorted(FORMULAS)))
+def test_one_defect_gives_equal_reports(
+    name: str, topic: Published, edges: dict[str, tuple[int, ...]], formula: str
+) -> None:
+    world = World(REGULAR | {name: topic}, edges)
+    offline, found = of_report(recorded(world.messages(), formula)), live(world, formula)
+    assert (found.verdict, found.decided_at) == (offline.verdict, offline.decided_at)
+    assert str(found.error) == str(offline.error)
+    assert found.events == offline.events
