@@ -21,6 +21,7 @@ from typing import Any
 import rclpy
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import EvaluateFormula
+from parts import print_report
 from processes import avoid_shared_memory, resident_memory, use_private_domain
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
@@ -117,11 +118,7 @@ def main() -> None:
     for name, sizes in found['memory_mb'].items():
         growth = sizes[-1] - sizes[len(sizes) // 2]
         found.setdefault('late_growth_mb', {})[name] = round(growth, 1)
-    if arguments.json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f'{name}: {value}')
+    print_report(found, as_json=arguments.json)
     raise SystemExit(any(each > MAX_GROWTH_MB for each in found['late_growth_mb'].values()))
 
 

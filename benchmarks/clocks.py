@@ -64,6 +64,7 @@ from clock_judgement import (
 from clock_robots import KINDS, MS, PROGRAM, STAMPED, Episode, Message
 from dyknow_interfaces.msg import StreamConstraints
 from dyknow_interfaces.srv import EvaluateFormula, StreamDestroy
+from parts import print_report
 from processes import MANAGER, use_private_domain, wait_for_line, worker
 from running_system import EVALUATE, RunningSystem
 
@@ -279,11 +280,7 @@ def main() -> None:
             print(found['judgements'], file=sys.stderr, flush=True)
         codes = system.stop()
     found['exit_codes'] = codes
-    if arguments.json:
-        print(json.dumps(found), flush=True)
-    else:
-        for name, value in found.items():
-            print(f'{name}: {value}', flush=True)
+    print_report(found, as_json=arguments.json)
     raise SystemExit(bool(found['faults']))
 
 

@@ -1,11 +1,15 @@
-"""The command line of a benchmark that has several parts."""
+"""The command line of a benchmark that has several parts, and reports of others."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
-from typing import Any
+import os
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn
+
+EXIT_TIMEOUT_S = 20.0
 
 
 def measure(description: str | None, *functions: Callable[..., Any]) -> None:
@@ -29,3 +33,20 @@ def measure(description: str | None, *functions: Callable[..., Any]) -> None:
         print(name)
         for row in rows if isinstance(rows, list) else [rows]:
             print('  ', row)
+
+
+def print_report(found: Mapping[str, Any], *, as_json: bool) -> None:
+    """Print what was found: one JSON object, or a line for each of its values."""
+    if as_json:
+        print(json.dumps(found), flush=True)
+        return
+    for name, value in found.items():
+        print(f'{name}: {value}', flush=True)
+
+
+def end(broken: bool) -> NoReturn:  # noqa: FBT001
+    """End also if the middleware waits for something that a killed process held."""
+    watch = threading.Timer(EXIT_TIMEOUT_S, os._exit, (int(broken),))
+    watch.daemon = True
+    watch.start()
+    raise SystemExit(int(broken))

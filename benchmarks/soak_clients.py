@@ -33,6 +33,7 @@ import hostile_client
 from faults import Faults
 from hostile_rows import ROWS
 from normal_clients import DEFECTS, NormalClients
+from parts import end, print_report
 from processes import (
     avoid_shared_memory,
     growth_per_minute,
@@ -63,7 +64,6 @@ MAY_WAIT = 'random_requests'
 """The row whose formulas may have a long timeout; the requests of others end in 10 s."""
 
 MAX_EXAMPLES = 5
-EXIT_TIMEOUT_S = 20.0
 _FAULT = re.compile(
     r'fault in |Traceback|MemoryError|Segmentation fault|terminate called|Fatal Python'
 )
@@ -310,8 +310,8 @@ def main() -> None:
     avoid_shared_memory()
     if not arguments.each:
         found = _run_rows(arguments, arguments.rows, arguments.logs)
-        _print(found, as_json=arguments.json)
-        _end(bool(found['defects']))
+        print_report(found, as_json=arguments.json)
+        end(bool(found['defects']))
     broken = False
     for row in arguments.rows:
         logs = arguments.logs and arguments.logs / row
@@ -319,8 +319,8 @@ def main() -> None:
             logs.mkdir(exist_ok=True)
         found = _run_rows(arguments, [row], logs)
         broken |= bool(found['defects'])
-        _print({'row': row, **found}, as_json=arguments.json)
-    _end(broken)
+        print_report({'row': row, **found}, as_json=arguments.json)
+    end(broken)
 
 
 def _arguments() -> argparse.Namespace:
@@ -342,22 +342,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument('--domain', type=int, help='a ROS domain that nobody else uses')
     parser.add_argument('--json', action='store_true', help='print one JSON object a line')
     return parser.parse_args()
-
-
-def _print(found: Mapping[str, Any], *, as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(found), flush=True)
-        return
-    for name, value in found.items():
-        print(f'{name}: {value}', flush=True)
-
-
-def _end(broken: bool) -> None:  # noqa: FBT001
-    """End also if the middleware waits for something that a killed process held."""
-    watch = threading.Timer(EXIT_TIMEOUT_S, os._exit, (int(broken),))
-    watch.daemon = True
-    watch.start()
-    raise SystemExit(int(broken))
 
 
 if __name__ == '__main__':

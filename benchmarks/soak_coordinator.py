@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import random
 import re
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -22,6 +20,7 @@ import random_requests
 from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
 from dyknow_interfaces.srv import FormulaGroupDestroy
 from faults import NODES, Faults
+from parts import end, print_report
 from processes import (
     growth_per_minute,
     resident_memory,
@@ -50,7 +49,6 @@ MIN_LIFE_S = 300.0
 """Minimum life of a node for its growth to count: it warms up for minutes."""
 
 WARM_UP = 0.4
-EXIT_TIMEOUT_S = 20.0
 
 CLEANUP_TIMEOUT_S = 60.0
 """Time from the last answer until everything unused must be gone."""
@@ -200,16 +198,8 @@ def main() -> None:
     use_private_domain()
 
     def report(found: dict[str, Any]) -> None:
-        if arguments.json:
-            print(json.dumps(found), flush=True)
-        else:
-            for name, value in found.items():
-                print(f'{name}: {value}', flush=True)
-        # The middleware may wait forever for a lock in shared memory that a killed process held.
-        watch = threading.Timer(EXIT_TIMEOUT_S, os._exit, (_is_wrong(found),))
-        watch.daemon = True
-        watch.start()
-        raise SystemExit(_is_wrong(found))
+        print_report(found, as_json=arguments.json)
+        end(_is_wrong(found))
 
     soak(arguments, report)
 

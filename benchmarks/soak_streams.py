@@ -6,13 +6,13 @@ python benchmarks/soak_streams.py [--minutes 10] [--json]
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from contextlib import suppress
 from itertools import count
 from typing import Any
 
 from dyknow_interfaces.srv import StreamDestroy
+from parts import print_report
 from processes import (
     ENGINE,
     MANAGER,
@@ -148,11 +148,7 @@ def main() -> None:
     arguments = parser.parse_args()
     use_private_domain()
     found = soak(arguments.minutes)
-    if arguments.json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f'{name}: {value}')
+    print_report(found, as_json=arguments.json)
     raise SystemExit(not found['flat'] or found['samples_lost'] != 0)
 
 

@@ -29,6 +29,7 @@ from typing import Any
 
 from dyknow_interfaces.msg import ExitStatus, StreamStatusArray
 from dyknow_interfaces.srv import StreamDestroy
+from parts import print_report
 from processes import ENGINE, MANAGER, use_private_domain
 from running_system import EVALUATE, FAR_ENGINE, RunningSystem, ask, outcome_of
 
@@ -234,11 +235,7 @@ def main() -> None:
         high = json.loads(system.command('high'))
         codes = system.stop()
     found = {**report_of(rounds, high), 'exit_codes': codes}
-    if arguments.json:
-        print(json.dumps(found), flush=True)
-    else:
-        for name, value in found.items():
-            print(f'{name}: {value}', flush=True)
+    print_report(found, as_json=arguments.json)
     raise SystemExit(bool(found['wrong'] or found['missing']))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections import UserDict
@@ -11,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, MutableSet, S
 from typing import TYPE_CHECKING, Any
 
 import battery_publishers
+from commands import started
 
 if TYPE_CHECKING:
     from system import Client
@@ -37,13 +37,8 @@ class Batteries:
         self.power = _Power(vehicles, lambda changed: self._request(power=changed))
         self.silent: MutableSet[str] = _Silent(lambda silent: self._request(silent=silent))
         self._client = client
-        self._process = subprocess.Popen(
-            [sys.executable, battery_publishers.__file__, *vehicles],
-            env={**os.environ, **environment},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        line = [sys.executable, battery_publishers.__file__, *vehicles]
+        self._process = started(line, environment, stdin=subprocess.PIPE, stderr=None)
         self._settled = self.stamp + self.PERIOD
 
     def close(self) -> None:

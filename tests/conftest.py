@@ -263,9 +263,15 @@ def calm(batteries: Batteries, evaluations: Evaluations) -> Iterator[Batteries]:
 
 
 @pytest.fixture
-def client() -> Iterator[Client]:
-    """A node in a private domain of its own."""
-    with closing(Client(private_environment())) as alone:
+def environment() -> dict[str, str]:
+    """The variables of processes in a private domain."""
+    return private_environment()
+
+
+@pytest.fixture
+def client(environment: dict[str, str]) -> Iterator[Client]:
+    """A node in a private domain of its own, or in that of the test's processes."""
+    with closing(Client(environment)) as alone:
         yield alone
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+
+from commands import started
 
 PRELUDE = """
 import ctypes
@@ -31,13 +32,7 @@ raise SystemExit(run(Node))
 @contextmanager
 def process_of(*command: str, environment: Mapping[str, str]) -> Iterator[subprocess.Popen[str]]:
     """A process, which is killed at the end of the block."""
-    with subprocess.Popen(
-        command,
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
+    with started(command, environment, stderr=subprocess.PIPE) as process:
         try:
             yield process
         finally:

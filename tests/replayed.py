@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from dyknow_interfaces.msg import EvaluationStatus
 
@@ -23,8 +24,11 @@ DISCOVERY = '8'
 """Seconds within which the nodes have found the publishers of a replay, also on a busy machine."""
 
 
-def compare(system: System, bag: Path, formulas: Sequence[str]) -> None:
-    """Compare the answers of the running system to a replay with those over the recording."""
+def compare(system: System, bag: Path, formulas: Sequence[str]) -> list[Any]:
+    """Compare the answers of the running system to a replay with those over the recording.
+
+    Return the answers.
+    """
     evaluations = Evaluations(system)
     asked = [system.ask(formula, timeout=120.0) for formula in formulas]
     system.client.spin_until(
@@ -60,3 +64,4 @@ def compare(system: System, bag: Path, formulas: Sequence[str]) -> None:
             episode.decided_at,
             episode.explanation,
         ), (formula, live.exit_status.message, message)
+    return [each.result() for each in asked]

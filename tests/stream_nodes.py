@@ -16,10 +16,9 @@ from dyknow_interfaces.msg import ExitStatus, Sample, StreamSpec, StreamStatusAr
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
-from dyknow_bringup.resources import executable_path
+from commands import command, started
 from system import LIMIT, PATIENCE, Client, private_environment
 
-PACKAGE = 'dyknow_stream_processing'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TANK = '/tank/level'
 
@@ -66,13 +65,10 @@ class StreamNodes:
         for parameter, value in given.items():
             arguments += ['-p', f'{parameter}:={value}']
         with (self._folder / f'{own}.log').open('ab') as log:
-            self._running[name] = subprocess.Popen(
-                [str(executable_path(PACKAGE, executable)), *arguments],
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-                env=self.process_environment(),
-            )
+            self._running[name] = started(
+                command(executable, *arguments), self.process_environment(),
+                stdout=log, start_new_session=True,
+            )  # fmt: skip
 
     def process_environment(self) -> dict[str, str]:
         """The variables of a process in the domain of these nodes."""

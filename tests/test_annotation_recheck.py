@@ -11,8 +11,7 @@ from dyknow_interfaces.msg import ExitStatus
 from dyknow_interfaces.srv import FindAllMatchingStreams, ListSemanticSpecifications
 from nav_msgs.msg import Odometry
 
-from commands import output_of
-from dyknow_bringup.resources import executable_path
+from commands import command, output_of
 from services import LATCHED, Nodes
 
 ONTOLOGY = Path(__file__).parent.parent / 'docs' / 'examples' / 'rover.owl'
@@ -58,7 +57,7 @@ def test_a_field_that_the_type_lacks_is_found_when_the_type_is_known(tmp_path: P
             f'no stream carries {SPEED}; the annotation of /rover1/odom'
         )
         assert FAULT in refused.message
-        line = [str(executable_path('dyknow_semantics', 'semantics')), '--json']
+        line = command('semantics', '--json')
         shown = json.loads(output_of(line, nodes.environment).stdout)
         assert FAULT in shown['faults'][STATEMENT]
         assert not any(each['streams'] for each in shown['concepts'])

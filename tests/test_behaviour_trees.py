@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any, Self
 
 import pytest
@@ -190,10 +190,9 @@ class TestWithoutCoordinator:
     """Nothing answers."""
 
     @pytest.fixture
-    def client(self) -> Iterator[Client]:
-        alone = Client(private_environment())
-        yield alone
-        alone.close()
+    def client(self, environment: dict[str, str]) -> Iterator[Client]:
+        with closing(Client(environment)) as alone:
+            yield alone
 
     def test_waiting_fails(self, client: Client) -> None:
         with Ticking(client, WaitForVerdict('power', POWER, wait=0.5)) as tree:

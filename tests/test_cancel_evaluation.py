@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from dyknow_interfaces.srv import CancelEvaluation
 
-from dyknow_bringup.resources import executable_path
+from commands import command, output_beside
 from dyknow_common import ExitCode
 from dyknow_coordinator import Plan, PlanAction, PlanFormula, PlanPhase
 from dyknow_coordinator.ros import FormulaClient
@@ -32,17 +30,11 @@ def cancel(system: System, name: str) -> Any:
     return system.client.call(CancelEvaluation, f'{COORDINATOR}/cancel_evaluation', name=name)
 
 
-def command(system: System) -> tuple[int, str]:
+def cancel_by_command(system: System) -> tuple[int, str]:
     """Run the command beside the telemetry; its exit code and its output."""
-    running = subprocess.Popen(
-        [executable_path('dyknow_coordinator', 'evaluations'), '--cancel', 'calm'],
-        env={**os.environ, **system.environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    system.client.spin_until(lambda: running.poll() is not None, 'the command ends')
-    return running.returncode, running.communicate()[0]
+    line = command('evaluations', '--cancel', 'calm')
+    done = output_beside(system.client, line, system.environment)
+    return done.returncode, done.stdout
 
 
 def assert_cancelled(exit_status: Any) -> None:
@@ -108,7 +100,7 @@ def test_a_formula_of_a_plan_then_has_failed(system: System, evaluations: Evalua
 def test_the_command(system: System, evaluations: Evaluations) -> None:
     monitored = Monitored(system.client, UNTIMED, name='calm')
     evaluations.wait_for(1)
-    assert command(system) == (0, "cancelled 1 evaluation named 'calm'\n")
+    assert cancel_by_command(system) == (0, "cancelled 1 evaluation named 'calm'\n")
     assert_cancelled(monitored.result().exit_status)
     refusal = "nothing named 'calm' is being evaluated (there are: none)"
-    assert command(system) == (2, f'evaluations: {refusal}\n')
+    assert cancel_by_command(system) == (2, f'evaluations: {refusal}\n')

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -14,8 +12,7 @@ from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus
 from std_msgs.msg import Float64
 
-from commands import command, running
-from dyknow_bringup.resources import executable_path
+from commands import command, output_beside, running
 from services import assert_refused
 from system import Client, private_environment
 
@@ -40,17 +37,9 @@ def dyknow_with_a_boat(folder: Path) -> Iterator[tuple[Client, dict[str, str]]]:
 
 def output(client: Client, line: list[str], environment: dict[str, str]) -> str:
     """Return the output of a successful command, while the topics are published."""
-    process = subprocess.Popen(
-        line,
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    client.spin_until(lambda: process.poll() is not None, ' '.join(line), 90.0)
-    printed = process.communicate()[0]
-    assert process.returncode == 0, printed
-    return printed
+    done = output_beside(client, line, environment)
+    assert done.returncode == 0, done.stdout
+    return done.stdout
 
 
 @pytest.mark.timeout(300)
@@ -67,7 +56,7 @@ def test_the_example_and_a_restart_of_the_system(tmp_path: Path) -> None:
         answer = json.loads(output(client, line, environment))
         assert answer['verdict'] == 'true'
         assert answer['decided_at_ns'] > 0
-        semantics = [str(executable_path('dyknow_semantics', 'semantics')), '--json']
+        semantics = command('semantics', '--json')
         concepts = json.loads(output(client, semantics, environment))['concepts']
         [draught] = [each for each in concepts if each['name'] == 'Draught']
         assert draught['text'] == 'Draught[Boat]: float in m'

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from select import select
+from typing import Any
 
 import pytest
 
-from dyknow_bringup.resources import executable_path
+from commands import command, started
 from dyknow_common import Verdict
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, SymbolGrounding
 from reporter import COORDINATOR, Reporter
@@ -41,16 +41,9 @@ def reporter() -> Iterator[Reporter]:
     telling.close()
 
 
-def start(reporter: Reporter, *arguments: str) -> subprocess.Popen[str]:
-    command = executable_path('dyknow_coordinator', 'evaluations')
-    return subprocess.Popen(
-        # A shell has what it runs in the background ignore interrupts.
-        ['env', '--default-signal=INT', command, *arguments],
-        env={**os.environ, **reporter.environment, 'COLUMNS': '160'},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def start(reporter: Reporter, *arguments: str) -> Any:
+    line = command('evaluations', *arguments)
+    return started(line, {**reporter.environment, 'COLUMNS': '160'}, stderr=subprocess.PIPE)
 
 
 def evaluations(reporter: Reporter, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -17,7 +17,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
-from commands import command, output_of, running
+from commands import command, output_of, running, started
 from dyknow_configuration import read_robot
 from dyknow_recordings import (
     MonitoringFiles,
@@ -143,14 +143,7 @@ def test_the_page_names_what_each_fault_breaks(example: Example) -> None:
 @contextmanager
 def changes(line: list[str], environment: dict[str, str]) -> Iterator[Iterator[dict[str, Any]]]:
     """Run `dyknow monitor --json`, and yield its lines as they come."""
-    with subprocess.Popen(
-        line,
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as process:
-        assert process.stdout is not None
+    with started(line, environment, stderr=subprocess.DEVNULL) as process:
         yield (json.loads(each) for each in process.stdout if each.startswith('{'))
         process.send_signal(signal.SIGTERM)
 

@@ -119,34 +119,21 @@ def test_what_is_made_in_a_callback_is_served(bench: Bench) -> None:
     assert heard[0] == 'hello'
 
 
-def test_what_another_callback_has_destroyed_is_not_served(bench: Bench) -> None:
+@pytest.mark.parametrize('end', [Node.destroy_timer, lambda _, timer: timer.cancel()])
+def test_a_timer_that_another_callback_has_ended_is_not_served(
+    bench: Bench, end: Callable[[Node, Any], Any]
+) -> None:
     served: list[int] = []
     timers: list[Any] = []
 
     def serve(number: int) -> None:
         served.append(number)
-        for each, timer in enumerate(timers):
-            if each != number:
-                bench.node.destroy_timer(timer)
+        if len(served) == 1:
+            end(bench.node, timers[1 - number])
         if len(served) > 2:
             bench.end()
 
-    # Both are ready at once, and the one that is served first destroys the other.
-    timers += [bench.timer(lambda number=number: serve(number)) for number in range(2)]
-    bench.spin()
-    assert len(set(served)) == 1
-
-
-def test_a_timer_that_another_callback_has_cancelled_is_not_served(bench: Bench) -> None:
-    served: list[int] = []
-    timers: list[Any] = []
-
-    def serve(number: int) -> None:
-        served.append(number)
-        timers[1 - number].cancel()
-        if len(served) > 2:
-            bench.end()
-
+    # Both are ready at once, and the one that is served first ends the other.
     timers += [bench.timer(lambda number=number: serve(number)) for number in range(2)]
     bench.spin()
     assert len(set(served)) == 1

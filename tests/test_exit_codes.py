@@ -5,27 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-from importlib.metadata import distribution
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import dyknow_command
-from dyknow_bringup.resources import executable_path
+from commands import EXECUTABLES, command, interruptible
 from dyknow_command.verbs import VERBS
 from dyknow_configuration import PACKAGES
+from fork_server import ForkingPopen
 from system import LIMIT, Client, private_environment
 
-EXECUTABLES = {
-    script.name: package
-    for package in (
-        *dict.fromkeys(PACKAGES.values()),
-        'dyknow_bringup',
-        'dyknow_dashboard',
-        'dyknow_command',
-    )
-    for script in distribution(package).entry_points.select(group='console_scripts')
-}
 NODES = {*PACKAGES, 'dyknow_nodes', 'formula_markers', 'formula_monitor', 'uav_simulation'}
 
 
@@ -35,16 +26,14 @@ def environment() -> dict[str, str]:
 
 
 def line(name: str, *arguments: str) -> list[str]:
-    # A shell has what it runs in the background ignore interrupts.
-    executable = str(executable_path(EXECUTABLES[name], name))
-    return ['env', '--default-signal=INT', executable, *arguments]
+    return interruptible(command(name, *arguments))
 
 
 def ended(
     name: str, *arguments: str, environment: dict[str, str], stdout: int = subprocess.PIPE
 ) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
-        line(name, *arguments),
+        command(name, *arguments),
         env=environment,
         stdout=stdout,
         stderr=subprocess.PIPE,
@@ -93,6 +82,15 @@ def test_packages_that_are_not_found(name: str, environment: dict[str, str]) -> 
     assert "'AMENT_PREFIX_PATH' is not set or empty; run first: source env.sh" in done.stderr
 
 
+@pytest.fixture
+def _forked() -> Iterator[None]:
+    """Fork the processes of a test that is about what they do, and not about how they start."""
+    ForkingPopen.is_enabled = True
+    yield
+    ForkingPopen.is_enabled = False
+
+
+@pytest.mark.usefixtures('_forked')
 @pytest.mark.parametrize(
     ('command', 'message'),
     [

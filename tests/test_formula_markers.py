@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +11,7 @@ import pytest
 from nav_msgs.msg import Odometry
 from visualization_msgs.msg import Marker, MarkerArray
 
-from dyknow_bringup.resources import executable_path
+from commands import command, started
 from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import (
     CoordinationError,
@@ -48,11 +46,8 @@ class View:
         }
         self.node.create_timer(0.05, self._publish)
         with self.log.open('wb') as log:
-            self._drawing = subprocess.Popen(
-                [str(executable_path('dyknow_bringup', 'formula_markers'))],
-                env={**os.environ, **self.reporter.environment},
-                stdout=log,
-                stderr=subprocess.STDOUT,
+            self._drawing = started(
+                command('formula_markers'), self.reporter.environment, stdout=log
             )
 
     def close(self) -> None:

@@ -17,7 +17,16 @@ from dyknow_configuration.documents import yaml_values
 from dyknow_configuration.topics import MAX_TEXTS
 from dyknow_configuration.vocabulary import MAX_OBJECTS
 from dyknow_coordinator.ros.reporting.evaluation_messages import _MAX_TEXT
-from dyknow_dashboard.model import board, concepts, formulas, graph, health, live_signals, requests
+from dyknow_dashboard.model import (
+    board,
+    collector,
+    concepts,
+    formulas,
+    health,
+    history,
+    live_signals,
+    requests,
+)
 from dyknow_dashboard.model import streams as shown_streams
 from dyknow_dashboard.model.typed_formulas import MAX_FORMULA
 from dyknow_dashboard.ros import operations
@@ -87,11 +96,19 @@ ROWS = {
     'streams, topics, nodes of the graph': (
         shown_streams.MAX_STREAMS,
         shown_streams.MAX_STREAMS,
-        graph.MAX_NODES,
+        shown_streams.MAX_NODES,
         health.MAX_DIAGNOSES,
         concepts.MAX_CONCEPTS,
         concepts.MAX_ANNOTATIONS,
     ),
+    'failures in the history;': (
+        history.MAX_FAILURES,
+        history.MAX_AGE_NS // SECOND_NS // DAY_S,
+    ),
+    'failures in an answer or a request;': (requests.MAX_IDS, history.MAX_FAILURES),
+    'text that says who has acknowledged': (requests.MAX_OPERATOR,),
+    'failures that wait for the file': (history.MAX_WAITING, collector.MAX_WAITING),
+    'time in which the collector': (collector.TIMEOUT_S,),
     'time between two messages to a page': (Fraction(str(pages.PERIOD_S)),),
     'parts that `holds until`': (_MAX_PARTS,),
     'runs of states': (MAX_RUNS,),

@@ -12,22 +12,10 @@ from std_msgs.msg import Empty
 
 from dyknow_common.ros import HEARTBEAT, Heartbeats, NodeAdapter, PublisherWatch, RemoteNode
 from node_processes import node_that
-from system import Client, private_environment
+from system import Client
 
 LONGER_THAN_THE_LIMIT = 4.0
 """Seconds after which a silent node counts as dead."""
-
-
-@pytest.fixture
-def environment() -> dict[str, str]:
-    return private_environment()
-
-
-@pytest.fixture
-def client(environment: dict[str, str]) -> Iterator[Client]:
-    alone = Client(environment)
-    yield alone
-    alone.close()
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import AbstractContextManager, ExitStack
 from typing import Any
 
@@ -11,32 +10,19 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import Heartbeat
 from rclpy.node import Node
 
-from dyknow_bringup.resources import executable_path
+from commands import command
 from dyknow_common.ros import HEARTBEAT, LATCHED, NodeAdapter, RemoteNode
 from node_processes import end_of, node_that, process_of
-from system import LIMIT, Client, private_environment
+from system import LIMIT, Client
 
 MANAGER = '/robot1/stream_manager'
 REFUSAL = f'another {MANAGER} is already running (started at '
 MEND = 'stop it, or start this system in another namespace (--namespace)'
-COMMAND = str(executable_path('dyknow_stream_processing', 'stream_manager'))
 ARGUMENTS = ('--ros-args', '-r', '__ns:=/robot1')
 
 
-@pytest.fixture
-def environment() -> dict[str, str]:
-    return private_environment()
-
-
-@pytest.fixture
-def client(environment: dict[str, str]) -> Iterator[Client]:
-    alone = Client(environment)
-    yield alone
-    alone.close()
-
-
 def manager(environment: dict[str, str]) -> AbstractContextManager[Any]:
-    return process_of(COMMAND, *ARGUMENTS, environment=environment)
+    return process_of(*command('stream_manager', *ARGUMENTS), environment=environment)
 
 
 @pytest.fixture

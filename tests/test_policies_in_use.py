@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import threading
 import time
@@ -22,7 +21,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from commands import command, running
+from commands import command, running, started
 from dashboards import dashboard
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import (
@@ -34,7 +33,6 @@ from dyknow_bringup.processes.processes import (
 )
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.resources import (
-    executable_path,
     formulas_path,
     plan_path,
     scenario_path,
@@ -137,14 +135,14 @@ class Commands:
     """The commands that ask a running system, in the enclave for clients."""
 
     LINES = (
-        ('dyknow_command', 'dyknow', 'evaluate', FORMULA),
-        ('dyknow_coordinator', 'evaluations', '--watch'),
-        ('dyknow_stream_processing', 'streams', '--watch'),
-        ('dyknow_semantics', 'semantics'),
+        ('dyknow', 'evaluate', FORMULA),
+        ('evaluations', '--watch'),
+        ('streams', '--watch'),
+        ('semantics',),
     )
 
     def __init__(self, environment: dict[str, str]) -> None:
-        self._environment = {**os.environ, **environment}
+        self._environment = environment
         self._running: dict[tuple[str, ...], subprocess.Popen[bytes]] = {}
 
     def __enter__(self) -> Self:
@@ -161,12 +159,9 @@ class Commands:
             process = self._running.get(line)
             if process is None or process.poll() is not None:
                 assert process is None or process.returncode == 0, line
-                package, executable, *arguments = line
-                enclave = ['--ros-args', '--enclave', '/dyknow_client']
-                self._running[line] = subprocess.Popen(
-                    [str(executable_path(package, executable)), *arguments, *enclave],
-                    env=self._environment,
-                    stdout=subprocess.DEVNULL,
+                enclave = ('--ros-args', '--enclave', '/dyknow_client')
+                self._running[line] = started(
+                    command(*line, *enclave), self._environment, stdout=subprocess.DEVNULL
                 )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,9 +13,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus
 
-from dyknow_bringup.resources import executable_path
+from commands import command, output_of
 from services import LATCHED, Nodes, assert_refused
-from system import LIMIT, POLL, private_environment
+from system import POLL, private_environment
 
 ONTOLOGY = 'ontology_manager'
 HARBOUR = """
@@ -51,17 +50,8 @@ needs_java = pytest.mark.skipif(shutil.which('java') is None, reason='Java is no
 def test_a_reasoner_that_cannot_run_ends_the_node_with_one_clear_complaint(
     reasoner: str, path: str, complaint: str
 ) -> None:
-    ended = subprocess.run(
-        [
-            executable_path('dyknow_semantics', ONTOLOGY),
-            *('--ros-args', '-p', f'reasoner:={reasoner}'),
-        ],
-        env={**os.environ, **private_environment(), 'PATH': path},
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
-        check=False,
-    )
+    line = command(ONTOLOGY, '--ros-args', '-p', f'reasoner:={reasoner}')
+    ended = output_of(line, {**private_environment(), 'PATH': path})
     assert ended.returncode == 1
     assert ended.stderr.startswith(complaint)
     assert len(ended.stderr.splitlines()) == 1

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
+from dyknow_interfaces.msg import FormulaResult
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -81,7 +82,11 @@ def test_the_answers_are_those_of_the_running_system(
     bag = tmp_path / 'recording'
     with System(tmp_path, vehicles=3, use_sim_time=True) as system:
         record(load_scenario(scenario_path(scenario)), system.vehicles, START, bag)
-        compare(system, bag, formulas)
+        surge, *_ = compare(system, bag, formulas)
+    if scenario == 'power_surge':
+        assert surge.verdict == FormulaResult.FALSE
+        assert 'Power[uav2]' in surge.explanation
+        assert 13 <= surge.decided_at.sec - START // SECOND_NS <= 15
 
 
 def renamed(bag: Path, copy: Path, names: Mapping[str, str]) -> Path:

@@ -1,4 +1,4 @@
-"""The replay of a recording."""
+"""The replay of a recording; `test_recordings_as_live` monitors one under simulated time."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from contextlib import closing
 from functools import partial
 from pathlib import Path
 
-from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 from rosgraph_msgs.msg import Clock
@@ -17,7 +16,7 @@ from commands import command, output_of, running
 from dyknow_bringup.resources import share
 from dyknow_bringup.simulation.recording import OFFERED
 from dyknow_common import SECOND_NS
-from system import Client, System, private_environment
+from system import Client, private_environment
 
 RECORDING = share() / 'recordings' / 'power_surge'
 
@@ -75,23 +74,3 @@ def test_a_recording_that_is_not_there() -> None:
     assert done.returncode == 2
     assert '/nowhere/at_all: no such recording' in done.stderr
     assert 'Traceback' not in done.stderr
-
-
-def test_a_recorded_flight_is_monitored_under_simulated_time(tmp_path: Path) -> None:
-    with System(tmp_path, vehicles=3, use_sim_time=True) as system:
-        surge = system.ask(
-            'forall u in UAV: always (Power[u] > 150 -> '
-            'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)',
-            timeout=60.0,
-        )
-        system.wait_until_running(surge)
-        line = command('replay', str(RECORDING), '--clock')
-        with running(line, system.environment) as process:
-            system.client.spin_until(lambda: process.poll() is not None, 'the end', 60.0)
-        system.client.spin_until(surge.done, 'the verdict')
-        answer = surge.result()
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FormulaResult.FALSE
-    assert 'Power[uav2]' in answer.explanation
-    # The simulation that was recorded began at 1 700 000 000 s.
-    assert 1_700_000_013 <= answer.decided_at.sec <= 1_700_000_015

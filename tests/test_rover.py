@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from typing import Any
 import pytest
 
 import rover_telemetry
-from commands import command, output_of, running
+from commands import command, output_beside, output_of, running, started
 from system import Client, private_environment
 
 EXAMPLES = Path(__file__).parent.parent / 'docs' / 'examples'
@@ -43,14 +42,8 @@ class Rover:
     def __init__(self, environment: dict[str, str]) -> None:
         self.client = Client(environment)
         self._told: dict[str, Any] = {}
-        self._process = subprocess.Popen(
-            [sys.executable, rover_telemetry.__file__],
-            env={**os.environ, **environment},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self._process.stdout is not None
+        line = [sys.executable, rover_telemetry.__file__]
+        self._process = started(line, environment, stdin=subprocess.PIPE, stderr=None)
         assert self._process.stdout.readline() == 'ready\n'
 
     def close(self) -> None:
@@ -67,15 +60,8 @@ class Rover:
 
     def run(self, line: list[str], environment: dict[str, str]) -> tuple[int, str]:
         """Publish while a process runs; return its exit code and its output."""
-        process = subprocess.Popen(
-            line,
-            env={**os.environ, **environment},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-        self.client.spin_until(lambda: process.poll() is not None, ' '.join(line), 60.0)
-        return process.returncode, process.communicate()[0]
+        done = output_beside(self.client, line, environment)
+        return done.returncode, done.stdout
 
 
 @pytest.fixture(scope='module')

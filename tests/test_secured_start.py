@@ -11,7 +11,6 @@ from dyknow_interfaces.msg import ConstraintViolation, Sample
 from std_msgs.msg import Float64
 
 from commands import command, output_of
-from dyknow_bringup.resources import executable_path
 from dyknow_common.executables import CANNOT_START
 from dyknow_common.ros import STREAM, VIOLATIONS, RCLError
 from dyknow_stream_processing.ros import StreamProxy
@@ -32,8 +31,7 @@ def secured(keystore: Path) -> dict[str, str]:
 
 def start(environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
     """Run a stream manager until it ends."""
-    manager = executable_path('dyknow_stream_processing', 'stream_manager')
-    line = [str(manager), '--ros-args', '--enclave', '/stream_manager']
+    line = command('stream_manager', '--ros-args', '--enclave', '/stream_manager')
     return output_of(line, environment, 60.0)
 
 

@@ -1,4 +1,8 @@
-"""The three nodes of meaning, together: all their services and refusals."""
+"""The three nodes of meaning, together: all their services, and how they answer refusals.
+
+What is refused, and with which words, is tested without ROS: in test_ontology, test_new_concepts,
+test_diagnostics, test_annotation_store and test_matching of dyknow_semantics.
+"""
 
 from __future__ import annotations
 
@@ -78,18 +82,13 @@ def test_concepts_and_instances_come_and_go(nodes: Nodes) -> None:
     nodes.obtain(ONTOLOGY, srv.ConceptDestroy, concept_name='drag')
 
 
-def test_an_ontology_is_loaded(nodes: Nodes, tmp_path: Path) -> None:
+def test_an_ontology_is_loaded_from_a_file_or_a_text(nodes: Nodes, tmp_path: Path) -> None:
     file = tmp_path / 'kites.nt'
     file.write_text(KITE)
-    nodes.obtain(ONTOLOGY, srv.OntologyLoad, path_or_iri=str(file))
-    assert 'kite' in instances(nodes, 'Vehicle')
-    nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='kite')
-
-
-def test_an_ontology_is_loaded_from_a_text(nodes: Nodes) -> None:
-    nodes.obtain(ONTOLOGY, srv.OntologyLoad, content=KITE, format='ntriples')
-    assert 'kite' in instances(nodes, 'Vehicle')
-    nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='kite')
+    for fields in ({'path_or_iri': str(file)}, {'content': KITE, 'format': 'ntriples'}):
+        nodes.obtain(ONTOLOGY, srv.OntologyLoad, **fields)
+        assert 'kite' in instances(nodes, 'Vehicle')
+        nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='kite')
 
 
 def test_the_ontology_is_queried(nodes: Nodes) -> None:
@@ -107,29 +106,8 @@ def test_the_ontology_is_queried(nodes: Nodes) -> None:
     ('service', 'fields', 'code', 'words'),
     [
         (srv.ConceptCreate, {'concept_name': 'UAV'}, EXISTING, ("'UAV'",)),
-        (srv.ConceptCreate, {'concept_name': 'two words'}, INVALID, ("'two words'", 'letter')),
-        (
-            srv.ConceptCreate,
-            {'concept_name': 'Kite', 'parent_concepts': ['UAW']},
-            MISSING,
-            ("'UAW'", "'UAV'"),
-        ),
         (srv.ConceptGetInstances, {'concept_name': 'UAW'}, MISSING, ("'UAW'", "'UAV'")),
-        (srv.ConceptGetInstances, {'concept_name': ''}, MISSING, ('Vehicle',)),
-        (srv.ConceptDestroy, {'concept_name': 'UAW'}, MISSING, ("'UAW'", "'UAV'")),
         (srv.ConceptDestroy, {'concept_name': 'Vehicle'}, INVALID, ("'Vehicle'", 'UAV', 'uav1')),
-        (
-            srv.InstanceCreate,
-            {'instance_name': 'uav1', 'concept_names': ['UAV']},
-            EXISTING,
-            ("'uav1'",),
-        ),
-        (
-            srv.InstanceCreate,
-            {'instance_name': 'kite', 'concept_names': ['UAW']},
-            MISSING,
-            ("'UAW'", "'UAV'"),
-        ),
         (srv.InstanceCreate, {'instance_name': 'kite'}, INVALID, ("'kite'", 'concept')),
         (srv.InstanceGetConcepts, {'instance_name': 'uav'}, MISSING, ("'uav'", "'uav1'")),
         (srv.InstanceDestroy, {'instance_name': 'uav'}, MISSING, ("'uav'", "'uav1'")),
@@ -143,24 +121,15 @@ def test_the_ontology_is_queried(nodes: Nodes) -> None:
         ),
         (
             srv.ConceptCreate,
-            {'concept_name': 'Lift', 'argument_sorts': ['UAV'], 'value_type': 'real'},
-            INVALID,
-            ("'real'", 'float'),
-        ),
-        (
-            srv.ConceptCreate,
             {'concept_name': 'Lift', 'parent_concepts': ['Altitude'], 'unit': 'N'},
             INVALID,
             ("'Lift'", '(m)', "'Altitude'"),
         ),
-        (srv.ConceptCreate, {'concept_name': 'always'}, INVALID, ("'always'", 'reserved')),
         (srv.OntologyLoad, {'path_or_iri': ''}, INVALID, ('path_or_iri', 'content')),
         (srv.OntologyLoad, {'path_or_iri': 'x', 'content': 'y'}, INVALID, ('either',)),
         (srv.OntologyLoad, {'content': f'{KITE}oops'}, INVALID, ('the content', 'line 4')),
         (srv.OntologyLoad, {'content': KITE, 'format': 'json'}, INVALID, ("'json'", 'turtle')),
-        (srv.OntologyQuery, {'sparql': 'SELECT ?x WHERE'}, INVALID, ('SPARQL',)),
         (srv.OntologyQuery, {'sparql': ''}, INVALID, ('SPARQL',)),
-        (srv.OntologyQuery, {'sparql': 'DELETE { ?x a ?y } WHERE { ?x a ?y }'}, INVALID, ()),
     ],
 )
 def test_what_the_ontology_manager_refuses(
@@ -184,11 +153,9 @@ def test_annotations_come_and_go(nodes: Nodes) -> None:
     ('text', 'code', 'words'),
     [
         ('stream a contain Power[uav1] = b', INVALID, ("'contain'", "'contains'", '^')),
-        ('', INVALID, ('unexpected end', '^')),
+        (POWER, EXISTING, (POWER,)),
         ('stream a contains Powr[uav1] = b', MISSING, ("'Powr'", "'Power'", '^')),
         ('stream a contains Power[uav3] = b', MISSING, ("'uav3'", "'uav1'", '^')),
-        ('stream a contains Power[uav1, uav2] = b', INVALID, ('Power', '^')),
-        ('stream a contains Power[u] = b for every u in UAW where u = c', MISSING, ("'UAV'", '^')),
     ],
 )
 def test_an_annotation_that_is_refused(
@@ -196,12 +163,6 @@ def test_an_annotation_that_is_refused(
 ) -> None:
     answer = nodes.call(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=text)
     assert_refused(answer.exit_status, code, *words)
-    assert annotations(nodes) == [POWER, FLEET]
-
-
-def test_an_annotation_is_there_once_only(nodes: Nodes) -> None:
-    answer = nodes.call(SEMANTICS, srv.AddSemanticSpecification, ssl_statement=POWER)
-    assert_refused(answer.exit_status, EXISTING, POWER)
     assert annotations(nodes) == [POWER, FLEET]
 
 
@@ -302,12 +263,8 @@ def test_a_concept_that_is_entailed_to_be_below_matches_too(nodes: Nodes) -> Non
     ('concept', 'code', 'words'),
     [
         ('Power[uav1', INVALID, ("']'", '^')),
-        ('', INVALID, ('unexpected end', '^')),
         ('Powr[uav1]', MISSING, ("'Powr'", "'Power'")),
-        ('Power[uav3]', MISSING, ("'uav3'", "'uav1'")),
-        ('Power[u] for every u in UAW', MISSING, ("'UAW'", "'UAV'")),
         ('Power[uav2]', MISSING, ('Power[uav2]', 'Power[uav1]')),
-        ('Power[uav1, uav2]', INVALID, ('Power',)),
     ],
 )
 def test_a_concept_without_a_match(

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 from dyknow_interfaces import srv
 
-from dyknow_bringup.resources import executable_path, uav_ontology_path
+from commands import command, output_of
+from dyknow_bringup.resources import uav_ontology_path
 from services import Nodes
-from system import LIMIT
 
 ONTOLOGY = 'ontology_manager'
 SEMANTICS = 'stream_semantics_manager'
@@ -32,15 +31,8 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
         yield nodes
 
 
-def semantics(nodes: Nodes, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [executable_path('dyknow_semantics', 'semantics'), *arguments],
-        env={**os.environ, **nodes.environment},
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
-        check=False,
-    )
+def semantics(nodes: Nodes, *arguments: str) -> Any:
+    return output_of(command('semantics', *arguments), nodes.environment)
 
 
 def test_the_hierarchies(nodes: Nodes) -> None:

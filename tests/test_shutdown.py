@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
 
 import pytest
 
+from commands import started
 from system import private_environment
 
 NODE = """
@@ -42,15 +42,8 @@ raise SystemExit(run(Stuck))
     [('wait', 0, ''), ('go_on', 0, 'in destroy_node')],
 )
 def test_a_node_that_is_stuck_ends_all_the_same(callback: str, code: int, printed: str) -> None:
-    with subprocess.Popen(
-        [sys.executable, '-c', NODE.replace('{stuck_in}', callback)],
-        env={**os.environ, **private_environment()},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
+    line = [sys.executable, '-c', NODE.replace('{stuck_in}', callback)]
+    with started(line, private_environment(), stderr=subprocess.PIPE) as process:
         assert process.stdout.readline() == 'running\n'
         process.send_signal(signal.SIGTERM)
         try:

@@ -15,8 +15,7 @@ import pytest
 from dyknow_interfaces.action import MonitorFormula
 from rclpy.action import ActionClient
 
-from commands import command
-from dyknow_bringup.resources import executable_path
+from commands import command, started
 from dyknow_common.ros import SERVICE
 from dyknow_configuration import PACKAGES
 from system import LIMIT, System, private_environment
@@ -58,14 +57,7 @@ def stopped_at(
     line: list[str], environment: dict[str, str], delay: float, *signals: signal.Signals
 ) -> tuple[int, str]:
     """Stop a process some time after its start; return its exit code and its output."""
-    with subprocess.Popen(
-        line,
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    ) as process:
+    with started(line, environment, start_new_session=True) as process:
         # Python itself handles SIGINT from its start, by an exception.
         wait_for(lambda: handles(process.pid, signal.SIGTERM), 'the first line of the executable')
         time.sleep(delay)
@@ -77,17 +69,16 @@ def stopped_at(
 
 
 @pytest.mark.parametrize(
-    ('line', 'code'),
+    ('lines', 'code'),
     [
-        ([str(executable_path('dyknow_stream_processing', 'stream_processing_engine'))], 0),
-        ([str(executable_path('dyknow_semantics', 'ontology_manager'))], 0),
-        (command('dyknow', 'up'), 0),
-        (command('dyknow', 'evaluate', 'always true'), 130),
-        ([str(executable_path('dyknow_stream_processing', 'streams'))], 130),
+        ([command('stream_processing_engine'), command('ontology_manager')], 0),
+        ([command('dyknow', 'up')], 0),
+        ([command('dyknow', 'evaluate', 'always true'), command('streams')], 130),
     ],
-    ids=['engine', 'ontology_manager', 'up', 'evaluate', 'streams'],
+    ids=['nodes', 'up', 'commands'],
 )
-def test_a_process_stops_at_any_moment(line: list[str], code: int) -> None:
+def test_a_process_stops_at_any_moment(lines: list[list[str]], code: int) -> None:
+    """All nodes have one way to end, and so have all commands: those here take turns."""
     # Two systems, one for each processor: a second node of a name does not start in one.
     environments = (private_environment(), private_environment())
     kinds = (
@@ -96,10 +87,15 @@ def test_a_process_stops_at_any_moment(line: list[str], code: int) -> None:
         [signal.SIGINT] * 3,
         [signal.SIGTERM, signal.SIGINT],
     )
-    cases = [(delay, kinds[number % 4]) for number, delay in enumerate(MOMENTS)]
+    cases = [
+        (lines[(number + number // 4) % len(lines)], delay, kinds[number % 4])
+        for number, delay in enumerate(MOMENTS)
+    ]
 
     def ends_in(system: int) -> list[tuple[int, str]]:
-        return [stopped_at(line, environments[system], at, *sent) for at, sent in cases[system::2]]
+        return [
+            stopped_at(line, environments[system], at, *sent) for line, at, sent in cases[system::2]
+        ]
 
     with ThreadPoolExecutor(2) as pool:
         ends = [end for system in pool.map(ends_in, range(2)) for end in system]
@@ -136,24 +132,26 @@ def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path) -> None:
         assert 'fault in DyKnow' not in text, text
 
 
-@pytest.mark.parametrize('number', [signal.SIGHUP, signal.SIGKILL, signal.SIGTERM])
 @pytest.mark.parametrize(
-    ('name', 'options', 'code'),
-    [('dyknow', ['up'], 0), ('dyknow', ['up', '--processes'], 0), ('uav_demo', [], 130)],
+    ('name', 'options', 'number', 'code'),
+    [
+        ('dyknow', ['up'], signal.SIGHUP, 0),
+        ('dyknow', ['up'], signal.SIGKILL, -signal.SIGKILL),
+        ('dyknow', ['up', '--processes'], signal.SIGTERM, 0),
+        ('dyknow', ['up', '--processes'], signal.SIGKILL, -signal.SIGKILL),
+        ('uav_demo', [], signal.SIGHUP, 130),
+    ],
 )
 def test_nodes_end_with_their_launcher(
-    name: str, options: list[str], code: int, number: signal.Signals
+    name: str, options: list[str], number: signal.Signals, code: int
 ) -> None:
+    """A process handles all signals that it can handle in one way."""
     environment = private_environment()
     domain = environment['ROS_DOMAIN_ID']
-    process = subprocess.Popen(
-        command(name, *options),
-        env={**os.environ, **environment},
-        stdout=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    line = command(name, *options)
+    process = started(line, environment, stdout=subprocess.DEVNULL, start_new_session=True)
     nodes = len(PACKAGES) if '--processes' in options else 1
     wait_for(lambda: len(members(domain)) > nodes, 'the start of all nodes')
     process.send_signal(number)
-    assert process.wait(LIMIT) == (-number if number == signal.SIGKILL else code)
+    assert process.wait(LIMIT) == code
     wait_for(lambda: not members(domain), 'the end of all nodes')

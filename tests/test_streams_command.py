@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -13,9 +12,8 @@ from typing import Any
 import pytest
 from dyknow_interfaces.srv import CancelEvaluation
 
-from commands import output_of
-from dyknow_bringup.resources import executable_path
-from stream_nodes import PACKAGE, TANK, StreamNodes
+from commands import command, output_of, started
+from stream_nodes import TANK, StreamNodes
 from system import LIMIT
 
 ENGINE = '/far/stream_processing_engine'
@@ -46,15 +44,9 @@ def streams(nodes: StreamNodes, *arguments: str) -> subprocess.CompletedProcess[
     return subprocess.CompletedProcess(arguments, running.returncode, out, err)
 
 
-def start(nodes: StreamNodes, *arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        # A shell has what it runs in the background ignore interrupts.
-        ['env', '--default-signal=INT', executable_path(PACKAGE, 'streams'), *arguments],
-        env={**os.environ, **nodes.environment, 'COLUMNS': '200'},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def start(nodes: StreamNodes, *arguments: str) -> Any:
+    line = command('streams', *arguments)
+    return started(line, {**nodes.environment, 'COLUMNS': '200'}, stderr=subprocess.PIPE)
 
 
 def test_a_line_for_each_stream(nodes: StreamNodes) -> None:
@@ -107,7 +99,7 @@ def test_topics_and_their_formulas(shared_system: Any) -> None:
     system.wait_until_running(answer)
 
     def shown(*arguments: str) -> str:
-        line = [str(executable_path(PACKAGE, 'streams')), *arguments]
+        line = command('streams', *arguments)
         done = output_of(line, {**system.environment, 'COLUMNS': '200'})
         assert done.returncode == 0, done.stderr
         return str(done.stdout)

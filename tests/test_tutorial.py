@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import shutil
@@ -12,10 +11,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from commands import command
+from commands import command, started
 from system import Client, private_environment
 
 ROOT = Path(__file__).parent.parent
@@ -81,17 +81,11 @@ class Reader:
                 process.send_signal(signal.SIGINT)
                 process.communicate(timeout=40)
 
-    def _start(self, line: str) -> subprocess.Popen[str]:
-        program, *arguments = shlex.split(line)
+    def _start(self, command_line: str) -> Any:
+        program, *arguments = shlex.split(command_line)
         known = {'dyknow': command('dyknow'), 'python3': [sys.executable]}
-        return subprocess.Popen(
-            [*known.get(program, [program]), *arguments],
-            cwd=self._folder,
-            env={**os.environ, **self.environment},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        line = [*known.get(program, [program]), *arguments]
+        return started(line, self.environment, cwd=self._folder)
 
 
 @contextmanager

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -24,10 +23,10 @@ from dyknow_interfaces.msg import (
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams, StreamCreateFromSpec, StreamDestroy
 from nav_msgs.msg import Odometry
 
+from commands import command, output_beside
 from dyknow_bringup.processes.arguments import CONFIGURATION, robots
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import Process
-from dyknow_bringup.resources import executable_path
 from dyknow_common.ros import LATCHED, nanoseconds_to_duration
 from dyknow_coordinator import Grounding
 from system import LIMIT, Client, private_environment
@@ -171,37 +170,22 @@ def test_each_robot_has_its_own_answers(two_robots: Robots) -> None:
 
 
 @pytest.mark.parametrize(
-    ('package', 'line', 'code', 'words'),
+    ('line', 'code', 'words'),
     [
-        ('dyknow_command', f'{ASK} --coordinator /robot2/{COORDINATOR}', 1, 'false at'),
-        ('dyknow_command', f'{ASK} --ros-args -r __ns:=/robot1', 0, 'true at'),
-        ('dyknow_command', ASK, 2, f'there are: /robot1/{COORDINATOR}, /robot2/{COORDINATOR}'),
-        (
-            'dyknow_stream_processing',
-            'streams my_speed --node /robot1/stream_manager',
-            0,
-            '/robot1/',
-        ),
-        ('dyknow_stream_processing', 'streams my_speed --ros-args -r __ns:=/robot2', 0, '/robot2/'),
-        ('dyknow_coordinator', 'evaluations --json --ros-args -r __ns:=/robot1', 0, 'evaluations'),
+        (f'{ASK} --coordinator /robot2/{COORDINATOR}', 1, 'false at'),
+        (f'{ASK} --ros-args -r __ns:=/robot1', 0, 'true at'),
+        (ASK, 2, f'there are: /robot1/{COORDINATOR}, /robot2/{COORDINATOR}'),
+        ('streams my_speed --node /robot1/stream_manager', 0, '/robot1/'),
+        ('streams my_speed --ros-args -r __ns:=/robot2', 0, '/robot2/'),
+        ('evaluations --json --ros-args -r __ns:=/robot1', 0, 'evaluations'),
     ],
 )
-def test_commands_ask_one_robot(
-    two_robots: Robots, package: str, line: str, code: int, words: str
-) -> None:
+def test_commands_ask_one_robot(two_robots: Robots, line: str, code: int, words: str) -> None:
     two_robots.wait_for_own_streams()
     name, *arguments = shlex.split(line)
-    with subprocess.Popen(
-        [str(executable_path(package, name)), *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        env={**os.environ, **two_robots.environment},
-    ) as process:
-        two_robots.client.spin_until(lambda: process.poll() is not None, line, 2 * LIMIT)
-        output = process.communicate()[0]
-    assert process.returncode == code, output
-    assert words in output
+    done = output_beside(two_robots.client, command(name, *arguments), two_robots.environment)
+    assert done.returncode == code, done.stdout
+    assert words in done.stdout
 
 
 def test_a_stream_of_another_specification_is_never_used(two_robots: Robots) -> None:
@@ -307,8 +291,10 @@ def busy_processes(number: int) -> Iterator[None]:
 
 def test_robots_that_start_on_a_busy_machine(tmp_path: Path) -> None:
     """Then discovery delivers the services of a node piecemeal."""
-    with busy_processes(2), Robots(tmp_path) as loaded:
-        loaded.wait_for_own_streams()
+    with ExitStack() as stack:
+        with busy_processes(2):
+            loaded = stack.enter_context(Robots(tmp_path))
+            loaded.wait_for_own_streams()
         assert loaded.verdicts() == RIGHT
         for robot in SPEEDS:
             made = loaded.client.call(

@@ -19,7 +19,7 @@ from dyknow_interfaces.msg import EvaluationStatusArray
 from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import Float64
 
-from commands import command, output_of, running
+from commands import command, output_of, running, started
 from dyknow_common.ros import LATCHED
 from system import LIMIT, Client, private_environment
 from test_rover import EXAMPLES, Rover
@@ -108,13 +108,7 @@ def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
 
 def test_without_respawn_the_end_of_a_process_ends_the_system() -> None:
     environment = private_environment()
-    with subprocess.Popen(
-        command('dyknow', 'up', '--no-respawn'),
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    ) as process:
+    with started(command('dyknow', 'up', '--no-respawn'), environment) as process:
         terminal = Terminal(process)
         terminal.wait_for('DyKnow runs in /')
         os.kill(node(environment, 'dyknow_nodes'), signal.SIGKILL)
@@ -159,13 +153,12 @@ def test_faults_of_the_configuration_are_shown(tmp_path: Path) -> None:
         assert terminal.text.count("no object: unknown instance 'rover7'") == 1, terminal.text
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_no_temporary_folder_is_left(tmp_path: Path, number: signal.Signals) -> None:
+def test_no_temporary_folder_is_left(tmp_path: Path) -> None:
     environment = {**private_environment(), 'TMPDIR': str(tmp_path)}
     with up(environment, str(EXAMPLES / 'rover.yaml')) as terminal:
         terminal.wait_for(f'logs are in {tmp_path}/dyknow_')
         assert list(tmp_path.iterdir())
-        terminal.send_signal(number)
+        terminal.send_signal(signal.SIGINT)
         terminal.join()
     assert list(tmp_path.iterdir()) == []
 
