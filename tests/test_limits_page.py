@@ -20,7 +20,6 @@ from dyknow_coordinator.ros.reporting.evaluation_messages import _MAX_TEXT
 from dyknow_dashboard.model import (
     board,
     collector,
-    concepts,
     formulas,
     health,
     history,
@@ -29,7 +28,7 @@ from dyknow_dashboard.model import (
 )
 from dyknow_dashboard.model import streams as shown_streams
 from dyknow_dashboard.model.typed_formulas import MAX_FORMULA
-from dyknow_dashboard.ros import operations
+from dyknow_dashboard.ros import dashboard as served
 from dyknow_dashboard.server import pages, serving
 from dyknow_reasoning.execution.past.past_comparisons import MAX_COUNTED
 from dyknow_reasoning.execution.standing.standing_monitor import MAX_RUNS
@@ -89,7 +88,7 @@ ROWS = {
         serving.MAX_HEADERS // KIB,
         pages.MAX_FRAME // KIB,
     ),
-    'formulas that one page has open': (requests.MAX_OPEN, operations.MAX_ASKED),
+    'formulas that one page has open': (requests.MAX_OPEN, served.MAX_ASKED),
     'formulas that are shown': (formulas.MAX_SHOWN, formulas.MAX_ENDED),
     'signals of a formula': (live_signals.WINDOW_NS // SECOND_NS // 60, MAX_SIGNALS),
     'formulas whose signals are kept': (board.MAX_KEPT, board.MAX_KEPT_SIGNALS, 50),
@@ -98,8 +97,8 @@ ROWS = {
         shown_streams.MAX_STREAMS,
         shown_streams.MAX_NODES,
         health.MAX_DIAGNOSES,
-        concepts.MAX_CONCEPTS,
-        concepts.MAX_ANNOTATIONS,
+        board.MAX_CONCEPTS,
+        board.MAX_ANNOTATIONS,
     ),
     'failures in the history;': (
         history.MAX_FAILURES,
