@@ -104,7 +104,7 @@ def test_parse_warns_of_what_a_formula_may_not_mean(capsys: pytest.CaptureFixtur
 
 def test_an_incorrect_text_is_shown_with_the_place(capsys: pytest.CaptureFixture[str]) -> None:
     assert dyknow_command.main(['parse', 'always alway x']) == 2
-    assert capsys.readouterr().err.startswith("dyknow: formula:1:14: unexpected 'x'")
+    assert capsys.readouterr().err.startswith("dyknow: formula:1:14: did you mean 'always' ")
 
 
 def test_an_unknown_option_shows_the_usage_of_the_verb(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -399,6 +400,7 @@ def test_values_in_arrays(text: str, expected: str, reference: FieldReference) -
     assert parse_formula(expected) == formula
 
 
+@pytest.mark.skipif(find_spec('action_msgs') is None, reason='the types of ROS are not installed')
 @pytest.mark.parametrize(
     ('text', 'canonical'),
     [

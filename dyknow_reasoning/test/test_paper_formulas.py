@@ -49,7 +49,7 @@ def test_formulas_of_the_paper(printed: str, words: str) -> None:
     [
         ('◊[τ1, τ2] F', "1:3: unexpected character 'τ', expected a duration such as 5 s or a num"),
         ("F U[0, τ] □[0, τ'] G", "1:8: unexpected character 'τ', expected 'inf', a duration su"),
-        ('F′ and p', "1:2: unexpected character '′'"),
+        ('F′ and p', "1:2: did you mean 'eventually' instead of 'F'? (unexpected character '′')"),
     ],
 )
 def test_what_stands_for_a_number_needs_one(printed: str, message: str) -> None:

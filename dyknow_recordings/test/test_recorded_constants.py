@@ -53,7 +53,8 @@ def test_verdicts(
 
 
 def test_a_misspelt_constant(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(path), '--formula', 'always "/machine".state = MachineState.STATE_IDEL']) == 2
+    formula = 'always "/machine".state = MachineState.STATE_IDEL'
+    assert main([str(path), '--json', '--formula', formula]) == 2
     assert "no constant 'STATE_IDEL'; did you mean 'STATE_IDLE'?" in capsys.readouterr().out
 
 
