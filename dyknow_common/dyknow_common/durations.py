@@ -35,6 +35,9 @@ MAX_DIGITS: Final = 100
 UNIX_TIMES: Final = 10**9 * SECOND_NS
 """Times from here on, 2001-09-09, count from 1970; earlier ones are those of a simulation."""
 
+MAX_OFFSET_NS: Final = 7 * 86_400 * SECOND_NS
+"""The longest time from a start that people are shown as an offset from it."""
+
 _UNIX_TIME = re.compile(r'(?<![\w.])([0-9]{10})\.([0-9]{3,9}) s\b')
 
 _DURATION = re.compile(r'(?P<number>-?[0-9]+(?:\.[0-9]+)?)\s*(?P<unit>[A-Za-z]*)')
@@ -155,12 +158,15 @@ def with_readable_times(text: str, start: int | None = None) -> str:
 
     Args:
         text: such as an explanation, with times as from `format_time`.
-        start: in nanoseconds; None if unknown: then times are on the clock.
+        start: in nanoseconds; None if unknown: then times are on the clock, as are those of
+            another clock, such as simulated ones, which are more than MAX_OFFSET_NS away.
     """
 
     def readable(found: re.Match[str]) -> str:
         nanoseconds = int(found[1]) * SECOND_NS + int(found[2].ljust(9, '0'))
-        return clock_time(nanoseconds) if start is None else round_time(nanoseconds - start)
+        if start is None or abs(nanoseconds - start) > MAX_OFFSET_NS:
+            return clock_time(nanoseconds)
+        return round_time(nanoseconds - start)
 
     return _UNIX_TIME.sub(readable, text)
 

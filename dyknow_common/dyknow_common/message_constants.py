@@ -1,8 +1,8 @@
-"""Constants of message types by name: `GoalStatus.STATUS_ABORTED`.
+"""Constants of message types by name: `NavSatStatus.STATUS_NO_FIX`.
 
 The types are those of the workspaces that are sourced, as their `.msg` files define them. A type
-may be named with its package, `action_msgs/msg/GoalStatus.STATUS_ABORTED`; it must be if types of
-several packages give the constant different values.
+may be named with its package, `action_msgs/msg/GoalStatus.STATUS_ABORTED`; it must be if several
+packages have a type of that name, unless all give the constant the same value.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Mapping
+from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
@@ -38,7 +39,7 @@ def message_constant(name: str, types: TypeConstants | None = None) -> Value | N
     """Return the value of a constant; None if no type is called so, as the name is another's then.
 
     Args:
-        name: such as `GoalStatus.STATUS_ABORTED`.
+        name: such as `NavSatStatus.STATUS_NO_FIX`.
         types: where to look for it; None: the types that are installed.
 
     Raises:
@@ -56,11 +57,8 @@ def message_constant(name: str, types: TypeConstants | None = None) -> Value | N
         if each == kind or (kind == base and each.rpartition('/')[2] == base)
     }
     values = {each: held[constant] for each, held in found.items() if constant in held}
-    if len({(type(each), each) for each in values.values()}) > 1:
-        full = listed(f'{each}.{constant}' for each in values)
-        message = f"'{name}' has several values; write one of {full}"
-        raise DyKnowError(message, ExitCode.INVALID_ARGUMENT)
     if values:
+        _check_meaning(name, constant, values, found.keys() - values.keys())
         return next(iter(values.values()))
     if found:
         known = [each for held in found.values() for each in held]
@@ -72,6 +70,26 @@ def message_constant(name: str, types: TypeConstants | None = None) -> Value | N
     if types is None:
         _check_type(kind, base, constant)
     return None
+
+
+def _check_meaning(
+    name: str, constant: str, values: Mapping[str, Value], others: AbstractSet[str]
+) -> None:
+    """Raise DyKnowError for a constant that may be that of another type of the name.
+
+    For example, ABORTED is 4 for actionlib_msgs/msg/GoalStatus, where action_msgs/msg/GoalStatus
+    calls another state 4, and has no ABORTED.
+    """
+    full = listed(f'{each}.{constant}' for each in values)
+    if len({(type(each), each) for each in values.values()}) > 1:
+        message = f"'{name}' has several values; write one of {full}"
+    elif others:
+        message = (
+            f"'{name}' is no constant of {listed(sorted(others))}; write {full} if you mean it"
+        )
+    else:
+        return
+    raise DyKnowError(message, ExitCode.INVALID_ARGUMENT)
 
 
 def _check_type(kind: str, base: str, constant: str) -> None:

@@ -9,7 +9,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from dyknow_common import add_utc_option, clock_time, date_time, time_since, with_readable_times
+from dyknow_common import (
+    SECOND_NS,
+    add_utc_option,
+    clock_time,
+    date_time,
+    time_since,
+    with_readable_times,
+)
 
 START = 1_710_773_349_911_591_000
 """2024-03-18 14:49:09.911591 UTC."""
@@ -47,6 +54,7 @@ def test_times_for_people() -> None:
         ('in [1710773350.321 s, 1710773355.500 s]', START, 'in [0.409 s, 5.588 s]'),
         ('since 1710773348.911 s', START, 'since -1.001 s'),
         ('at 1710773349.911591 s', None, 'at 14:49:09.911'),
+        ('at 1710773349.911591 s', 12 * SECOND_NS, 'at 14:49:09.911'),  # Simulated time.
         ('at 12.300 s, x1710773349.911 s, 1710773349.911 sheep', 0, None),
     ],
 )

@@ -59,7 +59,7 @@ def test_definitions() -> None:
 @pytest.mark.parametrize(
     ('name', 'value'),
     [
-        ('GoalState.STATUS_ABORTED', -6),
+        ('a_msgs/msg/GoalState.STATUS_ABORTED', -6),
         ('GoalState.STATUS_UNKNOWN', 0),
         ('b_msgs/msg/GoalState.MASK', 1),
         ('GoalState.status', None),
@@ -90,6 +90,10 @@ def test_values(name: str, value: int | None) -> None:
         (
             'c_msgs/msg/GoalState.LIMIT',
             "there is no message type 'c_msgs/msg/GoalState'; did you mean 'GoalState.LIMIT'?",
+        ),
+        (
+            'GoalState.STATUS_ABORTED',
+            'is no constant of b_msgs/msg/GoalState; write a_msgs/msg/GoalState.STATUS_ABORTED if',
         ),
         ('b_msgs/msg/GoalState.X', 'there is STATUS_UNKNOWN, MASK'),
     ],

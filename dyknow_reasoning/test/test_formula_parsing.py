@@ -404,10 +404,10 @@ def test_values_in_arrays(text: str, expected: str, reference: FieldReference) -
 @pytest.mark.parametrize(
     ('text', 'canonical'),
     [
-        ('"/a".status = GoalStatus.STATUS_ABORTED', '"/a".status = 6'),
+        ('"/a".status = NavSatStatus.STATUS_GBAS_FIX', '"/a".status = 2'),
         ('Status = action_msgs/msg/GoalStatus.STATUS_ABORTED', 'Status = 6'),
-        ('any("/a".list.status = GoalStatus.STATUS_ABORTED)', 'any("/a".list.status = 6)'),
-        ('let bad = GoalStatus.STATUS_ABORTED in Status >= bad', 'Status >= 6'),
+        ('any("/a".list.status = NavSatStatus.STATUS_GBAS_FIX)', 'any("/a".list.status = 2)'),
+        ('let bad = NavSatStatus.STATUS_GBAS_FIX in Status >= bad', 'Status >= 2'),
         ('Dock.ON = goals.STATUS / Dock.status', 'Dock.ON = (goals.STATUS / Dock.status)'),
     ],
 )
@@ -415,3 +415,6 @@ def test_constants_of_message_types(text: str, canonical: str) -> None:
     assert str(parse_formula(text)) == canonical
     with pytest.raises(LanguageError, match="have no constant 'STATUS_ABRTED'; did you mean"):
         parse_formula('x = GoalStatus.STATUS_ABRTED')
+    # It is 4 for actionlib_msgs, which action_msgs calls SUCCEEDED.
+    with pytest.raises(LanguageError, match='is no constant of action_msgs/msg/GoalStatus; write'):
+        parse_formula('x != GoalStatus.ABORTED')

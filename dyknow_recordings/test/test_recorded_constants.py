@@ -38,7 +38,7 @@ def path(tmp_path: Path) -> Path:
         ('eventually "/machine".state = made_up/msg/MachineState.STATE_BROKEN', 'true'),
         ('let good = MachineState.STATE_IDLE in always "/machine".state >= good', 'undecided'),
         (
-            'eventually "/machine".state - prev("/machine".state) = GoalStatus.STATUS_ABORTED',
+            'eventually "/machine".state - prev("/machine".state) = Marker.SPHERE_LIST - 1',
             'true',
         ),
     ],

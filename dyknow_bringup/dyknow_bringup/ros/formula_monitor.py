@@ -34,6 +34,12 @@ RETRIED = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 PASSING = (*RETRIED, ExitCode.CONSTRAINT_VIOLATION, ExitCode.TIMEOUT, ExitCode.INTERNAL_ERROR)
 """Errors worth retrying at any time."""
 
+WRONG = (ExitCode.NOT_FOUND, ExitCode.INVALID_ARGUMENT)
+"""Errors of a formula that the system does not understand."""
+
+OTHER_FILE = '; does the system run with the file of this formula, as by "dyknow up robot.yaml"?'
+"""What people forget: a formula that lint finds correct is wrong for another ontology."""
+
 START_UP_NS = 10 * SECOND_NS
 """Time that the other nodes may take to start after the coordinator."""
 
@@ -110,7 +116,8 @@ class MonitorNode(DyKnowNode):
         if answer.episodes is not None:
             self._follow(monitored, answer.episodes)
         if answer.error is not None:
-            self.set_outcome(monitored, answer.error.code.name, answer.error.message)
+            hint = OTHER_FILE if answer.error.code in WRONG else ''
+            self.set_outcome(monitored, answer.error.code.name, f'{answer.error.message}{hint}')
             return
         monitored.has_states = True
         self.set_outcome(monitored, answer.verdict.name.lower(), answer.explanation)

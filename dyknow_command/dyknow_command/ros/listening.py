@@ -31,6 +31,7 @@ SEARCH_PERIOD_NS = 500 * NANOSECONDS['ms']
 
 _INTERNAL = ('/clock', '/parameter_events', '/rosout')
 _OWN_PACKAGE = 'dyknow_interfaces/'
+_STATUS = '/_action/status'
 
 
 class _Listener:
@@ -156,5 +157,6 @@ def _private_topics_of_dyknow(node: Node) -> set[str]:
 
 
 def _is_wanted(name: str, types: Sequence[str]) -> bool:
-    hidden = any(part.startswith('_') for part in name.split('/'))
+    # The status of an action is hidden, and says what people ask for.
+    hidden = any(part.startswith('_') for part in name.removesuffix(_STATUS).split('/'))
     return not (hidden or name in _INTERNAL or types[0].startswith(_OWN_PACKAGE))

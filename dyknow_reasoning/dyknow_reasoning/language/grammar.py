@@ -61,7 +61,7 @@ _ADVICE: Final = {
     ),
     r'\bin\s*[\[(]': "write an interval of values as '0 <= x and x <= 5'",
     r'\*\s*\*': "write a power as 'x^2'",
-    r'[-+*/<>=≤≥≠]\s*previous\b': "write the value before as 'prev(x)'",
+    r'[-+*/<>=≤≥≠]\s*previous\b|\bprev\s+(?=[\w"])': "write the value before as 'prev(x)'",
     r'\[\s*\]': "did you mean 'always' instead of '[]'?",
     r'[{}]': 'use round brackets',
 }

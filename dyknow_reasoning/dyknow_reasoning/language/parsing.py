@@ -150,7 +150,10 @@ def _state_count(body: Formula | Term, window: Formula | Term) -> terms.StateCou
         )
     match window:
         case terms.Number(value):
-            text = str(value)
+            raise PositionedError(
+                f"the time {value} of 'count' has no unit; write {value} s if it is in seconds",
+                window.position,
+            )
         case terms.Quantity(value, unit):
             text = f'{value} {unit}'
         case _:
