@@ -255,7 +255,7 @@ def test_a_fault_in_the_file_is_shown_at_its_place(tmp_path: Path) -> None:
     for verb in ('monitor', 'up'):
         done = output_of(command('dyknow', verb, str(path)), private_environment())
         assert done.returncode == 2
-        assert done.stderr.startswith(f"dyknow: {path}:2:37: unexpected 'x'")
+        assert done.stderr.startswith(f"dyknow: {path}:2:37: did you mean 'always'")
 
 
 def test_a_file_without_formulas_is_not_monitored(tmp_path: Path) -> None:
