@@ -265,3 +265,13 @@ def test_a_sample_that_no_other_can_precede_is_released_at_once() -> None:
     times = [('b', 1000, 1000), ('c', 1062, 1062), ('b', 1065, 1015)]
     parts = [[Message(topic, now * MS, time * MS, fields)] for topic, now, time in times]
     assert compare(PLANNED['put in order, periodic'], parts, [False] * 3) == 3
+
+
+def test_numbers_after_a_text_are_interpolated() -> None:
+    values: list[tuple[str, int, Value]] = [('a', 1000, 0.0), ('e', 1001, 'x'), ('e', 1011, 0.0)]
+    values += [('e', 1111, 2.5), ('a', 1120, 0.0), ('a', 1200, 0.0)]
+    parts = [
+        [Message(topic, now * MS, now * MS, {'v': value, 'w': 1, 't': 'one'})]
+        for topic, now, value in values
+    ]
+    compare(PLANNED['linear and periodic'], parts, [False] * len(parts))

@@ -170,7 +170,9 @@ class LinearTrack(Track):
     def samples(self, batch: SampleBatch) -> tuple[Times, Columns]:
         """Return the latest sample, those that wait, and those of a batch, with floats."""
         columns = {name: _float_column(column) for name, column in batch.columns.items()}
-        return super().samples(replace(batch, columns=columns))
+        times, found = super().samples(replace(batch, columns=columns))
+        # Those that wait may have been texts.
+        return times, {name: _float_column(column) for name, column in found.items()}
 
     def settled_until(self, batch: SampleBatch, now: int) -> int:  # noqa: ARG002
         """Return the valid time of the last sample."""
