@@ -14,6 +14,7 @@ from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -128,11 +129,12 @@ def _value(kind: str, text: str) -> Value:
 def _installed(base: str) -> TypeConstants:
     """Return the constants of the installed types with a name in any package."""
     found: dict[str, Mapping[str, Value]] = {}
-    for share in _shares():
-        for path in sorted(share.glob(f'*/msg/{base}.msg')):
-            with suppress(OSError):
-                text = read_regular(path, MAX_FILE_BYTES).decode(errors='replace')
-                found.setdefault(f'{path.parent.parent.name}/msg/{base}', constants_in(text))
+    with suppress(OSError):  # The name may be too long for a file.
+        for path in chain.from_iterable(
+            sorted(share.glob(f'*/msg/{base}.msg')) for share in _shares()
+        ):
+            text = read_regular(path, MAX_FILE_BYTES).decode(errors='replace')
+            found.setdefault(f'{path.parent.parent.name}/msg/{base}', constants_in(text))
     return found
 
 

@@ -66,6 +66,7 @@ def test_definitions() -> None:
         ('goals.STATUS_ABORTED', None),
         ('Other.STATUS_ABORTED', None),
         ('c_msgs/msg/Other.LIMIT', None),
+        (f'{"Long" * 100}.LIMIT', None),
     ],
 )
 def test_values(name: str, value: int | None) -> None:

@@ -13,6 +13,7 @@ from queue import Queue
 from typing import Any
 
 import pytest
+from opentelemetry.proto.collector.logs.v1 import logs_service_pb2 as telemetry
 from test_history import FAILED, LOST_STREAM, NOW, RUNNING
 
 from dyknow_common import Verdict
@@ -22,9 +23,6 @@ from dyknow_dashboard.model.verdict_events import EventCounts, VerdictEvent, Ver
 from dyknow_recordings import RecordingError
 
 LIMIT_S = 60.0
-
-telemetry = pytest.importorskip('opentelemetry.proto.collector.logs.v1.logs_service_pb2')
-pytest.importorskip('opentelemetry.exporter.otlp.proto.http._log_exporter')
 
 
 @dataclass
