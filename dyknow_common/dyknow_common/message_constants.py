@@ -14,7 +14,6 @@ from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from difflib import get_close_matches
 from functools import cache
-from itertools import chain
 from pathlib import Path
 from typing import Final, TypeAlias
 
@@ -25,6 +24,9 @@ from dyknow_common.values import Value
 
 TypeConstants: TypeAlias = Mapping[str, Mapping[str, Value]]
 """The constants of message types, by the types' names, such as `action_msgs/msg/GoalStatus`."""
+
+_MAX_NAME: Final = 200
+"""The number of characters of the name of a type; file systems have limits, too."""
 
 _NAME: Final = re.compile(
     r'(?P<type>(?:[a-z]\w*/msg/)?(?P<base>[A-Z][A-Za-z0-9]*))\.(?P<constant>[A-Z][A-Z0-9_]*)'
@@ -129,12 +131,11 @@ def _value(kind: str, text: str) -> Value:
 def _installed(base: str) -> TypeConstants:
     """Return the constants of the installed types with a name in any package."""
     found: dict[str, Mapping[str, Value]] = {}
-    with suppress(OSError):  # The name may be too long for a file.
-        for path in chain.from_iterable(
-            sorted(share.glob(f'*/msg/{base}.msg')) for share in _shares()
-        ):
-            text = read_regular(path, MAX_FILE_BYTES).decode(errors='replace')
-            found.setdefault(f'{path.parent.parent.name}/msg/{base}', constants_in(text))
+    for share in _shares() if len(base) <= _MAX_NAME else ():
+        for path in sorted(share.glob(f'*/msg/{base}.msg')):
+            with suppress(OSError):
+                text = read_regular(path, MAX_FILE_BYTES).decode(errors='replace')
+                found.setdefault(f'{path.parent.parent.name}/msg/{base}', constants_in(text))
     return found
 
 
