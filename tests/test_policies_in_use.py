@@ -76,7 +76,7 @@ NOT_USED_HERE = {'/clock', '/black_box_recorder/save_black_box'}
 live page, whose client is on the graph for a moment only.
 """
 
-SEARCH = Use('/dyknow_monitor', 'subscribe', f'{COORDINATOR}/evaluations')
+SEARCH = Use('/dyknow_monitor', 'subscribe', f'/{COORDINATOR}/evaluations')
 """By which `dyknow monitor` learns, for a moment, if the formulas are monitored already."""
 
 NEVER_USED = {'/dyknow_admin'}
