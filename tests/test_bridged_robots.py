@@ -145,7 +145,9 @@ def test_a_bridge_is_added_while_a_formula_runs(nodes: Nodes) -> None:
     )
     nodes.obtain(ONTOLOGY_MANAGER, srv.OntologyLoad, content=ontology_of(THIRD) + links)
     said = lambda word: any(word in each for each in following.events)  # noqa: E731
-    nodes.client.spin_until(lambda: said('Altitude[kopter]'), 'the object has no stream')
+    nodes.client.spin_until(
+        lambda: said('Altitude[kopter]'), 'the object has no stream', instead=following.told
+    )
     DATA['/robot3/hoehe'] = 2000.0
     statement = 'stream "/robot3/hoehe" contains Hoehe[kopter] = data'
     nodes.obtain('stream_semantics_manager', srv.AddSemanticSpecification, ssl_statement=statement)
