@@ -57,7 +57,9 @@ ROSDEP_KEYS = {
 UNIMPORTED = {'python3-pytest-timeout', 'ros2launch'}
 """Dependencies that are used without an import."""
 
-OPTIONAL = {'compression', 'dask', 'distributed', 'mypy', 'ros2cli', 'sentil', 'sros2'}
+OPTIONAL = {
+    'compression', 'dask', 'distributed', 'mypy', 'opentelemetry', 'ros2cli', 'sentil', 'sros2'
+}  # fmt: skip
 """Imports that are skipped where the package is missing."""
 
 
