@@ -229,7 +229,7 @@ def compare(text: str, parts: list[list[Message]], by_steps: Iterable[bool]) -> 
 
 
 @pytest.mark.parametrize('name', PLANNED)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(PARTS, st.data())
 def test_batches_among_steps(name: str, drawn: list[Drawn], data: st.DataObject) -> None:
     by_steps = [data.draw(st.sampled_from([False, False, True])) for _ in drawn]
