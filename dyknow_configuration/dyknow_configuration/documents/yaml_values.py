@@ -360,12 +360,12 @@ def _unquoted(text: str, index: int) -> _Unquoted | None:
     begin = text.rfind('\n', 0, index) + 1
     key, colon, rest = text[begin:].partition('\n')[0].partition(': ')
     value = rest.partition(' #')[0].strip()
-    if text[index : index + 1] != ':' or not colon or ':' not in value:
+    if text[index : index + 1] != ':' or not colon or ':' not in value or value[0] in '"\'':
         return None
     start = begin + len(key) + len(colon) + len(rest) - len(rest.lstrip())
     quote = next((each for each in ('"', "'") if each not in value), '')
-    # What begins like this is in quotes already, or is no text at all; `\` differs in quotes.
-    is_plain = value[0] not in '"\'[{&*!|>%@`' and '\\' not in value
+    # What begins like this is no text, and a backslash means something else in quotes.
+    is_plain = value[0] not in '[{&*!|>%@`' and '\\' not in value
     return _Unquoted(start, start + len(value), f'{quote}{value}{quote}' * bool(quote and is_plain))
 
 
