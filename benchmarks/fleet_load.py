@@ -1,0 +1,248 @@
+"""The processor time of one DyKnow for a fleet: its knee in robots and messages a second.
+
+python benchmarks/fleet_load.py [--json] [--robots 1 3 10] [--engines 1] [--seconds 15]
+
+Each robot publishes an odometry at 100 Hz and a scan of 360 ranges at 10 Hz. Three formulas read
+the speed and the nearest obstacle of each robot. A row has the share of one core that each process
+takes, and the delays of alarms: from the message of the last robot that is too fast to the answer
+of the formula. The baseline is a bare rclpy node which subscribes to the same topics and reads the
+same fields. The first row with an error, or with an alarm after more than half a second, is the
+last: the knee.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from dyknow_interfaces.msg import FormulaProgress
+from dyknow_interfaces.srv import EvaluateFormula
+from nav_msgs.msg import Odometry
+from processes import (
+    Client,
+    percentile,
+    processor_time,
+    resident_memory,
+    use_private_domain,
+    wait_for_line,
+    worker,
+)
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from running_system import timed
+from sensor_msgs.msg import LaserScan
+
+from dyknow_bringup.resources import executable_path
+from dyknow_common import SECOND_NS
+
+PROGRAM = Path(__file__)
+ODOMETRY_HZ = 100
+SCAN_EVERY = 10
+"""A scan for each tenth odometry."""
+
+QUALITY = QoSProfile(depth=50)
+STAMP = slice(4, 12)
+"""Where a serialised header has its stamp."""
+
+MAX_DELAY_MS = 500.0
+ALARMS = 10
+CALM = 1.0
+ALARM_PERIOD_S = 0.5
+ANSWER_LIMIT_S = 60.0
+FORMULAS = (
+    'forall r in Robot: always Speed[r] < 1000',
+    'forall r in Robot: always Near[r] > 0.3',
+    'forall r in Robot: always (Speed[r] > 100 -> eventually[0 s, 2 s] Speed[r] < 100)',
+)
+
+
+def robot_file(robots: int) -> str:
+    """Return a robot.yaml of a fleet."""
+    names = ', '.join(f'r{number}' for number in range(robots))
+    return f"""\
+objects:
+  Robot: [{names}]
+features:
+  Speed:
+    of: {{r: Robot}}
+    from: {{topic: '/{{r}}/odom', field: twist.twist.linear.x, max_delay: 200 ms, max_gap: 500 ms}}
+  Near:
+    of: {{r: Robot}}
+    from: {{topic: '/{{r}}/scan', field: min(ranges), max_delay: 200 ms, max_gap: 500 ms}}
+"""
+
+
+def publish(robots: int) -> None:
+    """Publish the topics of a fleet until the process is killed."""
+    rclpy.init()
+    node = rclpy.create_node('fleet')
+    odometry = Odometry()
+    odometry.header.frame_id, odometry.child_frame_id = 'odom', 'base_link'
+    odometry.twist.twist.linear.x = CALM
+    scan = LaserScan(ranges=[5.0] * 360)
+    scan.header.frame_id = 'laser'
+    messages = [bytearray(serialize_message(each)) for each in (odometry, scan)]
+    publishers = [
+        [node.create_publisher(kind, f'/r{number}/{topic}', QUALITY) for number in range(robots)]
+        for kind, topic in ((Odometry, 'odom'), (LaserScan, 'scan'))
+    ]
+    print('begun', flush=True)
+    start, tick = time.time_ns(), 0
+    while True:
+        for kind in (0, 1) if tick % SCAN_EVERY == 0 else (0,):
+            for each in publishers[kind]:
+                each.publish(stamped(messages[kind]))
+        tick += 1
+        wait = start + tick * SECOND_NS // ODOMETRY_HZ - time.time_ns()
+        if select.select([sys.stdin], [], [], max(0, wait) / SECOND_NS)[0]:
+            # The speed of the last robot, for one message.
+            odometry.twist.twist.linear.x = float(sys.stdin.readline())
+            sent = time.time_ns()
+            publishers[0][-1].publish(stamped(bytearray(serialize_message(odometry))))
+            print(sent, flush=True)
+
+
+def stamped(message: bytearray) -> bytes:
+    """Return a serialised message with the stamp of now."""
+    seconds, nanoseconds = divmod(time.time_ns(), SECOND_NS)
+    message[STAMP] = seconds.to_bytes(4, 'little') + nanoseconds.to_bytes(4, 'little')
+    return bytes(message)
+
+
+def read(robots: int) -> None:
+    """Read the fields as a bare node does, until the process is killed."""
+    rclpy.init()
+    node = rclpy.create_node('reader')
+    for number in range(robots):
+        node.create_subscription(
+            Odometry, f'/r{number}/odom', lambda each: each.twist.twist.linear.x, QUALITY
+        )
+        node.create_subscription(
+            LaserScan, f'/r{number}/scan', lambda each: min(each.ranges), QUALITY
+        )
+    print('begun', flush=True)
+    rclpy.spin(node)
+
+
+def share_of(process: int, seconds: float) -> float:
+    """Return the share of one core that a process takes."""
+    used, begun = processor_time(process), time.monotonic()
+    time.sleep(seconds)
+    return round((processor_time(process) - used) / (time.monotonic() - begun), 3)
+
+
+def row(robots: int, engines: int, seconds: float) -> dict[str, Any]:
+    """Measure one size of the fleet."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        path = folder / 'robot.yaml'
+        path.write_text(robot_file(robots), encoding='utf-8')
+        fleet = stack.enter_context(worker('publish', robots, program=PROGRAM))
+        wait_for_line(fleet)
+        with worker('read', robots, program=PROGRAM) as bare:
+            wait_for_line(bare)
+            time.sleep(2.0)
+            baseline = share_of(bare.pid, seconds)
+        up = subprocess.Popen(
+            [str(executable_path('dyknow_command', 'dyknow')), 'up', str(path), '--engines',
+             str(engines), '--logs', str(folder / 'logs')],
+        )  # fmt: skip
+        stack.callback(up.wait, 60.0)
+        stack.callback(up.terminate)
+        client = Client()
+        stack.callback(client.close)
+        progress: set[tuple[int, int]] = set()
+        client.node.create_subscription(
+            FormulaProgress,
+            'stream_reasoning_engine/progress',
+            lambda found: progress.add((found.formula_group_id, found.formula_id)),
+            1000,
+        )
+        alarms = [f'always Speed[r{robots - 1}] < {CALM + each + 0.5}' for each in range(ALARMS)]
+        futures = [
+            client.request(
+                EvaluateFormula, 'stream_reasoning_coordinator/evaluate_formula', formula=text
+            )
+            for text in (*FORMULAS, *alarms)
+        ]
+        client.spin_until(lambda: len(progress) >= len(futures), 'states', 120.0)
+        processes = children(up.pid)
+        used = {each: processor_time(each) for each in processes}
+        begun = time.monotonic()
+        client.spin_until(lambda: time.monotonic() > begun + seconds, 'the end', seconds + 60)
+        lasted = time.monotonic() - begun
+        shares = [round((processor_time(each) - used[each]) / lasted, 3) for each in processes]
+        delays = [
+            alarm(client, fleet, CALM + 1.0 + each, futures[len(FORMULAS) + each])
+            for each in range(ALARMS)
+        ]
+        return {
+            'robots': robots,
+            'messages_s': robots * (ODOMETRY_HZ + ODOMETRY_HZ // SCAN_EVERY),
+            'bare_share': baseline,
+            'shares': sorted(shares, reverse=True),
+            'memory_mb': round(sum(map(resident_memory, processes))),
+            'alarm_median_ms': round(percentile(delays, 50), 1),
+            'alarm_max_ms': round(max(delays), 1),
+            'errors': [
+                each.result().exit_status.message[:200]
+                for each in futures
+                if each.done() and each.result().exit_status.code
+            ],
+        }
+
+
+def alarm(client: Client, fleet: subprocess.Popen[str], speed: float, answer: Any) -> float:
+    """Return the milliseconds from a message with a speed to the answer of a formula."""
+    if fleet.stdin is None or fleet.stdout is None:
+        raise RuntimeError('the fleet has no pipes')
+    end = time.monotonic() + ALARM_PERIOD_S
+    client.spin_until(lambda: time.monotonic() > end, 'the next alarm')
+    found = timed(answer)
+    print(speed, file=fleet.stdin, flush=True)
+    client.spin_until(lambda: bool(found), 'an alarm', ANSWER_LIMIT_S)
+    return (found[0] - int(fleet.stdout.readline())) / 1e6
+
+
+def children(process: int) -> list[int]:
+    """Return a process and all that it has started."""
+    found = [process]
+    for each in found:
+        path = Path(f'/proc/{each}/task/{each}/children')
+        found += map(int, path.read_text(encoding='ascii').split())
+    return found
+
+
+def main() -> None:
+    """Measure and print."""
+    if sys.argv[1:2] in (['publish'], ['read']):
+        {'publish': publish, 'read': read}[sys.argv[1]](int(sys.argv[2]))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+    parser.add_argument('--robots', type=int, nargs='+', default=[1, 3, 10, 20, 40])
+    parser.add_argument('--engines', type=int, default=1)
+    parser.add_argument('--seconds', type=float, default=15.0)
+    arguments = parser.parse_args()
+    use_private_domain()
+    rows = []
+    for robots in arguments.robots:
+        rows.append(row(robots, arguments.engines, arguments.seconds))
+        if not arguments.json:
+            print(rows[-1], flush=True)
+        if rows[-1]['alarm_max_ms'] > MAX_DELAY_MS or rows[-1]['errors']:
+            break
+    if arguments.json:
+        print(json.dumps({'fleet_load': rows}))
+
+
+if __name__ == '__main__':
+    main()
