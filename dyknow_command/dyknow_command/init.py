@@ -16,6 +16,7 @@ from dyknow_configuration import (
     fields_of_interest,
     read_robot,
     robot_text,
+    write_errors,
 )
 from dyknow_recordings import add_reading_options, message_types, observe_recording
 
@@ -99,16 +100,15 @@ def _observed(options: argparse.Namespace) -> tuple[tuple[ObservedTopic, ...], s
 
 
 def _write(path: Path, text: str, *, force: bool) -> None:
-    try:
+    with write_errors(path):
         if force:
             replace_text(path, text)
             return
-        with path.open('x', encoding='utf-8') as file:
-            file.write(text)
-    except FileExistsError:
-        raise _exists(path) from None
-    except OSError as error:
-        raise ConfigurationError(f'cannot write {path}: {error.strerror}') from None
+        try:
+            with path.open('x', encoding='utf-8') as file:
+                file.write(text)
+        except FileExistsError:
+            raise _exists(path) from None
 
 
 def _exists(path: Path) -> ConfigurationError:

@@ -11,7 +11,14 @@ from textwrap import wrap
 
 from dyknow_common import DyKnowError, ExitCode, format_duration, read_text, replace_text, unknown
 from dyknow_common.executables import SUCCESS, describe
-from dyknow_configuration import ConfigurationError, Recipe, RobotPart, add_recipe, read_recipes
+from dyknow_configuration import (
+    ConfigurationError,
+    Recipe,
+    RobotPart,
+    add_recipe,
+    read_recipes,
+    write_errors,
+)
 
 
 def recipes(options: argparse.Namespace) -> int:
@@ -88,10 +95,8 @@ def _add(options: argparse.Namespace, chosen: Iterable[Recipe]) -> int:
         report += [f'kept as in the file: {_named(result.kept)}'] if result.kept else []
         differing = [*_differing(recipe, result.added)]
         report += ['change what differs on your robot:', *differing] if differing else []
-    try:
+    with write_errors(path):
         replace_text(path, text)
-    except OSError as error:
-        raise ConfigurationError(f'cannot write {path}: {error.strerror}') from None
     print('\n'.join([*report, f'next: dyknow lint {path} --live']))  # noqa: T201
     return SUCCESS
 

@@ -1,7 +1,7 @@
 """The file that describes a robot and what is monitored: robot.yaml."""
 
 from dyknow_configuration.documents.yaml_values import YamlValue, add_quotes, read_yaml
-from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
@@ -91,5 +91,6 @@ __all__ = [
     'single_placeholder',
     'timing_of',
     'warn_of_notes',
+    'write_errors',
     'write_texts',
 ]

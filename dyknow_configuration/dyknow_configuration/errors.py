@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from dyknow_common import NOWHERE, DyKnowError, ExitCode, LanguageError, TextPosition
@@ -27,3 +29,12 @@ class ConfigurationError(DyKnowError):
         error = cls(LanguageError(reason, str(path), text, position).message)
         error.reason, error.path, error.position = reason, path, position
         return error
+
+
+@contextmanager
+def write_errors(path: Path) -> Iterator[None]:
+    """Turn the errors of a block that writes a file into ConfigurationError."""
+    try:
+        yield
+    except OSError as error:
+        raise ConfigurationError(f'cannot write {path}: {error.strerror}') from None

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from dyknow_common import BlackBoxOptions, ExitCode, InlineText, format_duration
-from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.robot import RequestedFormula, RobotConfiguration, Severity, TextSource
 from dyknow_configuration.triggers.reading import trigger_document
 from dyknow_configuration.triggers.trigger import FormulaTriggers
@@ -132,12 +132,11 @@ def _yaml_text(document: Mapping[str, Any]) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    try:
-        with path.open('x', encoding='utf-8') as file:
-            file.write(text)
-    except FileExistsError:
-        raise ConfigurationError(
-            f'{path} exists; remove it, or choose another folder', ExitCode.ALREADY_EXISTS
-        ) from None
-    except OSError as error:
-        raise ConfigurationError(f'cannot write {path}: {error.strerror}') from None
+    with write_errors(path):
+        try:
+            with path.open('x', encoding='utf-8') as file:
+                file.write(text)
+        except FileExistsError:
+            raise ConfigurationError(
+                f'{path} exists; remove it, or choose another folder', ExitCode.ALREADY_EXISTS
+            ) from None

@@ -29,7 +29,7 @@ from dyknow_common import (
     unknown,
 )
 from dyknow_configuration.documents.scalar_positions import source_offsets
-from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.errors import ConfigurationError, write_errors
 
 Read = TypeVar('Read')
 
@@ -321,16 +321,14 @@ def add_quotes(path: Path) -> bool:
         ConfigurationError: if it cannot be read (NOT_FOUND) or written, or is too large.
     """
     text = read_text(path, 'configuration', ConfigurationError)
-    quoted = with_quotes(text)
+    quoted = _with_quotes(text)
     if quoted != text:
-        try:
+        with write_errors(path):
             replace_text(path, quoted)
-        except OSError as error:
-            raise ConfigurationError(f'cannot write {path}: {error.strerror}') from None
     return quoted != text
 
 
-def with_quotes(text: str) -> str:
+def _with_quotes(text: str) -> str:
     """Return a YAML text with quotes around at most MAX_QUOTED values that need them."""
     for _ in range(MAX_QUOTED if len(text) <= MAX_CHARACTERS else 0):
         try:
