@@ -1,0 +1,1 @@
+"""Several hosts: their clocks, links, and what they share."""

@@ -1,0 +1,1 @@
+"""Regions, their relations, and who can reach whom."""
