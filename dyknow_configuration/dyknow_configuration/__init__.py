@@ -3,6 +3,7 @@
 from dyknow_configuration.documents.yaml_values import YamlValue, add_quotes, read_yaml
 from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.expectations import TopicExpectation
+from dyknow_configuration.federation import RequestedFederation, SharedFeature
 from dyknow_configuration.faults import RobotFaults, find_faults
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES
@@ -60,6 +61,7 @@ __all__ = [
     'ProposedTiming',
     'ReadFields',
     'Recipe',
+    'RequestedFederation',
     'RequestedFormula',
     'RequestedGuard',
     'RobotConfiguration',
@@ -67,6 +69,7 @@ __all__ = [
     'RobotPart',
     'SeenValues',
     'Severity',
+    'SharedFeature',
     'TextSource',
     'TopicExpectation',
     'TopicTimes',
