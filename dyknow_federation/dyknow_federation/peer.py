@@ -1,0 +1,340 @@
+"""The own host among its peers: takes packets and times, returns packets and events.
+
+The machine has no clock, no network and no threads. Its host calls `receive` for each packet and
+`advance` at `next_deadline`, sends the packets that both return, and acts on their events. Calls
+that only ask for something, as `request` and `publish`, take effect at the next `advance`, which
+they make due.
+
+    peer = Peer(PeerSettings('base', incarnation=start))
+    peer.request('carrier1', 'carrier1_position', every=0, at=now)
+    effects = peer.advance(now)
+
+All times are in nanoseconds of the own clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import count
+from typing import Final, NamedTuple
+
+from dyknow_common import Value, check_name, round_duration, unknown
+from dyknow_federation.errors import FederationError, VersionError
+from dyknow_federation.events import (
+    Event,
+    PeerFault,
+    QuestionAsked,
+    StreamUnwanted,
+    StreamWanted,
+)
+from dyknow_federation.messages import (
+    Answer,
+    Hello,
+    Message,
+    Packet,
+    Probe,
+    ProbeReply,
+    Question,
+    Refusal,
+    Release,
+    Request,
+    SharedFeature,
+    SharedObject,
+    Shares,
+    SharesRequest,
+    decode,
+)
+from dyknow_federation.remote import MAX_QUESTIONS, RemotePeer
+from dyknow_federation.sending import Rendition, StreamKey
+from dyknow_federation.settings import PeerSettings
+
+MAX_PEERS: Final = 1000
+"""The number of other peers."""
+
+MAX_RATES: Final = 8
+"""The number of rates at which a stream can be asked for."""
+
+_NEVER: Final = 2**63
+
+
+class Effects(NamedTuple):
+    """What follows from a call.
+
+    Args:
+        packets: to send, in order.
+        events: to act on, in order.
+    """
+
+    packets: list[Packet]
+    events: list[Event]
+
+
+class Peer:
+    """The own host among its peers.
+
+    Args:
+        settings: its settings.
+
+    Raises:
+        FederationError: if it has no name, or one that is too long.
+    """
+
+    def __init__(self, settings: PeerSettings) -> None:
+        if not settings.name:
+            raise FederationError('a peer needs a name; set name')
+        check_name(settings.name, FederationError)
+        self._settings = settings
+        self._now = -_NEVER
+        self._shares = Shares(1)
+        self._remotes: dict[str, RemotePeer] = {}
+        self._renditions: dict[StreamKey, Rendition] = {}
+        self._epochs = count(1)
+        self._numbers = count(1)
+        self._hello_at = self._flush_at = -_NEVER
+        self._events: list[Event] = []
+        self._packets: list[Packet] = []
+        self._faults_at: dict[str, int] = {}
+
+    @property
+    def remotes(self) -> Mapping[str, RemotePeer]:
+        """The other peers that are known, by their names."""
+        return self._remotes
+
+    @property
+    def shares(self) -> Shares:
+        """What the own host shares."""
+        return self._shares
+
+    @property
+    def renditions(self) -> Mapping[StreamKey, Rendition]:
+        """The own streams that others have asked for."""
+        return self._renditions
+
+    def next_deadline(self) -> int:
+        """Return when to call `advance`."""
+        deadlines = (each.next_deadline() for each in self._remotes.values())
+        known = (each for each in deadlines if each is not None)
+        return min(self._hello_at, self._flush_at, *known, _NEVER)
+
+    def share(
+        self, objects: Iterable[SharedObject], features: Iterable[SharedFeature], at: int
+    ) -> None:
+        """Replace what the own host shares: nothing else is sent to anybody."""
+        version = self._shares.version + 1
+        self._shares = Shares(version, tuple(objects), tuple(features))
+        streams = {each.stream for each in self._shares.features}
+        for key in [each for each in self._renditions if each.stream not in streams]:
+            self._remove(key)
+        self._hello_at = at
+
+    def publish(self, stream: str, valid_time: int, fields: Mapping[str, Value], at: int) -> None:
+        """Send a sample of an own stream to all that have asked for it.
+
+        Raises:
+            FederationError: if its valid time does not increase, or was excluded by `promise`.
+        """
+        for key, rendition in self._renditions.items():
+            if key.stream == stream and rendition.publish(valid_time, fields):
+                self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
+
+    def promise(self, stream: str, time: int, at: int) -> None:
+        """Promise that all later samples of an own stream are valid after a time."""
+        for key, rendition in self._renditions.items():
+            if key.stream == stream:
+                rendition.promise(time)
+                self._flush_at = min(self._flush_at, at + self._settings.watermark_delay)
+
+    def request(self, peer: str, stream: str, every: int, at: int) -> None:
+        """Ask a peer for a stream until it is released; the peer need not be there yet.
+
+        Raises:
+            FederationError: if too many peers are known.
+        """
+        self._remote(peer, at).request(StreamKey(stream, every), at)
+
+    def release(self, peer: str, stream: str, every: int) -> None:
+        """Ask a peer for a stream no more."""
+        if peer in self._remotes:
+            self._remotes[peer].release(StreamKey(stream, every))
+            self._collect()
+
+    def ask(self, peer: str, formula: str, every: int, timeout: int, at: int) -> int:
+        """Ask a peer for a verdict; return the number that its answer repeats.
+
+        Raises:
+            FederationError: if the peer is not there.
+        """
+        remote = self._remotes.get(peer)
+        if remote is None or not remote.is_present:
+            present = [name for name, each in self._remotes.items() if each.is_present]
+            raise FederationError(unknown('peer', peer, present))
+        number = next(self._numbers)
+        remote.ask(Question(number, formula, every, timeout), at)
+        return number
+
+    def answer(self, peer: str, answer: Answer) -> None:
+        """Answer a question of a peer."""
+        remote = self._remotes.get(peer)
+        if remote is not None and answer.number in remote.asked:
+            remote.asked[answer.number] = answer
+            remote.outbox.append(answer)
+            self._collect()
+
+    def receive(self, data: bytes, at: int) -> Effects:
+        """Take a packet; one that is not as it must be is an event."""
+        self._note_time(at)
+        try:
+            packet = decode(data)
+            if packet.sender == self._settings.name:
+                self._check_own(packet)
+            elif packet.receiver in {'', self._settings.name}:
+                self._take(packet, at)
+        except VersionError as error:
+            self._report(error.sender, error.message, at)
+        except FederationError as error:
+            self._report('', f'a message is refused: {error}', at)
+        self._collect()
+        return self._effects()
+
+    def advance(self, at: int) -> Effects:
+        """Do what is due."""
+        self._note_time(at)
+        if at >= self._hello_at:
+            self._hello_at = at + self._settings.hello_period
+            self._packets.append(self._packet('', Hello(self._shares.version)))
+            self._expire(at)
+        for remote in self._remotes.values():
+            self._events += remote.advance(at)
+        if at >= self._flush_at:
+            self._flush_at = _NEVER
+            for rendition in self._renditions.values():
+                for peer, message in rendition.unsent():
+                    self._packets.append(self._packet(peer, message))
+        self._collect()
+        return self._effects()
+
+    def _note_time(self, at: int) -> None:
+        """Notice an own clock that jumps back: no wait is longer for it, no measure holds."""
+        if at < self._now:
+            self._hello_at = at
+            for key, rendition in list(self._renditions.items()):
+                self._renditions[key] = rendition.continued(next(self._epochs))
+            for remote in self._remotes.values():
+                self._events += remote.restart_times(at)
+        self._now = at
+
+    def _take(self, packet: Packet, at: int) -> None:
+        remote = self._remote(packet.sender, at)
+        events = remote.hear(packet.incarnation, at)
+        if events is None:
+            return
+        self._events += events
+        match packet.message:
+            case SharesRequest():
+                remote.outbox.append(self._shares)
+            case Request():
+                self._take_request(remote, packet.message, at)
+            case Release(stream, every):
+                if (key := StreamKey(stream, every)) in self._renditions:
+                    self._renditions[key].release(remote.name)
+            case Probe(number, sent_at):
+                self._events += remote.check_stamp(sent_at, at)
+                remote.outbox.append(ProbeReply(number, sent_at, at, at))
+            case Question():
+                self._take_question(remote, packet.message)
+            case message:
+                self._events += remote.take(message, at)
+
+    def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
+        key = StreamKey(request.stream, request.every)
+        reason = self._refusal(key)
+        if reason:
+            remote.outbox.append(Refusal(*key, reason))
+            return
+        if key not in self._renditions:
+            if all(each.stream != key.stream for each in self._renditions):
+                self._events.append(StreamWanted(key.stream))
+            history = self._settings.history
+            self._renditions[key] = Rendition(key, next(self._epochs), history)
+        expires = at + self._settings.peer_timeout
+        remote.outbox += self._renditions[key].renew(remote.name, request, expires)
+
+    def _refusal(self, key: StreamKey) -> str:
+        shared = [each.stream for each in self._shares.features]
+        if key.stream not in shared:
+            return f"peer '{self._settings.name}' does not share it: name it in share there"
+        rates = [each for each in self._renditions if each.stream == key.stream]
+        if key not in rates and len(rates) >= MAX_RATES:
+            every = sorted(round_duration(each.every) for each in rates)
+            return f'it is asked for at {MAX_RATES} rates already; use one of {", ".join(every)}'
+        return ''
+
+    def _take_question(self, remote: RemotePeer, question: Question) -> None:
+        asked, number = remote.asked, question.number
+        if number in asked:
+            answer = asked[number]
+            remote.outbox += [answer] if answer else []
+            return
+        while len(asked) >= MAX_QUESTIONS:
+            done = next((each for each, answer in asked.items() if answer), None)
+            if done is None:
+                error = f"peer '{self._settings.name}' has {MAX_QUESTIONS} open questions; wait"
+                remote.outbox.append(Answer(number, 'undecided', error=error))
+                return
+            del asked[done]
+        asked[number] = None
+        self._events.append(QuestionAsked(remote.name, question))
+
+    def _expire(self, at: int) -> None:
+        """End what is not needed any more."""
+        for key, rendition in list(self._renditions.items()):
+            rendition.expire(at)
+            is_used = rendition.subscribers or at < rendition.used_until + self._settings.history
+            if not is_used:
+                self._remove(key)
+        for name, remote in list(self._remotes.items()):
+            if not remote.is_present and not remote.is_needed:
+                del self._remotes[name]
+
+    def _remove(self, key: StreamKey) -> None:
+        del self._renditions[key]
+        if all(each.stream != key.stream for each in self._renditions):
+            self._events.append(StreamUnwanted(key.stream))
+
+    def _remote(self, name: str, at: int) -> RemotePeer:
+        if name not in self._remotes:
+            if len(self._remotes) >= MAX_PEERS:
+                raise FederationError(f'there are more than {MAX_PEERS} peers; use several groups')
+            check_name(name, FederationError)
+            self._remotes[name] = RemotePeer(name, self._settings, at)
+        return self._remotes[name]
+
+    def _check_own(self, packet: Packet) -> None:
+        if packet.incarnation != self._settings.incarnation:
+            raise FederationError(
+                f"another host is called '{packet.sender}', too; give each host its own name"
+            )
+
+    def _report(self, peer: str, message: str, at: int) -> None:
+        """Report a fault of a peer, once in a while."""
+        period = self._settings.peer_timeout
+        if at >= self._faults_at.get(peer, at - period) + period:
+            if len(self._faults_at) >= MAX_PEERS:
+                self._faults_at.clear()
+            self._faults_at[peer] = at
+            self._events.append(PeerFault(peer, message))
+
+    def _collect(self) -> None:
+        """Take what is to be sent from all remotes."""
+        for remote in self._remotes.values():
+            if remote.outbox:
+                self._packets += [self._packet(remote.name, each) for each in remote.outbox]
+                remote.outbox.clear()
+
+    def _packet(self, receiver: str, message: Message) -> Packet:
+        return Packet(self._settings.name, self._settings.incarnation, receiver, message)
+
+    def _effects(self) -> Effects:
+        found = Effects(self._packets, self._events)
+        self._packets, self._events = [], []
+        return found
