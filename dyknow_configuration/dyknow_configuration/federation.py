@@ -1,9 +1,9 @@
 """The federation of a robot.yaml: what this host shares with others, and how it reaches them.
 
-    federation:
-      name: carrier1
-      connect: [tcp/basestation:7447]
-      share: [Position, {feature: Charge, every: 1 s}]
+federation:
+  name: carrier1
+  connect: [tcp/basestation:7447]
+  share: [Position, {feature: Charge, every: 1 s}]
 """
 
 from __future__ import annotations

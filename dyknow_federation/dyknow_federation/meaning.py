@@ -24,13 +24,11 @@ from typing import Final
 from dyknow_common import DyKnowError, StreamConstraints, shortened
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import SharedFeature, SharedObject, Shares
+from dyknow_federation.offers import ANY_SORT
 from dyknow_semantics import Annotation, FeatureArgument, parse_annotations
 
 MAX_STREAMS: Final = 2_000
 """The number of streams of a peer that are known here."""
-
-ANY_SORT: Final = 'Object'
-"""The sort of all objects, in the upper ontology."""
 
 _NAME: Final = re.compile('[A-Za-z_][A-Za-z0-9_]{0,99}')
 _OBJECT: Final = re.compile('[A-Za-z_][A-Za-z0-9_.-]{0,199}')

@@ -34,6 +34,12 @@ from dyknow_stream_processing import (
     subterms,
 )
 
+ANY_SORT: Final = 'Object'
+"""The sort of all objects, in the upper ontology."""
+
+REMOTE: Final = 'RemoteObject'
+"""The sort of the objects that only peers know."""
+
 VALUE: Final = 'value'
 """The field of an offered stream that holds the feature."""
 
@@ -114,6 +120,12 @@ def shares(
         numbered = chain([name], (f'{name}_{number}' for number in count(2)))
         by_name[next(free for free in numbered if free not in by_name)] = each
     names = sorted({each.name for offer in by_name.values() for each in offer.ground.arguments})
-    objects = tuple(SharedObject(name, knowledge.concepts(name)) for name in names)
+    objects = tuple(SharedObject(name, _sorts(name, knowledge)) for name in names)
     features = tuple(each.shared(name) for name, each in by_name.items())
     return Shares(version, objects, features), by_name
+
+
+def _sorts(name: str, knowledge: Knowledge) -> tuple[str, ...]:
+    """Return the sorts of an object, specific ones first; those that every peer has are left out."""
+    found = (each for each in knowledge.concepts(name) if each not in {ANY_SORT, REMOTE})
+    return tuple(found) or (ANY_SORT,)

@@ -180,11 +180,18 @@ class Peer:
             remote.outbox.append(answer)
             self._collect()
 
-    def receive(self, data: bytes, at: int) -> Effects:
-        """Take a packet; one that is not as it must be is an event."""
+    def receive(self, data: bytes, at: int, sender: str = '') -> Effects:
+        """Take a packet; one that is not as it must be is an event.
+
+        Args:
+            data: the packet.
+            at: the time.
+            sender: who sent it, as the transport knows; empty if it does not.
+        """
         self._note_time(at)
         try:
             packet = decode(data)
+            _check_sender(packet, sender)
             if packet.sender == self._settings.name:
                 self._check_own(packet)
             elif packet.receiver in {'', self._settings.name}:
@@ -338,3 +345,8 @@ class Peer:
         found = Effects(self._packets, self._events)
         self._packets, self._events = [], []
         return found
+
+
+def _check_sender(packet: Packet, sender: str) -> None:
+    if sender not in {'', packet.sender}:
+        raise FederationError(f"peer '{sender}' sends as '{packet.sender}'")

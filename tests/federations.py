@@ -1,0 +1,126 @@
+"""Two hosts for tests: a DyKnow each, in ROS domains of their own, that zenoh joins."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+from dyknow_interfaces.srv import EvaluateFormula
+from sensor_msgs.msg import BatteryState
+
+from dyknow_bringup.processes.composition import composed
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
+from dyknow_bringup.processes.robot import with_robot
+from dyknow_common.ros import nanoseconds_to_duration
+from dyknow_coordinator import Grounding
+from system import LIMIT, Client, private_environment
+
+CARRIER = """\
+objects: {{Carrier: [{name}]}}
+features:
+  Charge:
+    of: {{c: Carrier}}
+    from: {{topic: '/{{c}}/battery', field: percentage, max_delay: 5 s, max_gap: 20 s}}
+  Voltage:
+    of: {{c: Carrier}}
+    unit: V
+    from: {{topic: '/{{c}}/battery', field: voltage, max_delay: 5 s}}
+federation:
+  name: {name}
+  {ends}
+  share: [Charge]
+  peer_timeout: 4 s
+  zenoh: zenoh.json5
+"""
+
+BASE = """\
+federation:
+  name: base
+  {ends}
+  peer_timeout: 4 s
+  zenoh: zenoh.json5
+"""
+
+ZENOH = '{scouting: {multicast: {enabled: false}}}'
+"""A configuration with which nobody but the other host is found."""
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on."""
+    with socket.socket() as found:
+        found.bind(('127.0.0.1', 0))
+        return int(found.getsockname()[1])
+
+
+class Host:
+    """A host: its DyKnow, from a robot.yaml, and a client.
+
+    Args:
+        folder: for the files and logs.
+        robot: the text of the robot.yaml.
+        zenoh: the text of zenoh's configuration.
+    """
+
+    def __init__(self, folder: Path, robot: str, zenoh: str = ZENOH) -> None:
+        folder.mkdir()
+        path = folder / 'robot.yaml'
+        path.write_text(robot)
+        (folder / 'zenoh.json5').write_text(zenoh)
+        processes = dyknow_processes(with_robot(SystemConfiguration(), path))
+        self.processes = {each.executable: each for each in composed(processes, {})}
+        environment = private_environment()
+        self.launcher = Launcher(folder, environment=environment)
+        self.client = Client(environment, self.launcher.check_running)
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+        self.percentage = 0.9
+
+    def __enter__(self) -> Self:
+        for executable in self.processes:
+            self.start(executable)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.client.close()
+        codes = self.launcher.stop_all(LIMIT)
+        assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
+
+    def start(self, executable: str) -> None:
+        """Start a node."""
+        self.running[executable] = self.launcher.start(self.processes[executable])
+
+    def publish_battery(self, name: str) -> None:
+        """Publish the battery of a carrier from now on, while the client spins."""
+        node = self.client.node
+        topic = node.create_publisher(BatteryState, f'/{name}/battery', 10)
+
+        def publish() -> None:
+            message = BatteryState(percentage=self.percentage, voltage=12.0)
+            message.header.stamp = node.get_clock().now().to_msg()
+            topic.publish(message)
+
+        node.create_timer(0.05, publish)
+
+    def ask(self, formula: str, timeout_s: float = LIMIT) -> Any:
+        """Return the future of an answer."""
+        return self.client.request(
+            EvaluateFormula,
+            '/stream_reasoning_coordinator/evaluate_formula',
+            formula=formula,
+            grounding=int(Grounding.SEMANTIC),
+            timeout=nanoseconds_to_duration(round(timeout_s * 1e9)),
+        )
+
+
+def wait_for(asker: Host, *others: Host, until: Callable[[], bool], what: str) -> None:
+    """Spin the clients of all hosts until a condition holds."""
+
+    def condition() -> bool:
+        for each in others:
+            each.client.executor.spin_once(timeout_sec=0.0)
+        return until()
+
+    asker.client.spin_until(condition, what, 2 * LIMIT)
