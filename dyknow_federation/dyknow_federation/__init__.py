@@ -3,7 +3,6 @@
 from dyknow_federation.clocks import Offset, OwnTime, PairClock
 from dyknow_federation.errors import FederationError, VersionError
 from dyknow_federation.events import (
-    AnswerArrived,
     ClockJumped,
     Event,
     LinkRestored,
@@ -11,7 +10,6 @@ from dyknow_federation.events import (
     PeerFault,
     PeerJoined,
     PeerLeft,
-    QuestionAsked,
     RemoteSample,
     SamplesArrived,
     SamplesLost,
@@ -19,15 +17,17 @@ from dyknow_federation.events import (
     StreamRefused,
     StreamUnwanted,
     StreamWanted,
+    VerdictArrived,
+    VerdictRequested,
     WatermarkArrived,
 )
 from dyknow_federation.messages import (
-    Answer,
     Packet,
-    Question,
+    RemoteVerdict,
     SharedFeature,
     SharedObject,
     Shares,
+    VerdictRequest,
     decode,
     encode,
 )
@@ -37,8 +37,6 @@ from dyknow_federation.sending import StreamKey
 from dyknow_federation.settings import PeerSettings
 
 __all__ = [
-    'Answer',
-    'AnswerArrived',
     'ClockJumped',
     'Effects',
     'Event',
@@ -54,10 +52,9 @@ __all__ = [
     'PeerJoined',
     'PeerLeft',
     'PeerSettings',
-    'Question',
-    'QuestionAsked',
     'RemotePeer',
     'RemoteSample',
+    'RemoteVerdict',
     'SamplesArrived',
     'SamplesLost',
     'SharedFeature',
@@ -68,6 +65,9 @@ __all__ = [
     'StreamRefused',
     'StreamUnwanted',
     'StreamWanted',
+    'VerdictArrived',
+    'VerdictRequest',
+    'VerdictRequested',
     'VersionError',
     'WatermarkArrived',
     'decode',

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dyknow_common import Value
-from dyknow_federation.messages import Answer, Question, Shares
+from dyknow_federation.messages import RemoteVerdict, Shares, VerdictRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,19 +152,19 @@ class ClockJumped:
 
 
 @dataclass(frozen=True, slots=True)
-class QuestionAsked:
+class VerdictRequested:
     """A peer asks for a verdict; answer it with `Peer.answer`."""
 
     peer: str
-    question: Question
+    question: VerdictRequest
 
 
 @dataclass(frozen=True, slots=True)
-class AnswerArrived:
+class VerdictArrived:
     """The verdict on a formula; the time is that of the own clock, within the uncertainty."""
 
     peer: str
-    answer: Answer
+    answer: RemoteVerdict
     uncertainty: int
 
 
@@ -182,7 +182,7 @@ Event = (
     | SamplesLost
     | WatermarkArrived
     | ClockJumped
-    | QuestionAsked
-    | AnswerArrived
+    | VerdictRequested
+    | VerdictArrived
 )
 """An event."""

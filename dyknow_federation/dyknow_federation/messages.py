@@ -152,7 +152,7 @@ class Release:
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class RequestRefusal:
     """The answer to a request that is not granted.
 
     Args:
@@ -167,7 +167,7 @@ class Refusal:
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class Samples:
     """Samples of a stream with consecutive numbers.
 
     Args:
@@ -256,7 +256,7 @@ class ProbeReply:
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class VerdictRequest:
     """A formula about one peer alone, which that peer evaluates.
 
     It is repeated until there is an answer.
@@ -275,7 +275,7 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class RemoteVerdict:
     """The verdict on a formula.
 
     Args:
@@ -303,13 +303,13 @@ Message = (
     | Shares
     | Request
     | Release
-    | Refusal
-    | Batch
+    | RequestRefusal
+    | Samples
     | Watermark
     | Probe
     | ProbeReply
-    | Question
-    | Answer
+    | VerdictRequest
+    | RemoteVerdict
 )
 """A message between peers."""
 
@@ -409,16 +409,16 @@ def _values(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_values(each) for each in value]
     kind: Any = type(value)
-    if is_dataclass(kind):
-        return [_values(getattr(value, name)) for name in _hints(kind)]
-    return value
+    return [_values(getattr(value, name)) for name in _hints(kind)] if is_dataclass(kind) else value
 
 
-@cache
-def _hints(kind: Any) -> dict[str, Any]:
-    """Return the types of the fields of a dataclass, in order."""
+def _typed_fields(kind: Any) -> dict[str, Any]:
     hints = get_type_hints(kind)
     return {each.name: hints[each.name] for each in fields(kind)}
+
+
+_hints: Final = cache(_typed_fields)
+"""The types of the fields of a dataclass, in order."""
 
 
 def _checked(kind: Any, value: Any) -> Any:

@@ -23,25 +23,25 @@ from dyknow_federation.errors import FederationError, VersionError
 from dyknow_federation.events import (
     Event,
     PeerFault,
-    QuestionAsked,
     StreamUnwanted,
     StreamWanted,
+    VerdictRequested,
 )
 from dyknow_federation.messages import (
-    Answer,
     Hello,
     Message,
     Packet,
     Probe,
     ProbeReply,
-    Question,
-    Refusal,
     Release,
+    RemoteVerdict,
     Request,
+    RequestRefusal,
     SharedFeature,
     SharedObject,
     Shares,
     SharesRequest,
+    VerdictRequest,
     decode,
 )
 from dyknow_federation.remote import MAX_QUESTIONS, RemotePeer
@@ -169,10 +169,10 @@ class Peer:
             present = [name for name, each in self._remotes.items() if each.is_present]
             raise FederationError(unknown('peer', peer, present))
         number = next(self._numbers)
-        remote.ask(Question(number, formula, every, timeout), at)
+        remote.ask(VerdictRequest(number, formula, every, timeout), at)
         return number
 
-    def answer(self, peer: str, answer: Answer) -> None:
+    def answer(self, peer: str, answer: RemoteVerdict) -> None:
         """Answer a question of a peer."""
         remote = self._remotes.get(peer)
         if remote is not None and answer.number in remote.asked:
@@ -247,7 +247,7 @@ class Peer:
             case Probe(number, sent_at):
                 self._events += remote.check_stamp(sent_at, at)
                 remote.outbox.append(ProbeReply(number, sent_at, at, at))
-            case Question():
+            case VerdictRequest():
                 self._take_question(remote, packet.message)
             case message:
                 self._events += remote.take(message, at)
@@ -256,7 +256,7 @@ class Peer:
         key = StreamKey(request.stream, request.every)
         reason = self._refusal(key)
         if reason:
-            remote.outbox.append(Refusal(*key, reason))
+            remote.outbox.append(RequestRefusal(*key, reason))
             return
         if key not in self._renditions:
             if all(each.stream != key.stream for each in self._renditions):
@@ -276,7 +276,7 @@ class Peer:
             return f'it is asked for at {MAX_RATES} rates already; use one of {", ".join(every)}'
         return ''
 
-    def _take_question(self, remote: RemotePeer, question: Question) -> None:
+    def _take_question(self, remote: RemotePeer, question: VerdictRequest) -> None:
         asked, number = remote.asked, question.number
         if number in asked:
             answer = asked[number]
@@ -286,11 +286,11 @@ class Peer:
             done = next((each for each, answer in asked.items() if answer), None)
             if done is None:
                 error = f"peer '{self._settings.name}' has {MAX_QUESTIONS} open questions; wait"
-                remote.outbox.append(Answer(number, 'undecided', error=error))
+                remote.outbox.append(RemoteVerdict(number, 'undecided', error=error))
                 return
             del asked[done]
         asked[number] = None
-        self._events.append(QuestionAsked(remote.name, question))
+        self._events.append(VerdictRequested(remote.name, question))
 
     def _expire(self, at: int) -> None:
         """End what is not needed any more."""

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 
 from dyknow_common import Value
 from dyknow_federation.clocks import BEGINNING
-from dyknow_federation.messages import MAX_RANGES, Batch, Request, Watermark
+from dyknow_federation.messages import MAX_RANGES, Request, Samples, Watermark
 from dyknow_federation.sending import StreamKey
 
 MAX_HELD: Final = 10_000
@@ -94,7 +94,7 @@ class ReceivedStream:
         self._epoch = self._number = self._end = self._oldest = 0
         self._watermark, self._promised = None, BEGINNING
 
-    def take_batch(self, batch: Batch) -> None:
+    def take_batch(self, batch: Samples) -> None:
         """Take samples."""
         if not self._is_current(batch.epoch, batch.first):
             return

@@ -10,7 +10,6 @@ from typing import Final
 from dyknow_common import round_duration, round_time
 from dyknow_federation.clocks import OwnTime, PairClock
 from dyknow_federation.events import (
-    AnswerArrived,
     ClockJumped,
     Event,
     LinkRestored,
@@ -22,20 +21,21 @@ from dyknow_federation.events import (
     SamplesLost,
     SharesChanged,
     StreamRefused,
+    VerdictArrived,
     WatermarkArrived,
 )
 from dyknow_federation.messages import (
-    Answer,
-    Batch,
     Hello,
     Message,
     Probe,
     ProbeReply,
-    Question,
-    Refusal,
     Release,
+    RemoteVerdict,
+    RequestRefusal,
+    Samples,
     Shares,
     SharesRequest,
+    VerdictRequest,
     Watermark,
 )
 from dyknow_federation.receiving import Delivery, Lost, Promise, ReceivedStream
@@ -79,7 +79,7 @@ class RemotePeer:
         self.is_present = self.is_stale = False
         self.heard_at = at
         self.outbox: list[Message] = []
-        self.asked: OrderedDict[int, Answer | None] = OrderedDict()
+        self.asked: OrderedDict[int, RemoteVerdict | None] = OrderedDict()
         """Its questions, with the answers that are known."""
         self._settings = settings
         self._incarnation: int | None = None
@@ -89,7 +89,7 @@ class RemotePeer:
         self._streams: dict[StreamKey, ReceivedStream] = {}
         self._request_at: dict[StreamKey, int] = {}
         self._refused: set[StreamKey] = set()
-        self._questions: dict[int, Question] = {}
+        self._questions: dict[int, VerdictRequest] = {}
         self._question_at = at
 
     @property
@@ -181,10 +181,10 @@ class RemotePeer:
     def _leave(self, silence: int) -> list[Event]:
         self.is_present = self.is_stale = False
         reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
-        answers = [Answer(each, 'undecided', error=reason) for each in self._questions]
+        answers = [RemoteVerdict(each, 'undecided', error=reason) for each in self._questions]
         self._questions.clear()
         self.asked.clear()
-        ends = (AnswerArrived(self.name, each, 0) for each in answers)
+        ends = (VerdictArrived(self.name, each, 0) for each in answers)
         return [PeerLeft(self.name, reason), *ends]
 
     def request(self, key: StreamKey, at: int) -> None:
@@ -200,7 +200,7 @@ class RemotePeer:
             self._refused.discard(key)
             self.outbox.append(Release(*key))
 
-    def ask(self, question: Question, at: int) -> None:
+    def ask(self, question: VerdictRequest, at: int) -> None:
         """Ask for a verdict until it arrives, or the peer leaves."""
         self._questions[question.number] = question
         self._question_at = at
@@ -216,13 +216,13 @@ class RemotePeer:
                     self.shares = message
                     self._refused.clear()
                     return [SharesChanged(self.name, message)]
-            case Batch() | Watermark():
+            case Samples() | Watermark():
                 return self._take_samples(message, at)
-            case Refusal(stream, every, reason):
+            case RequestRefusal(stream, every, reason):
                 return self._take_refusal(StreamKey(stream, every), reason)
             case ProbeReply():
                 return self._take_reply(message, at)
-            case Answer():
+            case RemoteVerdict():
                 return self._take_answer(message)
         return []
 
@@ -236,13 +236,13 @@ class RemotePeer:
         self._probe_at = at
         return [ClockJumped(self.name, excess, since)]
 
-    def _take_samples(self, message: Batch | Watermark, at: int) -> list[Event]:
+    def _take_samples(self, message: Samples | Watermark, at: int) -> list[Event]:
         key = StreamKey(message.stream, message.every)
         stream = self._streams.get(key)
         if stream is None:
             self.outbox.append(Release(*key))
             return []
-        if isinstance(message, Batch):
+        if isinstance(message, Samples):
             stream.take_batch(message)
         else:
             stream.take_watermark(message)
@@ -272,13 +272,13 @@ class RemotePeer:
                 events += self._deliver(key, at)
         return events
 
-    def _take_answer(self, answer: Answer) -> list[Event]:
+    def _take_answer(self, answer: RemoteVerdict) -> list[Event]:
         if self._questions.pop(answer.number, None) is None:
             return []
         own = self.clock.own_time(answer.decided_at) if answer.decided_at else None
         if own is None:
-            return [AnswerArrived(self.name, replace(answer, decided_at=0), 0)]
-        return [AnswerArrived(self.name, replace(answer, decided_at=own.time), own.uncertainty)]
+            return [VerdictArrived(self.name, replace(answer, decided_at=0), 0)]
+        return [VerdictArrived(self.name, replace(answer, decided_at=own.time), own.uncertainty)]
 
     def _deliver(self, key: StreamKey, at: int) -> list[Event]:
         """Return what is due of a stream; nothing while its times cannot be translated."""

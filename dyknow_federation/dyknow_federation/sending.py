@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from dyknow_common import Value, format_time
 from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.errors import FederationError
-from dyknow_federation.messages import MAX_BATCH, Batch, Request, Watermark
+from dyknow_federation.messages import MAX_BATCH, Request, Samples, Watermark
 
 MAX_HISTORY: Final = 20_000
 """The number of samples of a rendition that are kept for back-fill."""
@@ -104,7 +104,7 @@ class Rendition:
         """Promise that all later samples are valid after a time."""
         self._promised = max(self._promised, time)
 
-    def renew(self, peer: str, request: Request, expires: int) -> list[Batch | Watermark]:
+    def renew(self, peer: str, request: Request, expires: int) -> list[Samples | Watermark]:
         """Take a request, and return what it asks for that was sent before.
 
         Args:
@@ -119,7 +119,7 @@ class Rendition:
             subscription = self._subscriptions[peer] = _Subscription(number, expires)
         subscription.expires = expires
         self.used_until = max(self.used_until, expires)
-        found: list[Batch | Watermark] = []
+        found: list[Samples | Watermark] = []
         if request.epoch == self._epoch:
             left = MAX_RESENT
             for start, end in request.missing:
@@ -147,7 +147,7 @@ class Rendition:
         for peer in expired:
             del self._subscriptions[peer]
 
-    def unsent(self) -> Iterator[tuple[str, Batch | Watermark]]:
+    def unsent(self) -> Iterator[tuple[str, Samples | Watermark]]:
         """Yield what is to be sent, with its receiver."""
         for peer, subscription in self._subscriptions.items():
             for batch in self._batches(max(subscription.number, self._oldest), self._number - 1):
@@ -165,7 +165,7 @@ class Rendition:
     def _oldest(self) -> int:
         return self._number - len(self._kept)
 
-    def _batches(self, first: int, last: int) -> Iterator[Batch]:
+    def _batches(self, first: int, last: int) -> Iterator[Samples]:
         """Yield the samples of a range of numbers, each batch with the same fields."""
         start, number = first - self._oldest, first
         rows = islice(self._kept, start, max(start, last + 1 - self._oldest))
@@ -173,5 +173,5 @@ class Rendition:
             while found := list(islice(group, MAX_BATCH)):
                 times = tuple(each.valid_time for each in found)
                 columns = tuple(tuple(each.fields[name] for each in found) for name in names)
-                yield Batch(*self._key, self._epoch, number, times, names, columns)
+                yield Samples(*self._key, self._epoch, number, times, names, columns)
                 number += len(found)
