@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import subprocess
 from collections.abc import Callable
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
+from threading import Thread
 from typing import Any, Self
 
 from dyknow_interfaces.srv import EvaluateFormula
 from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
 
 from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import with_robot
-from dyknow_common.ros import nanoseconds_to_duration
+from dyknow_common.ros import LATCHED, nanoseconds_to_duration
 from dyknow_coordinator import Grounding
+from dyknow_federation.report import FederationReport, LinkState
 from system import LIMIT, Client, private_environment
 
 CARRIER = """\
@@ -33,7 +39,7 @@ federation:
   name: {name}
   {ends}
   share: [Charge]
-  peer_timeout: 4 s
+  peer_timeout: 8 s
   zenoh: zenoh.json5
 """
 
@@ -41,11 +47,16 @@ BASE = """\
 federation:
   name: base
   {ends}
-  peer_timeout: 4 s
+  peer_timeout: 8 s
   zenoh: zenoh.json5
 """
 
-ZENOH = '{scouting: {multicast: {enabled: false}}}'
+ZENOH = """\
+{
+  scouting: {multicast: {enabled: false}},
+  connect: {retry: {period_init_ms: 200, period_max_ms: 500}},
+}
+"""
 """A configuration with which nobody but the other host is found."""
 
 
@@ -77,6 +88,13 @@ class Host:
         self.client = Client(environment, self.launcher.check_running)
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         self.percentage = 0.9
+        self.reports: list[FederationReport] = []
+        self.client.node.create_subscription(
+            String,
+            'federation/federation',
+            lambda message: self.reports.append(FederationReport.of(json.loads(message.data))),
+            LATCHED,
+        )
 
     def __enter__(self) -> Self:
         for executable in self.processes:
@@ -104,6 +122,11 @@ class Host:
 
         node.create_timer(0.05, publish)
 
+    def link_to(self, peer: str) -> LinkState | None:
+        """Return the state of the link to a peer, as last reported; None if there is none."""
+        peers = self.reports[-1].peers if self.reports else ()
+        return next((each.state for each in peers if each.name == peer), None)
+
     def ask(self, formula: str, timeout_s: float = LIMIT) -> Any:
         """Return the future of an answer."""
         return self.client.request(
@@ -113,6 +136,63 @@ class Host:
             grounding=int(Grounding.SEMANTIC),
             timeout=nanoseconds_to_duration(round(timeout_s * 1e9)),
         )
+
+
+class Link:
+    """A link between two hosts, which can be cut: a process between their ends.
+
+    Args:
+        port: to which it leads.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._target = port
+        self._pairs: list[tuple[socket.socket, socket.socket]] = []
+        self._is_cut = False
+        self._server = socket.create_server(('127.0.0.1', 0))
+        self.port = int(self._server.getsockname()[1])
+        Thread(target=self._accept, daemon=True).start()
+
+    def cut(self) -> None:
+        """Let nothing pass, and refuse connections."""
+        self._is_cut = True
+        for each in chain.from_iterable(self._pairs):
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+
+    def restore(self) -> None:
+        """Let connections pass again."""
+        self._is_cut = False
+
+    def close(self) -> None:
+        """End the link."""
+        self.cut()
+        self._server.close()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = self._server.accept()
+                if self._is_cut:
+                    near.close()
+                    continue
+                try:
+                    far = socket.create_connection(('127.0.0.1', self._target))
+                except ConnectionRefusedError:  # The host has not started yet.
+                    near.close()
+                    continue
+                self._pairs.append((near, far))
+                for ends in ((near, far), (far, near)):
+                    Thread(target=self._pass_on, args=ends, daemon=True).start()
+
+    @staticmethod
+    def _pass_on(source: socket.socket, goal: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                goal.sendall(data)
+        for each in (source, goal):
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
 
 
 def wait_for(asker: Host, *others: Host, until: Callable[[], bool], what: str) -> None:

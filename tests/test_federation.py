@@ -2,34 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from dyknow_interfaces.srv import ListSemanticSpecifications
 
-from federations import BASE, CARRIER, Host, free_port, wait_for
+from dyknow_federation.report import LinkState
+from federations import BASE, CARRIER, Host, Link, free_port, wait_for
 
 
 class Fleet(NamedTuple):
     base: Host
     carrier: Host
+    link: Link
+
+    def wait(self, until: Callable[[], bool], what: str) -> None:
+        """Wait until a condition holds, while the carrier publishes."""
+        wait_for(self.base, self.carrier, until=until, what=what)
 
 
 @pytest.fixture(scope='module')
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     folder = tmp_path_factory.mktemp('fleet')
-    end = f'tcp/127.0.0.1:{free_port()}'
-    base = Host(folder / 'base', BASE.format(ends=f'listen: {end}'))
-    carrier = Host(folder / 'carrier1', CARRIER.format(name='carrier1', ends=f'connect: {end}'))
+    port = free_port()
+    link = Link(port)
+    base = Host(folder / 'base', BASE.format(ends=f'listen: tcp/127.0.0.1:{port}'))
+    ends = f'connect: tcp/127.0.0.1:{link.port}'
+    carrier = Host(folder / 'carrier1', CARRIER.format(name='carrier1', ends=ends))
     carrier.publish_battery('carrier1')
     with ExitStack() as stack:
+        stack.callback(link.close)
         for each in (base, carrier):
             stack.enter_context(each)
-        yield Fleet(base, carrier)
+        yield Fleet(base, carrier, link)
 
 
 def wait_for_streams(fleet: Fleet, number: int) -> None:
@@ -46,13 +54,41 @@ def wait_for_streams(fleet: Fleet, number: int) -> None:
         asked = fleet.base.client.request(ListSemanticSpecifications, service)
         return False
 
-    wait_for(*fleet, until=are_known, what=f'{number} streams of peers')
+    fleet.wait(are_known, f'{number} streams of peers')
 
 
 def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
     wait_for_streams(fleet, 1)
     asked = fleet.base.ask('forall c in Carrier: always[0 s, 1 s] Charge[c] > 0.5')
-    wait_for(*fleet, until=asked.done, what='the answer')
+    fleet.wait(asked.done, 'the answer')
     answer = asked.result()
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer
     assert answer.verdict == FormulaResult.TRUE, answer
+
+
+def test_an_outage_delays_a_verdict(fleet: Fleet) -> None:
+    """What was missed is asked for again, in order; nothing is taken for true meanwhile."""
+    wait_for_streams(fleet, 1)
+    asked = fleet.base.ask('always[0 s, 3 s] Charge[carrier1] > 0.5')
+    fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
+    fleet.link.cut()
+    fleet.wait(lambda: fleet.base.link_to('carrier1') is LinkState.STALE, 'the end of the link')
+    assert not asked.done()
+    fleet.link.restore()
+    fleet.wait(asked.done, 'the answer')
+    answer = asked.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer
+    assert answer.verdict == FormulaResult.TRUE, answer
+    assert fleet.base.reports[-1].peers[0].lost == 0
+
+
+def test_a_peer_that_leaves_ends_a_formula(fleet: Fleet) -> None:
+    wait_for_streams(fleet, 1)
+    asked = fleet.base.ask('always Charge[carrier1] > 0.5')
+    fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
+    fleet.link.cut()
+    fleet.wait(asked.done, 'the answer')
+    status = asked.result().exit_status
+    assert status.code == ExitStatus.CONSTRAINT_VIOLATION, status
+    assert "peer 'carrier1' has not been heard for" in status.message
+    wait_for_streams(fleet, 0)

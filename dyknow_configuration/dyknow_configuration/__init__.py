@@ -3,8 +3,8 @@
 from dyknow_configuration.documents.yaml_values import YamlValue, add_quotes, read_yaml
 from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.expectations import TopicExpectation
-from dyknow_configuration.federation import RequestedFederation, SharedFeature
 from dyknow_configuration.faults import RobotFaults, find_faults
+from dyknow_configuration.federation import RequestedFederation, RequestedShare
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES
 from dyknow_configuration.proposals.observations import (
@@ -64,12 +64,12 @@ __all__ = [
     'RequestedFederation',
     'RequestedFormula',
     'RequestedGuard',
+    'RequestedShare',
     'RobotConfiguration',
     'RobotFaults',
     'RobotPart',
     'SeenValues',
     'Severity',
-    'SharedFeature',
     'TextSource',
     'TopicExpectation',
     'TopicTimes',

@@ -9,6 +9,7 @@ federation:
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -35,7 +36,7 @@ _LONGEST_NS: Final = NANOSECONDS['h']
 
 
 @dataclass(frozen=True, slots=True)
-class SharedFeature:
+class RequestedShare:
     """A feature that other hosts may ask for.
 
     Args:
@@ -65,7 +66,7 @@ class RequestedFederation:
     name: str
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
-    share: tuple[SharedFeature, ...] = ()
+    share: tuple[RequestedShare, ...] = ()
     same: tuple[str, ...] = ()
     peer_timeout: int = 10 * NANOSECONDS['s']
     history: int = NANOSECONDS['min']
@@ -79,31 +80,27 @@ def read_federation(value: YamlValue) -> RequestedFederation:
         ConfigurationError: with the place of the fault.
     """
     stated = value.mapping(FEDERATION_KEYS, ('name',))
-    ends = {
-        key: tuple(
-            _matched(each, _ENDPOINT, 'an endpoint such as tcp/basestation:7447')
-            for each in texts(stated, key)
-        )
-        for key in ('connect', 'listen')
-    }
+    default = RequestedFederation('')
     return RequestedFederation(
         _matched(stated['name'], _NAME, 'a name of at most 64 letters, digits and _'),
-        **ends,
+        _endpoints(stated, 'connect'),
+        _endpoints(stated, 'listen'),
         share=_shares(stated['share']) if 'share' in stated else (),
         same=tuple(each.line() for each in texts(stated, 'same')),
-        **{key: _limit(stated[key]) for key in ('peer_timeout', 'history') if key in stated},
+        peer_timeout=_limit(stated, 'peer_timeout', default.peer_timeout),
+        history=_limit(stated, 'history', default.history),
         zenoh=_file(stated['zenoh']) if 'zenoh' in stated else None,
     )
 
 
-def _shares(value: YamlValue) -> tuple[SharedFeature, ...]:
-    found: dict[str, SharedFeature] = {}
+def _shares(value: YamlValue) -> tuple[RequestedShare, ...]:
+    found: dict[str, RequestedShare] = {}
     for each in value.one_or_more():
         stated = each.mapping(SHARE_KEYS, ('feature',)) if each.is_mapping else {'feature': each}
         name = stated['feature'].text('the name of a feature').strip()
         if name in found:
             raise each.error(f"'{name}' is shared twice; keep one")
-        found[name] = SharedFeature(name, stated['every'].duration() if 'every' in stated else 0)
+        found[name] = RequestedShare(name, stated['every'].duration() if 'every' in stated else 0)
     return tuple(found.values())
 
 
@@ -114,10 +111,15 @@ def _matched(value: YamlValue, pattern: re.Pattern[str], description: str) -> st
     return text
 
 
-def _limit(value: YamlValue) -> int:
-    found = value.duration()
+def _endpoints(stated: Mapping[str, YamlValue], key: str) -> tuple[str, ...]:
+    description = 'an endpoint such as tcp/basestation:7447'
+    return tuple(_matched(each, _ENDPOINT, description) for each in texts(stated, key))
+
+
+def _limit(stated: Mapping[str, YamlValue], key: str, default: int) -> int:
+    found = stated[key].duration() if key in stated else default
     if not _SHORTEST_NS <= found <= _LONGEST_NS:
-        raise value.error('write a duration from 1 s to 1 h')
+        raise stated[key].error('write a duration from 1 s to 1 h')
     return found
 
 

@@ -35,8 +35,8 @@ TYPES: dict[str, tuple[type, ...]] = {
 WRONG = (
     'bad_object_name', 'bare_duration', 'bare_gap', 'rate_without_unit', 'relative_topic',
     'stamped_text', 'type_without_package', 'unknown_expectation_key',
-    'boolean_for_object', 'endpoint_without_protocol', 'federation_without_name', 'formula_without_name',
-    'share_unknown_key',
+    'boolean_for_object', 'endpoint_without_protocol', 'federation_without_name',
+    'formula_without_name', 'share_unknown_key',
     'guard_without_input', 'list_for_message', 'no_action', 'no_field', 'no_list_of_objects',
     'no_mapping', 'no_type_of_message', 'number_for_object', 'number_in_command',
     'parameter_of_no_type', 'record_of_number', 'record_unknown_key', 'record_without_unit',

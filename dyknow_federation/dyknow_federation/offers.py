@@ -126,6 +126,6 @@ def shares(
 
 
 def _sorts(name: str, knowledge: Knowledge) -> tuple[str, ...]:
-    """Return the sorts of an object, specific ones first; those that every peer has are left out."""
+    """Return the sorts of an object, specific ones first, without those that all peers know."""
     found = (each for each in knowledge.concepts(name) if each not in {ANY_SORT, REMOTE})
     return tuple(found) or (ANY_SORT,)

@@ -8,8 +8,9 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
@@ -23,19 +24,22 @@ from dyknow_federation.events import (
     ClockJumped,
     Event,
     PeerFault,
+    PeerJoined,
     PeerLeft,
-    QuestionAsked,
     SamplesArrived,
     SamplesLost,
     SharesChanged,
     StreamRefused,
     StreamUnwanted,
     StreamWanted,
+    VerdictRequested,
     WatermarkArrived,
 )
-from dyknow_federation.messages import Answer, Packet, Probe, ProbeReply, Shares, encode
+from dyknow_federation.messages import Packet, Probe, ProbeReply, RemoteVerdict, Shares, encode
 from dyknow_federation.offers import shares
 from dyknow_federation.peer import Effects, Peer
+from dyknow_federation.remote import RemotePeer
+from dyknow_federation.report import FederationReport, LinkState, PeerReport
 from dyknow_federation.ros.own_streams import OwnStreams
 from dyknow_federation.ros.remote_streams import PREFIX, RemoteStreams, StreamName
 from dyknow_federation.ros.transport import Transport
@@ -58,6 +62,19 @@ HELLOS: Final = 10
 """The number of signs of life in that time, of which some may be lost."""
 
 
+@dataclass(slots=True)
+class _Departure:
+    """The end of a link.
+
+    Args:
+        reason: why.
+        read_at: when its streams were last read, in nanoseconds.
+    """
+
+    reason: str
+    read_at: int
+
+
 class Federation(DyKnowNode):
     """Passes own streams on to peers that ask for them, and publishes theirs here."""
 
@@ -73,9 +90,12 @@ class Federation(DyKnowNode):
         prefix = str(self.resolve_topic_name(PREFIX)) + '/'
         self._vocabulary = SharedVocabulary(self, settings.same, self._remote.topic, prefix)
         self._shares: dict[str, Shares] = {}
+        self._left: dict[str, _Departure] = {}
+        """The peers that have left and have not come back."""
         self._meaning_of: object = None
-        """The version of the vocabulary whose meaning was last exchanged; None if it is outdated."""
+        """The version of the vocabulary that peers know; None if it is outdated."""
         self._is_working = False
+        self._offer_faults: tuple[str, ...] = ()
         self._faults: dict[str, str] = {}
         self._lost: Counter[str] = Counter()
         self._log = LogOnce()
@@ -155,10 +175,11 @@ class Federation(DyKnowNode):
             case SharesChanged(peer, given):
                 self._shares[peer] = given
                 self._meaning_of = None
+            case PeerJoined(peer):
+                self._left.pop(peer, None)
             case PeerLeft(peer, reason):
                 violate(peer, ViolationKind.SOURCE, reason)
-                self._shares.pop(peer, None)
-                self._meaning_of = None
+                self._left[peer] = _Departure(reason, self.now())
                 self._transport.forget(peer)
                 self._warn([reason])
             case ClockJumped(peer):
@@ -173,9 +194,9 @@ class Federation(DyKnowNode):
             case PeerFault(peer, message):
                 self._faults[peer] = message
                 self._warn([message])
-            case QuestionAsked(peer, question):
+            case VerdictRequested(peer, request):
                 error = f"peer '{self._settings.name}' answers no formulas of peers"
-                self._peer.answer(peer, Answer(question.number, 'undecided', error=error))
+                self._peer.answer(peer, RemoteVerdict(request.number, 'undecided', error=error))
 
     def _update(self) -> None:
         """Follow what is read here, and what has changed in the meaning."""
@@ -186,10 +207,24 @@ class Federation(DyKnowNode):
         for peer, stream in ended:
             self._peer.release(peer, stream, 0)
         self._own.reconcile()
+        self._withdraw()
         version = self._vocabulary.version
         if not self._is_working and version != self._meaning_of:
             self._is_working, self._meaning_of = True, version
             self.spawn(self._update_meaning)
+
+    def _withdraw(self) -> None:
+        """Forget what peers shared that have left, once formulas about it have long ended.
+
+        While one looks for another source, the objects must be known that its error names.
+        """
+        now = self.now()
+        for peer in {each.peer for each in self._remote.wanted} & self._left.keys():
+            self._left[peer].read_at = now
+        for peer in self._left.keys() & self._shares.keys():
+            if now - self._left[peer].read_at >= self._settings.peer_timeout:
+                del self._shares[peer]
+                self._meaning_of = None
 
     async def _update_meaning(self) -> None:
         is_done = False
@@ -217,6 +252,7 @@ class Federation(DyKnowNode):
         self._own.offers = by_name
         if given != self._peer.shares:
             self._peer.share(given.objects, given.features, self.now())
+        self._offer_faults = tuple(faults)
         self._warn(faults)
 
     def _warn(self, texts: Iterable[str]) -> None:
@@ -224,10 +260,43 @@ class Federation(DyKnowNode):
             self.get_logger().warning(text)
 
     def _publish_report(self) -> None:
-        now = self.now()
-        peers = []
-        self._report.publish(String(data=json.dumps({'name': self._settings.name, 'peers': peers})))
-        self.set_status(RUNNING)
+        now, transport = self.now(), self._transport
+        for peer, each in self._left.items():
+            self._remote.violate(peer, ViolationKind.SOURCE, each.reason)  # For new readers, too.
+        peers = tuple(self._peer_report(each, now) for each in self._peer.remotes.values())
+        shared = tuple(each.stream for each in self._peer.shares.features)
+        faults = (*self._vocabulary.faults, *self._own.faults, *self._offer_faults)
+        if transport.dropped:
+            faults += (f'{transport.dropped} packets were dropped: too many waited',)
+        report = FederationReport(self._settings.name, peers, shared, faults)
+        self._report.publish(String(data=json.dumps(report.document())))
+        linked = sum(each.state is LinkState.LINKED for each in peers)
+        self.set_status(RUNNING, {'peers': str(len(peers)), 'linked': str(linked)})
+
+    def _peer_report(self, remote: RemotePeer, now: int) -> PeerReport:
+        name, offset = remote.name, remote.clock.offset(now)
+        state = LinkState.STALE if remote.is_stale else LinkState.LINKED
+        return PeerReport(
+            name,
+            state if remote.is_present else LinkState.LEFT,
+            max(now - remote.heard_at, 0),
+            remote.clock.delay,
+            offset and offset.offset,
+            offset and offset.uncertainty,
+            self._transport.sent[name],
+            self._transport.received[name],
+            self._lost[name],
+            tuple(each.stream for each in remote.shares.features) if remote.shares else (),
+            tuple(sorted(each.stream for each in remote.requested)),
+            tuple(
+                sorted(
+                    key.stream
+                    for key, each in self._peer.renditions.items()
+                    if name in each.subscribers
+                )
+            ),
+            self._faults.get(name, ''),
+        )
 
 
 def _federation(path: str) -> RequestedFederation:

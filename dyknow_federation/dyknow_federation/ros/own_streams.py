@@ -93,6 +93,8 @@ class OwnStreams:
     ) -> None:
         self.offers: Mapping[str, Offer] = {}
         """All that peers may ask for, by the names of the streams."""
+        self.faults: tuple[str, ...] = ()
+        """What cannot be shared, and why."""
         self._node = node
         self._peer = peer
         self._rates = rates
@@ -133,6 +135,7 @@ class OwnStreams:
                     faults.append(f"stream '{name}' cannot be shared: {error}")
         finally:
             self._is_working = False
+        self.faults = tuple(faults)
         for text in self._log.new(faults):
             self._node.get_logger().warning(text)
 

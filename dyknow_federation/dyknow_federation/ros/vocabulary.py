@@ -8,6 +8,7 @@ node knows what an earlier run of it has left.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from itertools import chain
 from typing import Any, Final
 
 from dyknow_interfaces.srv import (
@@ -96,29 +97,30 @@ class SharedVocabulary:
         own = {name for sort in knowledge.sorts for name in knowledge.instances(sort)} - remote
         due = imports(shares, own, self._same, self._topic)
         faults = list(due.faults)
-        listed = await self._annotations.contents()
-        present = {
-            each.stream: text
-            for text, each in listed.annotations.items()
-            if each.is_topic and each.stream.startswith(self._prefix)
-        }
+        present = await self._present()
         wanted = {self._topic(*name): each.annotation for name, each in due.streams.items()}
         for topic, text in present.items():
             if wanted.get(topic) != text:
                 await self._try(faults, RemoveSemanticSpecification, stream_name=topic)
-        for name in remote:
-            if {*due.objects.get(name, ())} - {
-                *knowledge.concepts(name)
-            } or name not in due.objects:
+        for name in list(remote):
+            if not {*due.objects.get(name, [''])} <= {*knowledge.concepts(name)}:
                 await self._try(faults, InstanceDestroy, instance_name=name)
-                remote = remote - {name}
+                remote.remove(name)
         added = {name: each for name, each in due.objects.items() if name not in remote}
-        streams = [
-            each for name, each in due.streams.items() if each.annotation not in present.values()
-        ]
+        texts = set(present.values())
+        streams = [each for each in due.streams.values() if each.annotation not in texts]
         await self._add(knowledge, added, streams, faults)
         self.faults = tuple(faults)
         return due
+
+    async def _present(self) -> dict[str, str]:
+        """Return the annotations of streams of peers, by their topics."""
+        listed = await self._annotations.contents()
+        return {
+            each.stream: text
+            for text, each in listed.annotations.items()
+            if each.is_topic and each.stream.startswith(self._prefix)
+        }
 
     async def _add(
         self,
@@ -127,16 +129,11 @@ class SharedVocabulary:
         streams: list[ImportedStream],
         faults: list[str],
     ) -> None:
-        known = set(knowledge.sorts)
-        sorts = {sort for each in objects.values() for sort in each} | (
-            {REMOTE} if objects else set()
-        )
-        for sort in sorted(sorts - known):
+        sorts_of = {name: [*each, REMOTE] for name, each in objects.items()}
+        for sort in sorted({*chain.from_iterable(sorts_of.values())} - {*knowledge.sorts}):
             await self._try(faults, ConceptCreate, concept_name=sort, parent_concepts=[ANY_SORT])
-        for name, each in objects.items():
-            await self._try(
-                faults, InstanceCreate, instance_name=name, concept_names=[*each, REMOTE]
-            )
+        for name, sorts in sorts_of.items():
+            await self._try(faults, InstanceCreate, instance_name=name, concept_names=sorts)
         features = [each.name for each in knowledge.features]
         for feature, carried in missing_features(streams, features):
             await self._try(
@@ -153,11 +150,9 @@ class SharedVocabulary:
 
     async def _try(self, faults: list[str], service_type: Any, **fields: Any) -> None:
         """Make a change that the contents of the peers may forbid."""
-        remote = (
-            self._annotations.remote if service_type in _OF_ANNOTATIONS else self._ontologies.remote
-        )
+        holder = self._annotations if service_type in _OF_ANNOTATIONS else self._ontologies
         try:
-            await remote.call(service_type, **fields)
+            await holder.remote.call(service_type, **fields)
         except DyKnowError as error:
             if error.code is ExitCode.UNAVAILABLE:
                 raise
