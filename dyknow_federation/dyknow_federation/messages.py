@@ -14,7 +14,8 @@ from __future__ import annotations
 import json
 import types
 import zlib
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from functools import cache
 from itertools import pairwise
 from typing import Any, Final, Union, get_args, get_origin, get_type_hints
@@ -408,8 +409,9 @@ def _values(value: Any) -> Any:
     """Return a value as JSON can tell it: dataclasses as the list of their values."""
     if isinstance(value, tuple):
         return [_values(each) for each in value]
-    kind: Any = type(value)
-    return [_values(getattr(value, name)) for name in _hints(kind)] if is_dataclass(kind) else value
+    if hasattr(value, '__dataclass_fields__'):
+        return [_values(getattr(value, name)) for name in _hints(type(value))]
+    return value
 
 
 def _typed_fields(kind: Any) -> dict[str, Any]:
@@ -417,7 +419,7 @@ def _typed_fields(kind: Any) -> dict[str, Any]:
     return {each.name: hints[each.name] for each in fields(kind)}
 
 
-_hints: Final = cache(_typed_fields)
+_hints: Final[Callable[[Any], dict[str, Any]]] = cache(_typed_fields)
 """The types of the fields of a dataclass, in order."""
 
 
