@@ -178,7 +178,7 @@ class Federation(DyKnowNode):
             case PeerJoined(peer):
                 self._left.pop(peer, None)
             case PeerLeft(peer, reason):
-                violate(peer, ViolationKind.SOURCE, reason)
+                violate(peer, ViolationKind.MAX_DELAY, reason)
                 self._left[peer] = _Departure(reason, self.now())
                 self._transport.forget(peer)
                 self._warn([reason])
@@ -186,7 +186,7 @@ class Federation(DyKnowNode):
                 text = f"the clock of peer '{peer}' has jumped, or that of this host"
                 violate(peer, ViolationKind.CLOCK, text)
             case StreamRefused(peer, stream, _, reason):
-                violate(peer, ViolationKind.SOURCE, f"peer '{peer}' refuses it: {reason}", stream)
+                violate(peer, ViolationKind.MESSAGE, f"peer '{peer}' refuses it: {reason}", stream)
             case StreamWanted(stream):
                 self._own.want(stream)
             case StreamUnwanted(stream):
@@ -262,7 +262,7 @@ class Federation(DyKnowNode):
     def _publish_report(self) -> None:
         now, transport = self.now(), self._transport
         for peer, each in self._left.items():
-            self._remote.violate(peer, ViolationKind.SOURCE, each.reason)  # For new readers, too.
+            self._remote.violate(peer, ViolationKind.MAX_DELAY, each.reason)  # For new readers, too.
         peers = tuple(self._peer_report(each, now) for each in self._peer.remotes.values())
         shared = tuple(each.stream for each in self._peer.shares.features)
         faults = (*self._vocabulary.faults, *self._own.faults, *self._offer_faults)
