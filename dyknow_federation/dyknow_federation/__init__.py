@@ -35,6 +35,7 @@ from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.remote import RemotePeer
 from dyknow_federation.sending import StreamKey
 from dyknow_federation.settings import PeerSettings
+from dyknow_federation.uncertain_states import UncertainState, UncertainStates
 
 __all__ = [
     'ClockJumped',
@@ -65,6 +66,8 @@ __all__ = [
     'StreamRefused',
     'StreamUnwanted',
     'StreamWanted',
+    'UncertainState',
+    'UncertainStates',
     'VerdictArrived',
     'VerdictRequest',
     'VerdictRequested',

@@ -110,6 +110,14 @@ class Peer:
         """The own streams that others have asked for."""
         return self._renditions
 
+    def difference(self, peer: str) -> str:
+        """Return by how much the clock of a peer differs, as the beginning of a sentence."""
+        remote = self._remotes.get(peer)
+        offset = remote.clock.offset(self._now) if remote else None
+        if offset is None:
+            return f"the clock of '{peer}' is not known"
+        return f'the clocks of {self._settings.name} and {peer} differ by {offset}'
+
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
         deadlines = (each.next_deadline() for each in self._remotes.values())

@@ -7,8 +7,7 @@ ones. Example, `eventually[0, 1 s] p`, with states each second:
     0 s: not p, 1 s: p or not p    fails: true for the one, false for the other
     0 s: p or not p, 1 s: p        true for both
 
-A group (`FormulaGroup`) progresses formulas over states that are known. Where a field is not known
-at all, states are missing: see `progression.gaps`.
+A group (`FormulaGroup`) progresses formulas over states that are known.
 """
 
 from __future__ import annotations
@@ -74,6 +73,8 @@ class UncertainFormula:
         self._instances = [UncertainInstance(each, kinds) for each in instances]
         self._latest: int | None = None
         self._reason = ''
+        self.skipped = 0
+        """The number of states that were skipped before the first one."""
         self._is_unprovable = False
 
     def progress(
@@ -97,18 +98,18 @@ class UncertainFormula:
         if self._latest is not None and valid_time <= self._latest:
             raise late_state(valid_time, self._latest)
         if not all(each.can_begin(alternatives) for each in self._instances):
+            self.skipped += 1
             return Verdict.UNDECIDED
         self._latest = valid_time
         remaining = []
         for each in self._instances:
             each.progress(valid_time, alternatives)
-            if reason and (each.is_split or each.is_waiting):
-                self._reason = reason
+            self._reason = reason if reason and each.is_split else self._reason
             verdicts = each.verdicts
             if verdicts == {False}:
                 return Verdict.FALSE
-            # With both verdicts, the instance can never be decided.
-            if {True, False} <= verdicts or each.is_too_uncertain:
+            # With both verdicts, the instance is never decided.
+            if {True, False} <= verdicts or each.is_unknown:
                 self._is_unprovable = True
             elif verdicts != {True}:
                 remaining.append(each)
