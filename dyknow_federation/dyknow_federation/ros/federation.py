@@ -262,7 +262,9 @@ class Federation(DyKnowNode):
     def _publish_report(self) -> None:
         now, transport = self.now(), self._transport
         for peer, each in self._left.items():
-            self._remote.violate(peer, ViolationKind.MAX_DELAY, each.reason)  # For new readers, too.
+            self._remote.violate(
+                peer, ViolationKind.MAX_DELAY, each.reason
+            )  # For new readers, too.
         peers = tuple(self._peer_report(each, now) for each in self._peer.remotes.values())
         shared = tuple(each.stream for each in self._peer.shares.features)
         faults = (*self._vocabulary.faults, *self._own.faults, *self._offer_faults)
