@@ -97,6 +97,11 @@ def imports(
             for each in given.objects
         }
         known = {each.name: each for each in given.objects if _is_usable(each, peer, faults)}
+        for name in [each for each in known if each in taken and names[each] in {*own, *uses}]:
+            del known[name]
+            faults.append(
+                f"peer '{peer}' shares '{name}', which is '{names[name]}' here, as others"
+            )
         for name, each in known.items():
             if names[name] not in own:
                 former = objects.get(names[name], ())
