@@ -16,6 +16,7 @@ import dyknow_common  # noqa: F401
 import dyknow_configuration  # noqa: F401
 import dyknow_coordinator  # noqa: F401
 import dyknow_dashboard  # noqa: F401
+import dyknow_federation  # noqa: F401
 import dyknow_reactions  # noqa: F401
 import dyknow_reasoning  # noqa: F401
 import dyknow_recordings  # noqa: F401
