@@ -156,7 +156,7 @@ class VerdictRequested:
     """A peer asks for a verdict; answer it with `Peer.answer`."""
 
     peer: str
-    question: VerdictRequest
+    request: VerdictRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ class VerdictArrived:
     """The verdict on a formula; the time is that of the own clock, within the uncertainty."""
 
     peer: str
-    answer: RemoteVerdict
+    verdict: RemoteVerdict
     uncertainty: int
 
 

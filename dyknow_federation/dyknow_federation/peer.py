@@ -120,6 +120,8 @@ class Peer:
 
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
+        if self._packets:
+            return self._now
         deadlines = (each.next_deadline() for each in self._remotes.values())
         known = (each for each in deadlines if each is not None)
         return min(self._hello_at, self._flush_at, *known, _NEVER)

@@ -73,6 +73,10 @@ class _Track:
         self.loss = f'a value of {", ".join(columns)} has not arrived yet'
         self._entries: deque[_Entry] = deque()
 
+    @property
+    def held(self) -> int:
+        return len(self._entries)
+
     def put(self, sample: RemoteSample) -> None:
         # Samples arrive in the order of their true times, so none is earlier than its predecessor.
         earliest = max(sample.earliest, self._entries[-1].earliest if self._entries else BEGINNING)
@@ -145,6 +149,11 @@ class UncertainStates:
     def awaited(self) -> list[tuple[str, str]]:
         """The hosts and streams that delay the next tick."""
         return [key for key, each in self._tracks.items() if each.settled < self._next]
+
+    @property
+    def held(self) -> int:
+        """The most samples of a stream that are kept."""
+        return max((each.held for each in self._tracks.values()), default=0)
 
     def states(self) -> Iterator[UncertainState]:
         """Yield the states that have become certain."""

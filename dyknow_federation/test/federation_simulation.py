@@ -131,13 +131,13 @@ class Simulation:
     drain = 16 * SECOND_NS
 
     def __init__(self, seed: int, conditions: Conditions | None = None) -> None:
-        self.random = random = Random(seed)
+        self.random = random = Random(seed)  # noqa: S311 - to be repeated
         self.conditions = conditions or Conditions()
         self._queue: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
         self._now = 0
         self.packets = 0
-        self.most_kept = 0
+        self.most_held = 0
         self.hosts = [self._host(f'h{number}') for number in range(random.randint(2, 5))]
         self._lossy = {
             (one.name, two.name): random.random() < 0.5 for one in self.hosts for two in self.hosts
@@ -310,15 +310,16 @@ class Simulation:
         self._evaluate()
 
     def _evaluate(self) -> None:
+        self.most_held = max(self.most_held, self.states.held)
         if self.result is not None or self.error:
             return
         for state in self.states.states():
+            self.ticks.append(state.valid_time)
             try:
                 verdict = self.evaluated.progress(*state)
             except DyKnowError as error:
                 self.error = error.message
                 return
-            self.ticks.append(state.valid_time)
             if verdict is not Verdict.UNDECIDED:
                 self.result = verdict
                 return
