@@ -25,6 +25,7 @@ FEDERATION_KEYS: Final = (
     'same',
     'peer_timeout',
     'history',
+    'max_uncertainty',
     'zenoh',
 )
 SHARE_KEYS: Final = ('feature', 'every')
@@ -60,6 +61,8 @@ class RequestedFederation:
         same: objects that are the same thing wherever a peer names them.
         peer_timeout: after which an unreachable peer has left, in nanoseconds.
         history: of the samples that are kept for peers that were unreachable, in nanoseconds.
+        max_uncertainty: of the valid time of a peer's sample, in nanoseconds; beyond it, the sample
+            is a violation.
         zenoh: a file of zenoh's own configuration; None: its defaults.
     """
 
@@ -70,6 +73,7 @@ class RequestedFederation:
     same: tuple[str, ...] = ()
     peer_timeout: int = 10 * NANOSECONDS['s']
     history: int = NANOSECONDS['min']
+    max_uncertainty: int = 500 * NANOSECONDS['ms']
     zenoh: Path | None = None
 
 
@@ -89,6 +93,11 @@ def read_federation(value: YamlValue) -> RequestedFederation:
         same=tuple(each.line() for each in texts(stated, 'same')),
         peer_timeout=_limit(stated, 'peer_timeout', default.peer_timeout),
         history=_limit(stated, 'history', default.history),
+        max_uncertainty=(
+            stated['max_uncertainty'].duration()
+            if 'max_uncertainty' in stated
+            else default.max_uncertainty
+        ),
         zenoh=_file(stated['zenoh']) if 'zenoh' in stated else None,
     )
 

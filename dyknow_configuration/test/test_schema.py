@@ -74,6 +74,7 @@ federation:
   share: [F, {feature: G, every: 1 s}]
   same: a1
   history: 90 s
+  max_uncertainty: 1 ms
   zenoh: a.json5
 guards:
   - {name: g, input: /a, output: b, formulas: a, safe: {x: 1}, period: 1 s, type: a_msgs/msg/B}

@@ -92,20 +92,16 @@ def imports(
     streams: dict[tuple[str, str], ImportedStream] = {}
     faults: list[str] = []
     for peer, given in sorted(shares.items()):
-        names = {
-            each.name: f'{peer}_{each.name}' if each.name in taken else each.name
-            for each in given.objects
-        }
+        names = {each.name: each.name for each in given.objects}
+        names |= {name: f'{peer}_{name}' for name in taken & names.keys()}
         known = {each.name: each for each in given.objects if _is_usable(each, peer, faults)}
-        for name in [each for each in known if each in taken and names[each] in {*own, *uses}]:
-            del known[name]
-            faults.append(
-                f"peer '{peer}' shares '{name}', which is '{names[name]}' here, as others"
-            )
+        for name in taken & known.keys():
+            if names[name] in {*own, *uses}:
+                del known[name]
+                faults.append(f"peer '{peer}' shares '{name}', but '{names[name]}' exists, too")
         for name, each in known.items():
-            if names[name] not in own:
-                former = objects.get(names[name], ())
-                objects[names[name]] = tuple(dict.fromkeys((*former, *each.sorts)))
+            if (local := names[name]) not in own:
+                objects[local] = tuple(dict.fromkeys((*objects.get(local, ()), *each.sorts)))
         for feature in given.features[:MAX_STREAMS]:
             try:
                 stream = _imported(peer, feature, known, names, topic(peer, feature.stream))
@@ -114,10 +110,7 @@ def imports(
             else:
                 streams[peer, feature.stream] = stream
         if len(given.features) > MAX_STREAMS:
-            faults.append(
-                f"peer '{peer}' shares {len(given.features):,} streams; only {MAX_STREAMS:,} are "
-                'used; share fewer features'
-            )
+            faults.append(f"peer '{peer}' shares more than {MAX_STREAMS:,} streams; share fewer")
     return Imports(objects, streams, tuple(faults))
 
 

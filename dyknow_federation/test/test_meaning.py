@@ -75,9 +75,7 @@ def test_a_stream_of_a_peer_is_a_topic_here() -> None:
         ({'annotation': 'stream Charge_a contains Charge[c] = value'}, "'c' is not shared"),
         ({'annotation': 'stream Charge_a contains Charge[a] = other'}, "no field 'other'"),
         (
-            {
-                'annotation': 'stream Charge_a contains Charge[u] = v for every u in A where u = i'
-            },
+            {'annotation': 'stream Charge_a contains Charge[u] = v for every u in A where u = i'},
             'about many objects',
         ),
         (

@@ -73,11 +73,7 @@ def add_policy_options(parser: argparse.ArgumentParser) -> None:
             metavar='ROBOT',
             help=f'files robot.yaml, {description}',
         )
-    parser.add_argument(
-        '--federation',
-        action='store_true',
-        help='the system has peers on other hosts: the key federation of a robot.yaml',
-    )
+    parser.add_argument('--federation', action='store_true', help='the host has peers')
     for name, description in (
         ('topic', 'topics that the engines may read besides, such as those that formulas name'),
         ('engine', f'names of the stream processing engines (default: {ENGINE})'),

@@ -16,7 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from std_msgs.msg import String
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_duration
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
 from dyknow_configuration import RequestedFederation, read_robot
 from dyknow_federation.errors import FederationError
@@ -26,6 +26,7 @@ from dyknow_federation.events import (
     PeerFault,
     PeerJoined,
     PeerLeft,
+    RemoteSample,
     SamplesArrived,
     SamplesLost,
     SharesChanged,
@@ -42,7 +43,7 @@ from dyknow_federation.remote import RemotePeer
 from dyknow_federation.report import FederationReport, LinkState, PeerReport
 from dyknow_federation.ros.own_streams import OwnStreams
 from dyknow_federation.ros.remote_streams import PREFIX, RemoteStreams, StreamName
-from dyknow_federation.ros.transport import Transport
+from dyknow_federation.ros.transport import ZenohTransport
 from dyknow_federation.ros.vocabulary import SharedVocabulary
 from dyknow_federation.settings import PeerSettings
 from dyknow_stream_processing import ViolationKind
@@ -101,7 +102,7 @@ class Federation(DyKnowNode):
         self._log = LogOnce()
         group = ReentrantCallbackGroup()
         self._packets = self.create_guard_condition(self._take, group)
-        self._transport = Transport(settings, self.now, self._wake)
+        self._transport = ZenohTransport(settings, self.now, self._wake)
         self._report = self.create_publisher(String, '~/federation', LATCHED)
         self._deadline = self.create_timer(
             PERIOD_S, self._advance, callback_group=group, clock=self.wall_clock
@@ -165,6 +166,7 @@ class Federation(DyKnowNode):
         violate = self._remote.violate
         match event:
             case SamplesArrived(peer, stream, _, samples):
+                self._check_times(peer, stream, samples)
                 self._remote.publish(StreamName(peer, stream), samples)
             case WatermarkArrived(peer, stream, _, time):
                 self._remote.pass_watermark(StreamName(peer, stream), time)
@@ -197,6 +199,17 @@ class Federation(DyKnowNode):
             case VerdictRequested(peer, request):
                 error = f"peer '{self._settings.name}' answers no formulas of peers"
                 self._peer.answer(peer, RemoteVerdict(request.number, 'undecided', error=error))
+
+    def _check_times(self, peer: str, stream: str, samples: Iterable[RemoteSample]) -> None:
+        """Report samples whose valid times are less certain than formulas may assume."""
+        limit, now = self._settings.max_uncertainty, self.now()
+        offset = self._peer.remotes[peer].clock.offset(now)
+        if any(each.uncertainty > limit for each in samples):
+            text = (
+                f"the clocks of '{self._settings.name}' and '{peer}' differ by {offset}; more than "
+                f'a max_uncertainty of {format_duration(limit)}'
+            )
+            self._remote.violate(peer, ViolationKind.CLOCK, text, stream)
 
     def _update(self) -> None:
         """Follow what is read here, and what has changed in the meaning."""

@@ -43,7 +43,7 @@ class ReceivedPacket(NamedTuple):
     received_at: int
 
 
-class Transport:
+class ZenohTransport:
     """Session of zenoh that sends and receives packets.
 
     Args:

@@ -14,7 +14,7 @@ import pytest
 
 from dyknow_common import DyKnowError
 from dyknow_configuration import RequestedFederation
-from dyknow_federation.ros.transport import Transport
+from dyknow_federation.ros.transport import ZenohTransport
 
 pytest.importorskip('zenoh')
 
@@ -46,14 +46,14 @@ class Network:
     def __init__(self, protocol: str) -> None:
         self.end = f'{protocol}/127.0.0.1:{free_port()}'
         self.received: dict[str, set[tuple[str, bytes]]] = {}
-        self.transports: dict[str, Transport] = {}
+        self.transports: dict[str, ZenohTransport] = {}
         self.stack = ExitStack()
 
     def add(self, label: str, name: str, zenoh: Path) -> None:
         first = not self.transports
         ends = {'listen' if first else 'connect': (self.end,)}
         federation = RequestedFederation(name, zenoh=zenoh, **ends)
-        transport = Transport(federation, time.time_ns, lambda: None)
+        transport = ZenohTransport(federation, time.time_ns, lambda: None)
         self.transports[label] = self.stack.enter_context(closing(transport))
         self.received[label] = set()
 
@@ -156,4 +156,6 @@ def test_a_wrong_configuration_is_explained(
     file = tmp_path / 'zenoh.json5'
     file.write_text(text)
     with pytest.raises(DyKnowError, match=message):
-        Transport(RequestedFederation('a', listen=ends, zenoh=file), time.time_ns, lambda: None)
+        ZenohTransport(
+            RequestedFederation('a', listen=ends, zenoh=file), time.time_ns, lambda: None
+        )
