@@ -10,8 +10,11 @@ import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from dyknow_interfaces.srv import ListSemanticSpecifications
 
+from dyknow_bringup.security.policy import policy_text
+from dyknow_bringup.security.systems import SecuredSystem
 from dyknow_federation.report import LinkState
 from federations import BASE, CARRIER, Host, Link, free_port, wait_for
+from policies import GraphRecorder, rules
 
 
 class Fleet(NamedTuple):
@@ -57,13 +60,27 @@ def wait_for_streams(fleet: Fleet, number: int) -> None:
     fleet.wait(are_known, f'{number} streams of peers')
 
 
+def assert_permitted(recorders: list[GraphRecorder]) -> None:
+    """What the federation nodes use is in the policy of a host with peers."""
+    policy = policy_text(SecuredSystem(has_peers=True).enclaves(), 'a host with peers')
+    permitted = rules(policy)
+    for recorder in recorders:
+        recorder.look()
+        used = {each for each in recorder.uses if each.enclave == '/federation'}
+        forbidden = {each for each in used if not any(rule.permits(each) for rule in permitted)}
+        assert used, 'the federation node is not on the graph'
+        assert not forbidden, f'complete dyknow_bringup/security/interfaces.py: {forbidden}'
+
+
 def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
+    recorders = [GraphRecorder(each.client.node) for each in (fleet.base, fleet.carrier)]
     wait_for_streams(fleet, 1)
     asked = fleet.base.ask('forall c in Carrier: always[0 s, 1 s] Charge[c] > 0.5')
     fleet.wait(asked.done, 'the answer')
     answer = asked.result()
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer
     assert answer.verdict == FormulaResult.TRUE, answer
+    assert_permitted(recorders)
 
 
 def test_an_outage_delays_a_verdict(fleet: Fleet) -> None:
@@ -91,4 +108,8 @@ def test_a_peer_that_leaves_ends_a_formula(fleet: Fleet) -> None:
     status = asked.result().exit_status
     assert status.code == ExitStatus.CONSTRAINT_VIOLATION, status
     assert "peer 'carrier1' has not been heard for" in status.message
-    wait_for_streams(fleet, 0)
+    fleet.link.restore()
+    fleet.wait(lambda: fleet.base.link_to('carrier1') is LinkState.LINKED, 'the peer is back')
+    asked = fleet.base.ask('always[0 s, 1 s] Charge[carrier1] > 0.5')
+    fleet.wait(asked.done, 'the answer')
+    assert asked.result().verdict == FormulaResult.TRUE, asked.result()
