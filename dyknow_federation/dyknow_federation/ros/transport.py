@@ -70,10 +70,10 @@ class ZenohTransport:
         self._zenoh = _zenoh()
         self._publishers: dict[tuple[str, bool], Any] = {}
         try:
-            self._session = self._zenoh.open(self._configuration(federation))
+            self.session = self._zenoh.open(self._configuration(federation))
             keys = (f'{PREFIX}/*/all', f'{PREFIX}/*/to/{self._name}')
             self._subscribers = [
-                self._session.declare_subscriber(key, self._receive) for key in keys
+                self.session.declare_subscriber(key, self._receive) for key in keys
             ]
         except self._zenoh.ZError as error:
             raise FederationError(
@@ -107,7 +107,7 @@ class ZenohTransport:
 
     def close(self) -> None:
         """End the session."""
-        self._session.close()
+        self.session.close()
 
     def _configuration(self, federation: RequestedFederation) -> Any:
         file = federation.zenoh
@@ -124,7 +124,7 @@ class ZenohTransport:
 
     def _publisher(self, receiver: str, *, is_urgent: bool) -> Any:
         priority = self._zenoh.Priority
-        return self._session.declare_publisher(
+        return self.session.declare_publisher(
             f'{PREFIX}/{self._name}/' + (f'to/{receiver}' if receiver else 'all'),
             # What a congested link loses, the receiver asks for again; the node must not wait.
             congestion_control=self._zenoh.CongestionControl.DROP,
