@@ -113,7 +113,9 @@ def run(robots: int, seconds: float, every: int) -> dict[str, Any]:
         zenoh.write_text(ZENOH)
         names = [f'robot{number}' for number in range(1, robots + 1)]
         base = Host(RequestedFederation('base', listen=(end,), zenoh=zenoh))
-        hosts = {name: Host(RequestedFederation(name, connect=(end,), zenoh=zenoh)) for name in names}
+        hosts = {
+            name: Host(RequestedFederation(name, connect=(end,), zenoh=zenoh)) for name in names
+        }
         raw_latencies: list[int] = []
         topic = base.transport.session.declare_subscriber(
             'raw/**',

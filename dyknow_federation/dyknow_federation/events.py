@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dyknow_common import Value
-from dyknow_federation.messages import RemoteVerdict, Shares, VerdictRequest
+from dyknow_federation.messages import Shares
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,23 +151,6 @@ class ClockJumped:
     since: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class VerdictRequested:
-    """A peer asks for a verdict; answer it with `Peer.answer`."""
-
-    peer: str
-    request: VerdictRequest
-
-
-@dataclass(frozen=True, slots=True)
-class VerdictArrived:
-    """The verdict on a formula; the time is that of the own clock, within the uncertainty."""
-
-    peer: str
-    verdict: RemoteVerdict
-    uncertainty: int
-
-
 Event = (
     PeerJoined
     | PeerLeft
@@ -182,7 +165,5 @@ Event = (
     | SamplesLost
     | WatermarkArrived
     | ClockJumped
-    | VerdictRequested
-    | VerdictArrived
 )
 """An event."""

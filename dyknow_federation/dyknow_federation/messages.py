@@ -30,7 +30,7 @@ MAX_PACKET: Final = 1024 * 1024
 """The number of bytes of a packet, before and after compression."""
 
 MAX_TEXT: Final = 10_000
-"""The length of a text in a message, as of a formula or an annotation."""
+"""The length of a text in a message, as of an annotation."""
 
 MAX_ITEMS: Final = 10_000
 """The number of items of a list in a message."""
@@ -256,48 +256,6 @@ class ProbeReply:
     sent_at: int
 
 
-@dataclass(frozen=True, slots=True)
-class VerdictRequest:
-    """A formula about one peer alone, which that peer evaluates.
-
-    It is repeated until there is an answer.
-
-    Args:
-        number: repeated by the answer; unique for the run of the sender.
-        formula: its text.
-        every: the sample period of its states; 0 if it has none.
-        timeout: the longest time that it may take; 0 without a limit.
-    """
-
-    number: int
-    formula: str
-    every: int = 0
-    timeout: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class RemoteVerdict:
-    """The verdict on a formula.
-
-    Args:
-        number: of the question.
-        verdict: `true`, `false`, or `undecided` with an error.
-        decided_at: the valid time of the deciding state, in the clock of the sender; 0 without.
-        explanation: the reasons.
-        error: why there is no verdict; empty if there is one.
-    """
-
-    number: int
-    verdict: str
-    decided_at: int = 0
-    explanation: str = ''
-    error: str = ''
-
-    def __post_init__(self) -> None:
-        if self.verdict not in {'true', 'false', 'undecided'}:
-            raise FederationError(f"'{shortened(self.verdict)}' is no verdict")
-
-
 Message = (
     Hello
     | SharesRequest
@@ -309,8 +267,6 @@ Message = (
     | Watermark
     | Probe
     | ProbeReply
-    | VerdictRequest
-    | RemoteVerdict
 )
 """A message between peers."""
 

@@ -15,17 +15,17 @@ All times are in nanoseconds of the own clock.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from itertools import count
 from typing import Final, NamedTuple
 
-from dyknow_common import Value, check_name, round_duration, unknown
+from dyknow_common import Value, check_name, round_duration
 from dyknow_federation.errors import FederationError, VersionError
 from dyknow_federation.events import (
     Event,
     PeerFault,
     StreamUnwanted,
     StreamWanted,
-    VerdictRequested,
 )
 from dyknow_federation.messages import (
     Hello,
@@ -34,17 +34,15 @@ from dyknow_federation.messages import (
     Probe,
     ProbeReply,
     Release,
-    RemoteVerdict,
     Request,
     RequestRefusal,
     SharedFeature,
     SharedObject,
     Shares,
     SharesRequest,
-    VerdictRequest,
     decode,
 )
-from dyknow_federation.remote import MAX_QUESTIONS, RemotePeer
+from dyknow_federation.remote import RemotePeer
 from dyknow_federation.sending import Rendition, StreamKey
 from dyknow_federation.settings import PeerSettings
 
@@ -89,7 +87,6 @@ class Peer:
         self._remotes: dict[str, RemotePeer] = {}
         self._renditions: dict[StreamKey, Rendition] = {}
         self._epochs = count(1)
-        self._numbers = count(1)
         self._hello_at = self._flush_at = -_NEVER
         self._events: list[Event] = []
         self._packets: list[Packet] = []
@@ -166,29 +163,6 @@ class Peer:
         """Ask a peer for a stream no more."""
         if peer in self._remotes:
             self._remotes[peer].release(StreamKey(stream, every))
-            self._collect()
-
-    def ask(self, peer: str, formula: str, every: int, timeout: int, at: int) -> int:
-        """Ask a peer for a verdict; return the number that its answer repeats.
-
-        Raises:
-            FederationError: if the peer is not there.
-        """
-        remote = self._remotes.get(peer)
-        if remote is None or not remote.is_present:
-            present = [name for name, each in self._remotes.items() if each.is_present]
-            raise FederationError(unknown('peer', peer, present))
-        number = next(self._numbers)
-        remote.ask(VerdictRequest(number, formula, every, timeout), at)
-        return number
-
-    def answer(self, peer: str, answer: RemoteVerdict) -> None:
-        """Answer a question of a peer."""
-        remote = self._remotes.get(peer)
-        if remote is not None and answer.number in remote.asked:
-            remote.asked[answer.number] = answer
-            remote.outbox.append(answer)
-            self._collect()
 
     def receive(self, data: bytes, at: int, sender: str = '') -> Effects:
         """Take a packet; one that is not as it must be is an event.
@@ -210,7 +184,6 @@ class Peer:
             self._report(error.sender, error.message, at)
         except FederationError as error:
             self._report('', f'a message is refused: {error}', at)
-        self._collect()
         return self._effects()
 
     def advance(self, at: int) -> Effects:
@@ -218,7 +191,7 @@ class Peer:
         self._note_time(at)
         if at >= self._hello_at:
             self._hello_at = at + self._settings.hello_period
-            self._packets.append(self._packet('', Hello(self._shares.version)))
+            self._send('', Hello(self._shares.version))
             self._expire(at)
         for remote in self._remotes.values():
             self._events += remote.advance(at)
@@ -226,8 +199,7 @@ class Peer:
             self._flush_at = _NEVER
             for rendition in self._renditions.values():
                 for peer, message in rendition.unsent():
-                    self._packets.append(self._packet(peer, message))
-        self._collect()
+                    self._send(peer, message)
         return self._effects()
 
     def _note_time(self, at: int) -> None:
@@ -248,7 +220,7 @@ class Peer:
         self._events += events
         match packet.message:
             case SharesRequest():
-                remote.outbox.append(self._shares)
+                remote.send(self._shares)
             case Request():
                 self._take_request(remote, packet.message, at)
             case Release(stream, every):
@@ -256,9 +228,7 @@ class Peer:
                     self._renditions[key].release(remote.name)
             case Probe(number, sent_at):
                 self._events += remote.check_stamp(sent_at, at)
-                remote.outbox.append(ProbeReply(number, sent_at, at, at))
-            case VerdictRequest():
-                self._take_question(remote, packet.message)
+                remote.send(ProbeReply(number, sent_at, at, at))
             case message:
                 self._events += remote.take(message, at)
 
@@ -266,7 +236,7 @@ class Peer:
         key = StreamKey(request.stream, request.every)
         reason = self._refusal(key)
         if reason:
-            remote.outbox.append(RequestRefusal(*key, reason))
+            remote.send(RequestRefusal(*key, reason))
             return
         if key not in self._renditions:
             if all(each.stream != key.stream for each in self._renditions):
@@ -274,7 +244,8 @@ class Peer:
             history = self._settings.history
             self._renditions[key] = Rendition(key, next(self._epochs), history)
         expires = at + self._settings.peer_timeout
-        remote.outbox += self._renditions[key].renew(remote.name, request, expires)
+        for each in self._renditions[key].renew(remote.name, request, expires):
+            remote.send(each)
 
     def _refusal(self, key: StreamKey) -> str:
         shared = [each.stream for each in self._shares.features]
@@ -286,22 +257,6 @@ class Peer:
             return f'it is asked for at {MAX_RATES} rates already; use one of {", ".join(every)}'
         return ''
 
-    def _take_question(self, remote: RemotePeer, question: VerdictRequest) -> None:
-        asked, number = remote.asked, question.number
-        if number in asked:
-            answer = asked[number]
-            remote.outbox += [answer] if answer else []
-            return
-        while len(asked) >= MAX_QUESTIONS:
-            done = next((each for each, answer in asked.items() if answer), None)
-            if done is None:
-                error = f"peer '{self._settings.name}' has {MAX_QUESTIONS} open questions; wait"
-                remote.outbox.append(RemoteVerdict(number, 'undecided', error=error))
-                return
-            del asked[done]
-        asked[number] = None
-        self._events.append(VerdictRequested(remote.name, question))
-
     def _expire(self, at: int) -> None:
         """End what is not needed any more."""
         for key, rendition in list(self._renditions.items()):
@@ -310,7 +265,7 @@ class Peer:
             if not is_used:
                 self._remove(key)
         for name, remote in list(self._remotes.items()):
-            if not remote.is_present and not remote.is_needed:
+            if not remote.is_present and not remote.requested:
                 del self._remotes[name]
 
     def _remove(self, key: StreamKey) -> None:
@@ -323,7 +278,8 @@ class Peer:
             if len(self._remotes) >= MAX_PEERS:
                 raise FederationError(f'there are more than {MAX_PEERS} peers; use several groups')
             check_name(name, FederationError)
-            self._remotes[name] = RemotePeer(name, self._settings, at)
+            send = partial(self._send, name)
+            self._remotes[name] = RemotePeer(name, self._settings, send, at)
         return self._remotes[name]
 
     def _check_own(self, packet: Packet) -> None:
@@ -341,15 +297,9 @@ class Peer:
             self._faults_at[peer] = at
             self._events.append(PeerFault(peer, message))
 
-    def _collect(self) -> None:
-        """Take what is to be sent from all remotes."""
-        for remote in self._remotes.values():
-            if remote.outbox:
-                self._packets += [self._packet(remote.name, each) for each in remote.outbox]
-                remote.outbox.clear()
-
-    def _packet(self, receiver: str, message: Message) -> Packet:
-        return Packet(self._settings.name, self._settings.incarnation, receiver, message)
+    def _send(self, receiver: str, message: Message) -> None:
+        name, incarnation = self._settings.name, self._settings.incarnation
+        self._packets.append(Packet(name, incarnation, receiver, message))
 
     def _effects(self) -> Effects:
         found = Effects(self._packets, self._events)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
-from collections.abc import Iterator
-from dataclasses import replace
+from collections import deque
+from collections.abc import Callable, Iterator
 from typing import Final
 
 from dyknow_common import round_duration, round_time
@@ -21,7 +20,6 @@ from dyknow_federation.events import (
     SamplesLost,
     SharesChanged,
     StreamRefused,
-    VerdictArrived,
     WatermarkArrived,
 )
 from dyknow_federation.messages import (
@@ -30,12 +28,10 @@ from dyknow_federation.messages import (
     Probe,
     ProbeReply,
     Release,
-    RemoteVerdict,
     RequestRefusal,
     Samples,
     Shares,
     SharesRequest,
-    VerdictRequest,
     Watermark,
 )
 from dyknow_federation.receiving import Delivery, Lost, Promise, ReceivedStream
@@ -45,14 +41,14 @@ from dyknow_federation.settings import PeerSettings
 MAX_FORMER: Final = 16
 """The number of former runs of a peer whose late messages are known as such."""
 
+UNUSED: Final = 10
+"""The clock of a peer of which nothing is asked is measured this many times more rarely."""
+
 MAX_PROBES: Final = 16
 """The number of probes that wait for a reply."""
 
 _NUMBERS: Final = 2**62
 """Probes are numbered below this; runs of a host differ in their numbers."""
-
-MAX_QUESTIONS: Final = 100
-"""The number of questions of a peer that are open, or whose answers are kept."""
 
 
 class RemotePeer:
@@ -64,23 +60,23 @@ class RemotePeer:
         shares: what it shares; None if it is not known.
         is_present: False if it has left.
         heard_at: when it was last heard.
-        outbox: what is to be sent to it.
 
     Args:
         name: its name.
         settings: of the own host.
+        send: sends a message to it.
         at: the time.
     """
 
-    def __init__(self, name: str, settings: PeerSettings, at: int) -> None:
+    def __init__(
+        self, name: str, settings: PeerSettings, send: Callable[[Message], None], at: int
+    ) -> None:
         self.name = name
         self.clock = PairClock(settings.max_drift_ppm)
         self.shares: Shares | None = None
         self.is_present = self.is_stale = False
         self.heard_at = at
-        self.outbox: list[Message] = []
-        self.asked: OrderedDict[int, RemoteVerdict | None] = OrderedDict()
-        """Its questions, with the answers that are known."""
+        self.send = send
         self._settings = settings
         self._incarnation: int | None = None
         self._former: deque[int] = deque(maxlen=MAX_FORMER)
@@ -89,13 +85,6 @@ class RemotePeer:
         self._streams: dict[StreamKey, ReceivedStream] = {}
         self._request_at: dict[StreamKey, int] = {}
         self._refused: set[StreamKey] = set()
-        self._questions: dict[int, VerdictRequest] = {}
-        self._question_at = at
-
-    @property
-    def is_needed(self) -> bool:
-        """True while the own host asks for something of it."""
-        return bool(self._streams or self._questions)
 
     @property
     def requested(self) -> list[StreamKey]:
@@ -107,8 +96,7 @@ class RemotePeer:
         if not self.is_present:
             return None
         limit = self._settings.peer_timeout if self.is_stale else self._settings.stale_after
-        times = [self.heard_at + limit, self._probe_at, *self._request_at.values()]
-        return min([*times, self._question_at] if self._questions else times)
+        return min([self.heard_at + limit, self._probe_at, *self._request_at.values()])
 
     def hear(self, incarnation: int, at: int) -> list[Event] | None:
         """Take a sign of life; return None if it is a late one of a former run."""
@@ -140,12 +128,11 @@ class RemotePeer:
         self.clock = PairClock(self._settings.max_drift_ppm)
         self._probes.clear()
         self._refused.clear()
-        self.asked.clear()
         return events
 
     def _begin(self, at: int) -> None:
         """Ask at once for all that is needed."""
-        self._probe_at = self._question_at = at
+        self._probe_at = at
         self._request_at = dict.fromkeys(self._streams, at)
 
     def restart_times(self, at: int) -> list[Event]:
@@ -173,44 +160,32 @@ class RemotePeer:
         for key, due in self._request_at.items():
             if at >= due:
                 self._send_request(key, at)
-        if self._questions and at >= self._question_at:
-            self._question_at = at + self._settings.hello_period
-            self.outbox += self._questions.values()
         return events
 
     def _leave(self, silence: int) -> list[Event]:
         self.is_present = self.is_stale = False
         reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
-        answers = [RemoteVerdict(each, 'undecided', error=reason) for each in self._questions]
-        self._questions.clear()
-        self.asked.clear()
-        ends = (VerdictArrived(self.name, each, 0) for each in answers)
-        return [PeerLeft(self.name, reason), *ends]
+        return [PeerLeft(self.name, reason)]
 
     def request(self, key: StreamKey, at: int) -> None:
         """Ask for a stream until it is released."""
         if key not in self._streams:
             self._streams[key] = ReceivedStream(key)
-            self._request_at[key] = at
+            self._request_at[key] = self._probe_at = at
 
     def release(self, key: StreamKey) -> None:
         """Ask for a stream no more."""
         if self._streams.pop(key, None) is not None:
             self._request_at.pop(key, None)
             self._refused.discard(key)
-            self.outbox.append(Release(*key))
-
-    def ask(self, question: VerdictRequest, at: int) -> None:
-        """Ask for a verdict until it arrives, or the peer leaves."""
-        self._questions[question.number] = question
-        self._question_at = at
+            self.send(Release(*key))
 
     def take(self, message: Message, at: int) -> list[Event]:
         """Take a message that answers what the own host has asked."""
         match message:
             case Hello(version):
                 if self.shares is None or self.shares.version < version:
-                    self.outbox.append(SharesRequest())
+                    self.send(SharesRequest())
             case Shares():
                 if self.shares is None or self.shares.version < message.version:
                     self.shares = message
@@ -222,8 +197,6 @@ class RemotePeer:
                 return self._take_refusal(StreamKey(stream, every), reason)
             case ProbeReply():
                 return self._take_reply(message, at)
-            case RemoteVerdict():
-                return self._take_answer(message)
         return []
 
     def check_stamp(self, stamp: int, at: int) -> list[Event]:
@@ -240,7 +213,7 @@ class RemotePeer:
         key = StreamKey(message.stream, message.every)
         stream = self._streams.get(key)
         if stream is None:
-            self.outbox.append(Release(*key))
+            self.send(Release(*key))
             return []
         if isinstance(message, Samples):
             stream.take_batch(message)
@@ -266,19 +239,12 @@ class RemotePeer:
         events: list[Event] = []
         if jump is not None:
             events.append(ClockJumped(self.name, jump, since))
-        self._probe_at = at + self._settings.probe_period
+        period = self._settings.probe_period
+        self._probe_at = at + (period if self._streams else UNUSED * period)
         if not was_known or jump is not None:
             for key in self._streams:
                 events += self._deliver(key, at)
         return events
-
-    def _take_answer(self, answer: RemoteVerdict) -> list[Event]:
-        if self._questions.pop(answer.number, None) is None:
-            return []
-        own = self.clock.own_time(answer.decided_at) if answer.decided_at else None
-        if own is None:
-            return [VerdictArrived(self.name, replace(answer, decided_at=0), 0)]
-        return [VerdictArrived(self.name, replace(answer, decided_at=own.time), own.uncertainty)]
 
     def _deliver(self, key: StreamKey, at: int) -> list[Event]:
         """Return what is due of a stream; nothing while its times cannot be translated."""
@@ -336,11 +302,11 @@ class RemotePeer:
             del self._probes[next(iter(self._probes))]
         self._probes[number] = at
         self._probe_at = at + min(self._retry, self._settings.probe_period)
-        self.outbox.append(Probe(number, at))
+        self.send(Probe(number, at))
 
     def _send_request(self, key: StreamKey, at: int) -> None:
         stream = self._streams[key]
         is_urgent = not (stream.is_subscribed and stream.is_complete) and key not in self._refused
         period = self._retry if is_urgent else self._settings.hello_period
         self._request_at[key] = at + period
-        self.outbox.append(stream.request())
+        self.send(stream.request())

@@ -152,8 +152,10 @@ class Rendition:
         for peer, subscription in self._subscriptions.items():
             for batch in self._batches(max(subscription.number, self._oldest), self._number - 1):
                 yield peer, batch
+            is_silent = subscription.number == self._number
             subscription.number = self._number
-            yield peer, self.watermark()
+            if is_silent or self._promised > self._latest:  # A sample is a promise, too.
+                yield peer, self.watermark()
 
     def watermark(self) -> Watermark:
         """Return what is promised about the samples to come."""

@@ -49,7 +49,7 @@ class UncertainState(NamedTuple):
     reason: str
 
 
-class _Entry(NamedTuple):
+class _Dated(NamedTuple):
     """A sample, or that samples are unknown if it has no fields."""
 
     earliest: int
@@ -71,38 +71,38 @@ class _Track:
         self.settled = BEGINNING
         """No later sample is valid until this time."""
         self.loss = f'a value of {", ".join(columns)} has not arrived yet'
-        self._entries: deque[_Entry] = deque()
+        self._samples: deque[_Dated] = deque()
 
     @property
     def held(self) -> int:
-        return len(self._entries)
+        return len(self._samples)
 
     def put(self, sample: RemoteSample) -> None:
         # Samples arrive in the order of their true times, so none is earlier than its predecessor.
-        earliest = max(sample.earliest, self._entries[-1].earliest if self._entries else BEGINNING)
+        earliest = max(sample.earliest, self._samples[-1].earliest if self._samples else BEGINNING)
         fields = {feature: sample.fields[column] for feature, column in self.columns.items()}
-        self._entries.append(_Entry(earliest, max(earliest, sample.latest), fields))
+        self._samples.append(_Dated(earliest, max(earliest, sample.latest), fields))
         self.settled = max(self.settled, earliest)
-        if len(self._entries) > MAX_WAITING:
-            self._entries.popleft()
-            self._entries[0] = self._entries[0]._replace(fields=None)
+        if len(self._samples) > MAX_WAITING:
+            self._samples.popleft()
+            self._samples[0] = self._samples[0]._replace(fields=None)
             self.loss = f'more than {MAX_WAITING} samples wait for those of other streams'
 
     def lose(self, reason: str) -> None:
         """Note that samples after the latest one are unknown."""
-        if self._entries:
-            earliest = self._entries[-1].earliest
-            self._entries.append(_Entry(earliest, earliest, None))
+        if self._samples:
+            earliest = self._samples[-1].earliest
+            self._samples.append(_Dated(earliest, earliest, None))
         self.loss = reason
 
     def values_at(self, tick: int) -> list[Fields] | None:
         """Return the values that are possible at a tick, None if they are unknown."""
-        certain = [n for n, each in enumerate(self._entries) if each.latest <= tick]
+        certain = [n for n, each in enumerate(self._samples) if each.latest <= tick]
         if not certain:
             return None
         for _ in range(certain[-1]):
-            self._entries.popleft()
-        found = [each.fields for each in self._entries if each.earliest <= tick]
+            self._samples.popleft()
+        found = [each.fields for each in self._samples if each.earliest <= tick]
         possible = [each for n, each in enumerate(found) if each not in found[:n]]
         return None if None in possible else [each for each in possible if each is not None]
 

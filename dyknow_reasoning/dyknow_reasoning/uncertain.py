@@ -101,14 +101,18 @@ class UncertainFormula:
             self.skipped += 1
             return Verdict.UNDECIDED
         self._latest = valid_time
-        remaining = []
         for each in self._instances:
             each.progress(valid_time, alternatives)
             self._reason = reason if reason and each.is_split else self._reason
+        return self._verdict()
+
+    def _verdict(self) -> Verdict:
+        """Return the verdict of all instances; drop those that are decided, or never will be."""
+        remaining = []
+        for each in self._instances:
             verdicts = each.verdicts
             if verdicts == {False}:
                 return Verdict.FALSE
-            # With both verdicts, the instance is never decided.
             if {True, False} <= verdicts or each.is_unknown:
                 self._is_unprovable = True
             elif verdicts != {True}:

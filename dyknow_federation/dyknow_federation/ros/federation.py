@@ -33,10 +33,9 @@ from dyknow_federation.events import (
     StreamRefused,
     StreamUnwanted,
     StreamWanted,
-    VerdictRequested,
     WatermarkArrived,
 )
-from dyknow_federation.messages import Packet, Probe, ProbeReply, RemoteVerdict, Shares, encode
+from dyknow_federation.messages import Packet, Probe, ProbeReply, Shares, encode
 from dyknow_federation.offers import shares
 from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.remote import RemotePeer
@@ -162,8 +161,8 @@ class Federation(DyKnowNode):
         except FederationError as error:
             self._warn([str(error)])
 
-    def _handle(self, event: Event) -> None:  # noqa: C901 - one case for each kind of event
-        violate = self._remote.violate
+    def _handle(self, event: Event) -> None:
+        """Act on an event of a stream, or of a peer."""
         match event:
             case SamplesArrived(peer, stream, _, samples):
                 self._check_times(peer, stream, samples)
@@ -173,32 +172,35 @@ class Federation(DyKnowNode):
             case SamplesLost(peer, stream, _, count, reason):
                 self._lost[peer] += count
                 text = f"samples of peer '{peer}' are lost: {reason}"
-                violate(peer, ViolationKind.LOST, text, stream)
+                self._remote.violate(peer, ViolationKind.LOST, text, stream)
+            case StreamRefused(peer, stream, _, reason):
+                text = f"peer '{peer}' refuses it: {reason}"
+                self._remote.violate(peer, ViolationKind.MESSAGE, text, stream)
+            case StreamWanted(stream):
+                self._own.want(stream)
+            case StreamUnwanted(stream):
+                self._own.release(stream)
+            case _:
+                self._handle_peer(event)
+
+    def _handle_peer(self, event: Event) -> None:
+        match event:
             case SharesChanged(peer, given):
                 self._shares[peer] = given
                 self._meaning_of = None
             case PeerJoined(peer):
                 self._left.pop(peer, None)
             case PeerLeft(peer, reason):
-                violate(peer, ViolationKind.MAX_DELAY, reason)
+                self._remote.violate(peer, ViolationKind.MAX_DELAY, reason)
                 self._left[peer] = _Departure(reason, self.now())
                 self._transport.forget(peer)
                 self._warn([reason])
             case ClockJumped(peer):
                 text = f"the clock of peer '{peer}' has jumped, or that of this host"
-                violate(peer, ViolationKind.CLOCK, text)
-            case StreamRefused(peer, stream, _, reason):
-                violate(peer, ViolationKind.MESSAGE, f"peer '{peer}' refuses it: {reason}", stream)
-            case StreamWanted(stream):
-                self._own.want(stream)
-            case StreamUnwanted(stream):
-                self._own.release(stream)
+                self._remote.violate(peer, ViolationKind.CLOCK, text)
             case PeerFault(peer, message):
                 self._faults[peer] = message
                 self._warn([message])
-            case VerdictRequested(peer, request):
-                error = f"peer '{self._settings.name}' answers no formulas of peers"
-                self._peer.answer(peer, RemoteVerdict(request.number, 'undecided', error=error))
 
     def _check_times(self, peer: str, stream: str, samples: Iterable[RemoteSample]) -> None:
         """Report samples whose valid times are less certain than formulas may assume."""

@@ -22,7 +22,6 @@ from dyknow_federation.messages import (
     Probe,
     ProbeReply,
     Release,
-    RemoteVerdict,
     Request,
     RequestRefusal,
     Samples,
@@ -30,7 +29,6 @@ from dyknow_federation.messages import (
     SharedObject,
     Shares,
     SharesRequest,
-    VerdictRequest,
     Watermark,
 )
 
@@ -50,8 +48,6 @@ EXAMPLES: list[Message] = [
     Watermark('c', 0, 1, 9, 1, -5),
     Probe(1, 2),
     ProbeReply(1, 2, 3, 4),
-    VerdictRequest(1, 'always p', 100, 0),
-    RemoteVerdict(1, 'true', 5, 'p held'),
 ]
 
 
