@@ -183,7 +183,7 @@ class Peer:
         except VersionError as error:
             self._report(error.sender, error.message, at)
         except FederationError as error:
-            self._report('', f'a message is refused: {error}', at)
+            self._report(sender, f'a message is refused: {error}', at)
         return self._effects()
 
     def advance(self, at: int) -> Effects:

@@ -13,6 +13,7 @@ Samples have numbers, so what is lost, late or doubled shows:
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
 
@@ -87,7 +88,7 @@ class ReceivedStream:
         stream, every = self._key
         return Request(stream, every, self._epoch, self._number, tuple(self._missing()))
 
-    def interrupt(self) -> None:
+    def _interrupt(self) -> None:
         """Note that the peer numbers its samples anew: what was not received is lost."""
         self._is_interrupted = self._is_interrupted or self._epoch > 0
         self._held.clear()
@@ -122,6 +123,7 @@ class ReceivedStream:
         if self._is_interrupted:
             self._is_interrupted = False
             yield Lost(0, 'the peer has begun to number its samples anew')
+        held = deque(sorted(each for each in self._held if each < self._oldest))
         while self._number < self._end:
             if self._number in self._held:
                 sample = self._held.pop(self._number)
@@ -132,8 +134,9 @@ class ReceivedStream:
                 self._promised = sample.valid_time
                 yield sample
             elif self._number < self._oldest:
-                ends = [each for each in self._held if each < self._oldest]
-                end = min(ends, default=self._oldest)
+                while held and held[0] < self._number:
+                    held.popleft()
+                end = held[0] if held else self._oldest
                 count, self._number = end - self._number, end
                 yield Lost(count, 'the peer keeps them no more')
             else:
@@ -146,7 +149,7 @@ class ReceivedStream:
     def _is_current(self, epoch: int, number: int) -> bool:
         """Return False for a former epoch; begin a new one."""
         if epoch > self._epoch:
-            self.interrupt()
+            self._interrupt()
             self._epoch, self._number, self._end = epoch, number, number
         return epoch == self._epoch
 

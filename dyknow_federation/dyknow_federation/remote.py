@@ -105,7 +105,7 @@ class RemotePeer:
         events: list[Event] = []
         is_new = incarnation != self._incarnation
         if is_new:
-            events += self._restart(incarnation, at)
+            events += self._restart(incarnation)
         elif self.is_stale:
             events.append(LinkRestored(self.name))
         if is_new or not self.is_present:
@@ -115,14 +115,15 @@ class RemotePeer:
         self.is_present, self.is_stale, self.heard_at = True, False, at
         return events
 
-    def _restart(self, incarnation: int, at: int) -> list[Event]:
+    def _restart(self, incarnation: int) -> list[Event]:
         """Forget the former run: its clock, its shares, and its numbers."""
         events: list[Event] = []
         if self._incarnation is not None:
             self._former.append(self._incarnation)
             for key, stream in self._streams.items():
-                stream.interrupt()
-                events += self._deliver(key, at)
+                if stream.is_subscribed:
+                    reason = 'the peer has started again'
+                    events.append(SamplesLost(self.name, *key, 0, reason))
                 self._streams[key] = ReceivedStream(key)
         self._incarnation, self.shares = incarnation, None
         self.clock = PairClock(self._settings.max_drift_ppm)

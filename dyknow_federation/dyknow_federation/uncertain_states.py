@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from itertools import product
+from itertools import product, takewhile
 from math import prod
 from typing import Final, NamedTuple
 
@@ -97,12 +97,14 @@ class _Track:
 
     def values_at(self, tick: int) -> list[Fields] | None:
         """Return the values that are possible at a tick, None if they are unknown."""
-        certain = [n for n, each in enumerate(self._samples) if each.latest <= tick]
+        # The earliest times increase, so no sample after one that is later than the tick counts.
+        begun = list(takewhile(lambda each: each.earliest <= tick, self._samples))
+        certain = [number for number, each in enumerate(begun) if each.latest <= tick]
         if not certain:
             return None
         for _ in range(certain[-1]):
             self._samples.popleft()
-        found = [each.fields for each in self._samples if each.earliest <= tick]
+        found = [each.fields for each in begun[certain[-1] :]]
         possible = [each for n, each in enumerate(found) if each not in found[:n]]
         return None if None in possible else [each for each in possible if each is not None]
 

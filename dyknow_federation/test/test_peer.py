@@ -193,6 +193,19 @@ def test_a_restart_loses_what_was_not_sent() -> None:
     assert net.peers['b'].receive(late, net.time('b')) == ([], [])
 
 
+def test_a_restart_is_told_while_the_clock_is_not_known() -> None:
+    net = sharing()
+    net.publish('a', 1)
+    net.run(0.1)
+    net.take('b', SamplesLost)
+    net.offsets['b'] -= SECOND_NS
+    net.drops = lambda packet: not isinstance(packet.message, Hello)
+    net.start('a', 77)
+    net.run(2)
+    (lost,) = net.take('b', SamplesLost)
+    assert lost.reason == 'the peer has started again'
+
+
 def test_peers_of_another_version_are_named_once() -> None:
     net = Net('b')
     data = json.loads(encode(Packet('old', 1, '', Hello(1))))
