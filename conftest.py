@@ -16,10 +16,12 @@ import dyknow_common  # noqa: F401
 import dyknow_configuration  # noqa: F401
 import dyknow_coordinator  # noqa: F401
 import dyknow_dashboard  # noqa: F401
+import dyknow_federation  # noqa: F401
 import dyknow_reactions  # noqa: F401
 import dyknow_reasoning  # noqa: F401
 import dyknow_recordings  # noqa: F401
 import dyknow_semantics  # noqa: F401
+import dyknow_space  # noqa: F401
 import dyknow_stream_processing  # noqa: F401
 
 # Tests assert what comes out, not how fast: other processes may have the machine.
