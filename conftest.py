@@ -21,6 +21,7 @@ import dyknow_reactions  # noqa: F401
 import dyknow_reasoning  # noqa: F401
 import dyknow_recordings  # noqa: F401
 import dyknow_semantics  # noqa: F401
+import dyknow_space  # noqa: F401
 import dyknow_stream_processing  # noqa: F401
 
 # Tests assert what comes out, not how fast: other processes may have the machine.

@@ -91,7 +91,7 @@ OF_INDEPENDENT_TESTS = {
 }
 """Modules whose tests share nothing: each test is a unit."""
 
-IN_BOTH_COMPOSITIONS = {'test_change', 'test_evaluate_formula', 'test_stand_ins'}
+IN_BOTH_COMPOSITIONS = {'test_change'}
 """Modules that run with a process for each node, and with one process for all of them."""
 
 IN_PROCESSES = {

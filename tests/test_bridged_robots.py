@@ -47,10 +47,12 @@ robot2:height equivalent uav:Altitude;
 robot2:Drone into uav:UAV;
 robot2:self same uav:uav2;
 """
-SSL = """
-stream "/robot2/height" contains height[self] = data;
-stream "/robot2/scout/height" contains height[robot2:scout] = data;
-stream "/scout/altitude" contains Altitude[uav:scout] = data
+# A busy machine delivers late.
+TIMING = 'with max_delay = 5 s'
+SSL = f"""
+stream "/robot2/height" contains height[self] = data {TIMING};
+stream "/robot2/scout/height" contains height[robot2:scout] = data {TIMING};
+stream "/scout/altitude" contains Altitude[uav:scout] = data {TIMING}
 """
 DATA = {'/robot2/height': 1000.0, '/robot2/scout/height': 500.0, '/scout/altitude': 10.0}
 
@@ -149,7 +151,7 @@ def test_a_bridge_is_added_while_a_formula_runs(nodes: Nodes) -> None:
         lambda: said('Altitude[kopter]'), 'the object has no stream', instead=following.told
     )
     DATA['/robot3/hoehe'] = 2000.0
-    statement = 'stream "/robot3/hoehe" contains Hoehe[kopter] = data'
+    statement = 'stream "/robot3/hoehe" contains Hoehe[kopter] = data ' + TIMING
     nodes.obtain('stream_semantics_manager', srv.AddSemanticSpecification, ssl_statement=statement)
     result = following.result()
     assert result.verdict == FormulaResult.FALSE, result

@@ -6,7 +6,12 @@ from pathlib import Path
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-OPTIONAL = {'report': ('images', 'pages'), 'cluster': ('cluster',)}
+OPTIONAL = {
+    'report': ('images', 'pages'),
+    'cluster': ('cluster',),
+    'probability': ('probability',),
+    'space': ('space',),
+}
 """The extras of the wheel, and the dependency groups of each."""
 
 

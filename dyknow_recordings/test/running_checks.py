@@ -15,7 +15,7 @@ from typing import Any
 
 from small_bags import channel, chunk, mcap, schema, stored
 
-LIMIT_S = 60
+LIMIT_S = 180
 CODE = 'import sys; from dyknow_recordings.check import main; sys.exit(main(sys.argv[1:]))'
 FORMULAS = ('always "/odom".pose.pose.position.z < 58', 'always x.y = 1', 'always "/armed".data')
 OPTIONS = [word for each in FORMULAS for word in ('--formula', each)]

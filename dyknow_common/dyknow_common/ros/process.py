@@ -21,6 +21,7 @@ from contextlib import suppress
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.signals import install_signal_handlers
 
 from dyknow_common.errors import DyKnowError, one_line
@@ -158,7 +159,11 @@ class _Nodes:
             thread.submit(self._destroy, node).result()
 
     def _make(self, make_node: Callable[[], DyKnowNode]) -> None:
-        node = make_node()
+        try:
+            node = make_node()
+        except Exception as error:
+            _destroy_unfinished(error)
+            raise
         self._executors[node] = node_executor()
         self._executors[node].add_node(node)
 
@@ -176,6 +181,19 @@ class _Nodes:
     def _destroy(self, node: DyKnowNode) -> None:
         self._executors[node].shutdown()
         node.destroy_node()
+
+
+def _destroy_unfinished(error: Exception) -> None:
+    """Destroy the node whose constructor has raised an error; only its traceback knows the node.
+
+    Otherwise its middleware would run on while the libraries of the process end, which may crash.
+    """
+    for frame, _ in traceback.walk_tb(error.__traceback__):
+        node = frame.f_locals.get('self')
+        # What rclpy makes last; without it, the node cannot be destroyed.
+        if isinstance(node, DyKnowNode) and hasattr(node, '_type_description_service'):
+            Node.destroy_node(node)  # What a class of ours destroys besides may not exist yet.
+            return
 
 
 def _run(

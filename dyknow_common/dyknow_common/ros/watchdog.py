@@ -45,6 +45,7 @@ class Watchdog:
         self._limit_s = HANG_LIMIT_S
         self._stopped = threading.Event()
         with suppress(*WITHOUT_STDERR):
+            faulthandler.enable()
             faulthandler.register(signal.SIGALRM, all_threads=True)
         self._print_tracebacks = OneTimeHandler(signal.SIGALRM)
         self._thread = threading.Thread(target=self._run, daemon=True)
