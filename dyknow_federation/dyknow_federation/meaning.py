@@ -19,6 +19,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Final
 
 from dyknow_common import DyKnowError, StreamConstraints, shortened
@@ -29,6 +30,9 @@ from dyknow_semantics import Annotation, FeatureArgument, parse_annotations
 
 MAX_STREAMS: Final = 2_000
 """The number of streams of a peer that are known here."""
+
+MAX_ANNOTATION: Final = 1_000
+"""The length of the annotation of a stream."""
 
 _NAME: Final = re.compile('[A-Za-z_][A-Za-z0-9_]{0,99}')
 _OBJECT: Final = re.compile('[A-Za-z_][A-Za-z0-9_.-]{0,199}')
@@ -158,7 +162,9 @@ def _imported(
 
 def _checked(feature: SharedFeature) -> Annotation:
     """Return the annotation of a stream with one ground feature of plain fields."""
-    found = parse_annotations(feature.annotation)
+    if len(feature.annotation) > MAX_ANNOTATION:
+        raise FederationError(f'its annotation has more than {MAX_ANNOTATION:,} characters')
+    found = _parsed(feature.annotation)
     if len(found) != 1 or len(found[0].contents) != 1:
         raise FederationError('its annotation does not have one feature')
     (annotation,) = found
@@ -170,6 +176,12 @@ def _checked(feature: SharedFeature) -> Annotation:
     if content.field not in dict(feature.columns):
         raise FederationError(f"its samples have no field '{shortened(content.field)}'")
     return annotation
+
+
+@lru_cache(maxsize=2 * MAX_STREAMS)
+def _parsed(text: str) -> tuple[Annotation, ...]:
+    """Parse an annotation, once for all changes of other streams."""
+    return parse_annotations(text)
 
 
 def _most_specific(shared: SharedObject) -> str:

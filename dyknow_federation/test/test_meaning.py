@@ -70,6 +70,7 @@ def test_a_stream_of_a_peer_is_a_topic_here() -> None:
     [
         ({'stream': 'a/b'}, 'cannot be a name here'),
         ({'annotation': 'stream x contains'}, 'expected'),
+        ({'annotation': 'stream a contains A[a] = b' + ' ' * 1000}, 'more than 1,000'),
         ({'annotation': 'stream Charge_b contains Charge[a] = value'}, 'another stream'),
         ({'annotation': 'stream Charge_a contains Power[a] = value'}, 'another stream or feature'),
         ({'annotation': 'stream Charge_a contains Charge[c] = value'}, "'c' is not shared"),

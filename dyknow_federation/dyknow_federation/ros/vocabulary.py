@@ -21,6 +21,7 @@ from dyknow_interfaces.srv import (
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import DyKnowNode
+from dyknow_federation.errors import FederationError
 from dyknow_federation.meaning import (
     ImportedStream,
     Imports,
@@ -81,7 +82,10 @@ class SharedVocabulary:
             try:
                 matches = self._matcher.match(parse_concept(name), MAX_MATCHES)
                 texts = [each.specification for each in matches]
-                found += offers(knowledge.feature(name), texts, self._prefix)
+                of_feature = list(offers(knowledge.feature(name), texts, self._prefix))
+                if not of_feature:
+                    raise FederationError('no stream of this host carries it')
+                found += of_feature
             except DyKnowError as error:
                 faults.append(f"the feature '{name}' cannot be shared: {error}")
         return found, knowledge, faults
