@@ -224,7 +224,8 @@ class Federation(DyKnowNode):
         self._own.reconcile()
         self._withdraw()
         version = self._vocabulary.version
-        if not self._is_working and version != self._meaning_of:
+        is_due = self._vocabulary.is_available and version != self._meaning_of
+        if is_due and not self._is_working:
             self._is_working, self._meaning_of = True, version
             self.spawn(self._update_meaning)
 

@@ -66,6 +66,11 @@ class SharedVocabulary:
         self._matcher = Matcher(Knowledge(()))
 
     @property
+    def is_available(self) -> bool:
+        """True if the nodes that hold both are running."""
+        return self._ontologies.remote.alive and self._annotations.remote.alive
+
+    @property
     def version(self) -> tuple[Mapping[str, str], Mapping[str, str]]:
         """The statuses of the nodes that hold both; they change with each change."""
         return dict(self._ontologies.remote.status), dict(self._annotations.remote.status)
