@@ -36,12 +36,6 @@ def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:
     assert 'Traceback' not in done.stderr
 
 
-def test_a_plan_is_executed_without_violation() -> None:
-    done = output_of(command('uav_plan'), private_environment())
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert 'land succeeded' in done.stdout
-
-
 def test_a_violation_is_reported_with_its_action() -> None:
     line = command('uav_plan', '--scenario', 'windy_delivery')
     done = output_of(line, {**private_environment(), 'COLUMNS': '150'})
