@@ -1,1 +1,70 @@
 """Several hosts: their clocks, links, and what they share."""
+
+from dyknow_federation.clocks import Offset, OwnTime, PairClock
+from dyknow_federation.errors import FederationError, VersionError
+from dyknow_federation.events import (
+    ClockJumped,
+    Event,
+    LinkRestored,
+    LinkStale,
+    PeerFault,
+    PeerJoined,
+    PeerLeft,
+    RemoteSample,
+    SamplesArrived,
+    SamplesLost,
+    SharesChanged,
+    StreamRefused,
+    StreamUnwanted,
+    StreamWanted,
+    WatermarkArrived,
+)
+from dyknow_federation.messages import (
+    Packet,
+    SharedFeature,
+    SharedObject,
+    Shares,
+    decode,
+    encode,
+)
+from dyknow_federation.peer import Effects, Peer
+from dyknow_federation.remote import RemotePeer
+from dyknow_federation.sending import StreamKey
+from dyknow_federation.settings import PeerSettings
+from dyknow_federation.uncertain_states import UncertainState, UncertainStates
+
+__all__ = [
+    'ClockJumped',
+    'Effects',
+    'Event',
+    'FederationError',
+    'LinkRestored',
+    'LinkStale',
+    'Offset',
+    'OwnTime',
+    'Packet',
+    'PairClock',
+    'Peer',
+    'PeerFault',
+    'PeerJoined',
+    'PeerLeft',
+    'PeerSettings',
+    'RemotePeer',
+    'RemoteSample',
+    'SamplesArrived',
+    'SamplesLost',
+    'SharedFeature',
+    'SharedObject',
+    'Shares',
+    'SharesChanged',
+    'StreamKey',
+    'StreamRefused',
+    'StreamUnwanted',
+    'StreamWanted',
+    'UncertainState',
+    'UncertainStates',
+    'VersionError',
+    'WatermarkArrived',
+    'decode',
+    'encode',
+]

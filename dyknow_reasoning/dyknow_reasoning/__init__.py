@@ -50,6 +50,7 @@ from dyknow_reasoning.standby_states import StandbyStates, continue_from
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
 from dyknow_reasoning.trace import RecordedState, read_trace
 from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_trial
+from dyknow_reasoning.uncertain import UncertainFormula
 
 __all__ = [
     'CALCULATE',
@@ -90,6 +91,7 @@ __all__ = [
     'StandbyStates',
     'Term',
     'TrialFormula',
+    'UncertainFormula',
     'Until',
     'Values',
     'Variable',

@@ -9,6 +9,7 @@ ways to progress give identical results; the monitor chooses the fastest one:
 - `block_progression`: individual instances over many states of a recording.
 - `recorded_symbols`: the atoms of many states at once.
 - `past`: the registers of past operators, whose values are atoms of the states.
+- `uncertain_instance`: individual instances, over states of which several may be the true ones.
 - `standing`: formulas that are asked at every state.
 """
 
@@ -26,6 +27,7 @@ from dyknow_reasoning.execution.past.past_values import PastValues
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
 from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
+from dyknow_reasoning.execution.uncertain_instance import UncertainInstance
 
 __all__ = [
     'KEPT_FAILURES',
@@ -41,6 +43,7 @@ __all__ = [
     'Recording',
     'StandingMonitor',
     'StartCounts',
+    'UncertainInstance',
     'VerdictLog',
     'past_terms',
     'value_field',

@@ -1,0 +1,169 @@
+"""What a peer tells its host of the others. All times are in nanoseconds of the own clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dyknow_common import Value
+from dyknow_federation.messages import Shares
+
+
+@dataclass(frozen=True, slots=True)
+class PeerJoined:
+    """A peer is heard for the first time, again after it had left, or in a new run."""
+
+    peer: str
+    incarnation: int
+
+
+@dataclass(frozen=True, slots=True)
+class PeerLeft:
+    """A peer has not been heard for `peer_timeout`. Requests to it stay, in case it returns."""
+
+    peer: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class PeerFault:
+    """A message that is refused; the peer may be empty if it is not known."""
+
+    peer: str
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStale:
+    """A peer has not been heard for `stale_after`; `LinkRestored` or `PeerLeft` follows."""
+
+    peer: str
+    since: int
+
+
+@dataclass(frozen=True, slots=True)
+class LinkRestored:
+    """A peer is heard again."""
+
+    peer: str
+
+
+@dataclass(frozen=True, slots=True)
+class SharesChanged:
+    """The shares of a peer."""
+
+    peer: str
+    shares: Shares
+
+
+@dataclass(frozen=True, slots=True)
+class StreamWanted:
+    """A peer has asked for an own stream that nobody asked for: `publish` its samples."""
+
+    stream: str
+
+
+@dataclass(frozen=True, slots=True)
+class StreamUnwanted:
+    """Nobody has asked for an own stream for the time of the history."""
+
+    stream: str
+
+
+@dataclass(frozen=True, slots=True)
+class StreamRefused:
+    """A peer does not grant a request."""
+
+    peer: str
+    stream: str
+    every: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteSample:
+    """A sample of a peer.
+
+    Args:
+        valid_time: the middle of what is possible.
+        uncertainty: the valid time is at most this far from the middle.
+        fields: a value for each field name.
+    """
+
+    valid_time: int
+    uncertainty: int
+    fields: Mapping[str, Value]
+
+    @property
+    def earliest(self) -> int:
+        """The earliest possible valid time."""
+        return self.valid_time - self.uncertainty
+
+    @property
+    def latest(self) -> int:
+        """The latest possible valid time."""
+        return self.valid_time + self.uncertainty
+
+
+@dataclass(frozen=True, slots=True)
+class SamplesArrived:
+    """The next samples of a stream; their order is that of their true valid times."""
+
+    peer: str
+    stream: str
+    every: int
+    samples: tuple[RemoteSample, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SamplesLost:
+    """Samples between the last one that arrived and the next one cannot be had any more."""
+
+    peer: str
+    stream: str
+    every: int
+    count: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class WatermarkArrived:
+    """All later samples of a stream are certainly valid after a time."""
+
+    peer: str
+    stream: str
+    every: int
+    time: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClockJumped:
+    """The clock of a peer, or the own one, has jumped.
+
+    Args:
+        peer: whose samples may have wrong times.
+        difference: by how much, about.
+        since: the last time at which the clocks agreed with what was known; None without one.
+    """
+
+    peer: str
+    difference: int
+    since: int | None
+
+
+Event = (
+    PeerJoined
+    | PeerLeft
+    | PeerFault
+    | LinkStale
+    | LinkRestored
+    | SharesChanged
+    | StreamWanted
+    | StreamUnwanted
+    | StreamRefused
+    | SamplesArrived
+    | SamplesLost
+    | WatermarkArrived
+    | ClockJumped
+)
+"""An event."""

@@ -1,0 +1,418 @@
+"""Messages between peers, and their encoding.
+
+A packet holds one message. It is encoded as JSON with the values of the fields in order, and
+compressed if it is long:
+
+    [1, "carrier1", 17…, 12.5e9, "Hello", [3]]
+
+Nothing of a peer is trusted: `decode` checks the size before it reads, and the type, the length
+and the range of every value. All times are in nanoseconds of the sender's clock.
+"""
+
+from __future__ import annotations
+
+import json
+import types
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cache
+from itertools import pairwise
+from typing import Any, Final, Union, get_args, get_origin, get_type_hints
+
+from dyknow_common import Value, shortened
+from dyknow_federation.errors import FederationError, VersionError
+
+VERSION: Final = 1
+"""The version of the protocol; peers of different versions refuse each other, and say so."""
+
+MAX_PACKET: Final = 1024 * 1024
+"""The number of bytes of a packet, before and after compression."""
+
+MAX_TEXT: Final = 10_000
+"""The length of a text in a message, as of an annotation."""
+
+MAX_ITEMS: Final = 10_000
+"""The number of items of a list in a message."""
+
+MAX_BATCH: Final = 500
+"""The number of samples of a batch."""
+
+MAX_COLUMNS: Final = 100
+"""The number of fields of a sample."""
+
+MAX_RANGES: Final = 20
+"""The number of ranges of missing samples that a request names; later requests name others."""
+
+_MAX_INTEGER: Final = 2**63
+_COMPRESSED: Final = b'z'
+_COMPRESSES: Final = 512
+"""The number of bytes from which a packet is compressed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """A sign of life of a peer, sent to all.
+
+    Args:
+        shares_version: the version of its shares; a peer that has another one asks for them.
+    """
+
+    shares_version: int
+
+
+@dataclass(frozen=True, slots=True)
+class SharesRequest:
+    """A request for the shares of a peer."""
+
+
+@dataclass(frozen=True, slots=True)
+class SharedObject:
+    """An object that a peer knows.
+
+    Args:
+        name: its name at that peer.
+        sorts: the sorts that it belongs to.
+    """
+
+    name: str
+    sorts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SharedFeature:
+    """A feature that a peer lets others ask for.
+
+    Args:
+        name: the feature in the ontology.
+        stream: the stream that carries it; requests name it.
+        annotation: what the stream contains, a statement in SSL.
+        columns: the names of the fields of its samples, and their types in the stream language.
+        same: the name of the sensor, if several peers share one; empty without.
+        max_delay: the longest time from the valid time of a sample until it is sent.
+        max_gap: the longest time between samples; 0 if nothing is stated.
+    """
+
+    name: str
+    stream: str
+    annotation: str
+    columns: tuple[tuple[str, str], ...]
+    same: str = ''
+    max_delay: int = 0
+    max_gap: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """All that a peer shares.
+
+    Args:
+        version: increases with each change.
+        objects: the objects that it knows.
+        features: what others may ask for.
+    """
+
+    version: int
+    objects: tuple[SharedObject, ...] = ()
+    features: tuple[SharedFeature, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A request for a stream: it subscribes, acknowledges, and asks for what is missing.
+
+    It is repeated while the stream is needed; a peer ends subscriptions that are not repeated.
+
+    Args:
+        stream: the name of the stream.
+        every: the least time between samples that are of use; 0 for all samples.
+        epoch: the epoch of the numbers below; 0 if no sample has been received yet.
+        number: all samples before this number have been received, or are lost.
+        missing: the first and the last number of each range that is missing after it.
+    """
+
+    stream: str
+    every: int = 0
+    epoch: int = 0
+    number: int = 0
+    missing: tuple[tuple[int, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.every < 0:
+            raise FederationError(f'every is {self.every} ns; it must not be negative')
+        if len(self.missing) > MAX_RANGES:
+            raise FederationError(f'{len(self.missing)} ranges are missing; name {MAX_RANGES}')
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """The end of a request."""
+
+    stream: str
+    every: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class RequestRefusal:
+    """The answer to a request that is not granted.
+
+    Args:
+        stream: the name of the stream.
+        every: as in the request.
+        reason: why, with the remedy.
+    """
+
+    stream: str
+    every: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Samples of a stream with consecutive numbers.
+
+    Args:
+        stream: the name of the stream.
+        every: as in the request.
+        epoch: numbers of different epochs have nothing to do with each other.
+        first: the number of the first sample.
+        valid_times: of each sample, strictly increasing, in the clock of the sender.
+        names: the names of the fields.
+        columns: for each field, the values of all samples.
+    """
+
+    stream: str
+    every: int
+    epoch: int
+    first: int
+    valid_times: tuple[int, ...]
+    names: tuple[str, ...]
+    columns: tuple[tuple[Value, ...], ...]
+
+    def __post_init__(self) -> None:
+        count = len(self.valid_times)
+        if not 0 < count <= MAX_BATCH:
+            raise FederationError(f'a batch has {count} samples; send 1 to {MAX_BATCH}')
+        if len(self.names) != len(self.columns) or len(self.names) > MAX_COLUMNS:
+            raise FederationError(f'{len(self.names)} names for {len(self.columns)} columns')
+        if any(len(each) != count for each in self.columns):
+            raise FederationError(f'a column has not {count} values, as there are samples')
+        if any(later <= former for former, later in pairwise(self.valid_times)):
+            raise FederationError('the valid times of a batch do not increase')
+        _check_numbers(self.epoch, self.first)
+
+
+@dataclass(frozen=True, slots=True)
+class Watermark:
+    """A promise: all samples from a number on are valid later than a time.
+
+    Args:
+        stream: the name of the stream.
+        every: as in the request.
+        epoch: of the numbers.
+        number: of the next sample.
+        oldest: the least number that can still be asked for; earlier ones are lost.
+        time: later samples are valid after it, in the clock of the sender.
+    """
+
+    stream: str
+    every: int
+    epoch: int
+    number: int
+    oldest: int
+    time: int
+
+    def __post_init__(self) -> None:
+        _check_numbers(self.epoch, self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """The first half of an exchange that measures a clock.
+
+    Args:
+        number: repeated by the reply.
+        sent_at: when the probe was sent.
+    """
+
+    number: int
+    sent_at: int
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeReply:
+    """The second half of an exchange that measures a clock.
+
+    Args:
+        number: of the probe.
+        probe_sent_at: as in the probe, in the clock of its sender.
+        received_at: when the probe was received.
+        sent_at: when the reply was sent.
+    """
+
+    number: int
+    probe_sent_at: int
+    received_at: int
+    sent_at: int
+
+
+Message = (
+    Hello
+    | SharesRequest
+    | Shares
+    | Request
+    | Release
+    | RequestRefusal
+    | Samples
+    | Watermark
+    | Probe
+    | ProbeReply
+)
+"""A message between peers."""
+
+_KINDS: Final[dict[str, type]] = {each.__name__: each for each in get_args(Message)}
+
+
+@dataclass(frozen=True, slots=True)
+class Packet:
+    """A message with its sender.
+
+    Args:
+        sender: the name of the peer that sent it.
+        incarnation: the number of its run, unique among all its runs.
+        receiver: the name of the peer that it is for; empty for all.
+        message: the message.
+    """
+
+    sender: str
+    incarnation: int
+    receiver: str
+    message: Message
+
+
+def encode(packet: Packet) -> bytes:
+    """Return the bytes of a packet.
+
+    Raises:
+        FederationError: if it is too large.
+    """
+    message = packet.message
+    content = [VERSION, packet.sender, packet.incarnation, packet.receiver]
+    content += [type(message).__name__, _values(message)]
+    data = json.dumps(content, separators=(',', ':')).encode()
+    if len(data) > MAX_PACKET:
+        raise FederationError(
+            f'a message {type(message).__name__} has {len(data)} bytes, more than {MAX_PACKET}; '
+            'share less'
+        )
+    return _COMPRESSED + zlib.compress(data) if len(data) >= _COMPRESSES else data
+
+
+def decode(data: bytes) -> Packet:
+    """Return the packet that another peer has encoded.
+
+    Raises:
+        VersionError: for another version of the protocol.
+        FederationError: for anything else that is not as it must be.
+    """
+    try:
+        content = json.loads(_plain(data))
+    except (ValueError, RecursionError) as error:
+        raise FederationError(f'it is no JSON: {error}') from None
+    if not (isinstance(content, list) and len(content) >= 2):  # noqa: PLR2004
+        raise FederationError('it is no packet')
+    version, sender = _checked(int, content[0]), _checked(str, content[1])
+    if version != VERSION:
+        raise VersionError(
+            sender,
+            version,
+            f"peer '{sender}' speaks version {version} of the protocol, this one {VERSION}; "
+            'install the same version of DyKnow on both',
+        )
+    try:
+        _, _, incarnation, receiver, kind, values = content
+    except ValueError:
+        raise FederationError(f'a packet has 6 parts, not {len(content)}') from None
+    if not sender:
+        raise FederationError('its sender has no name')
+    if not isinstance(kind, str) or kind not in _KINDS:
+        raise FederationError(f"unknown message '{shortened(kind)}'")
+    message = _checked(_KINDS[kind], values)
+    return Packet(sender, _checked(int, incarnation), _checked(str, receiver), message)
+
+
+def _plain(data: bytes) -> bytes:
+    if len(data) > MAX_PACKET:
+        raise FederationError(f'it has {len(data)} bytes, more than {MAX_PACKET}')
+    if not data.startswith(_COMPRESSED):
+        return data
+    decompressor = zlib.decompressobj()
+    try:
+        plain = decompressor.decompress(data[1:], MAX_PACKET)
+    except zlib.error as error:
+        raise FederationError(f'it cannot be decompressed: {error}') from None
+    if not decompressor.eof:
+        raise FederationError(f'it is cut off, or has more than {MAX_PACKET} bytes')
+    return plain
+
+
+def _check_numbers(epoch: int, number: int) -> None:
+    if epoch < 1 or number < 1:
+        raise FederationError(f'epoch {epoch}, number {number}: both count from 1')
+
+
+def _values(value: Any) -> Any:
+    """Return a value as JSON can tell it: dataclasses as the list of their values."""
+    if isinstance(value, tuple):
+        return [_values(each) for each in value]
+    if hasattr(value, '__dataclass_fields__'):
+        return [_values(getattr(value, name)) for name in _hints(type(value))]
+    return value
+
+
+def _typed_fields(kind: Any) -> dict[str, Any]:
+    hints = get_type_hints(kind)
+    return {each.name: hints[each.name] for each in fields(kind)}
+
+
+_hints: Final[Callable[[Any], dict[str, Any]]] = cache(_typed_fields)
+"""The types of the fields of a dataclass, in order."""
+
+
+def _checked(kind: Any, value: Any) -> Any:
+    """Return a value of JSON as a value of a type.
+
+    Raises:
+        FederationError: if it is none.
+    """
+    if kind in {int, str, bool, float}:
+        return _scalar(kind, value)
+    if get_origin(kind) in {Union, types.UnionType}:
+        return _scalar(type(value), value)
+    if not isinstance(value, list) or len(value) > MAX_ITEMS:
+        raise FederationError(f"'{shortened(value)}' is no list of at most {MAX_ITEMS} items")
+    if get_origin(kind) is tuple:
+        items = get_args(kind)
+        if items[-1] is Ellipsis:
+            return tuple([_checked(items[0], each) for each in value])
+        _check_count(kind, value, len(items))
+        return tuple(_checked(item, each) for item, each in zip(items, value, strict=True))
+    hints = _hints(kind)
+    _check_count(kind, value, len(hints))
+    return kind(*(_checked(hint, each) for hint, each in zip(hints.values(), value, strict=True)))
+
+
+def _check_count(kind: Any, value: list[Any], count: int) -> None:
+    if len(value) != count:
+        name = getattr(kind, '__name__', 'tuple')
+        raise FederationError(f'a {name} has {count} values, not {len(value)}')
+
+
+def _scalar(kind: Any, value: Any) -> Any:
+    if kind not in {int, str, bool, float} or type(value) is not kind:
+        raise FederationError(f"'{shortened(value)}' is no {kind.__name__}")
+    if kind is int and not -_MAX_INTEGER <= value < _MAX_INTEGER:
+        raise FederationError('an integer has more than 64 bits')
+    if kind is str and len(value) > MAX_TEXT:
+        raise FederationError(f'a text has {len(value)} characters, more than {MAX_TEXT}')
+    return value

@@ -1,0 +1,312 @@
+"""The own host among its peers: takes packets and times, returns packets and events.
+
+The machine has no clock, no network and no threads. Its host calls `receive` for each packet and
+`advance` at `next_deadline`, sends the packets that both return, and acts on their events. Calls
+that only ask for something, as `request` and `publish`, take effect at the next `advance`, which
+they make due.
+
+    peer = Peer(PeerSettings('base', incarnation=start))
+    peer.request('carrier1', 'carrier1_position', every=0, at=now)
+    effects = peer.advance(now)
+
+All times are in nanoseconds of the own clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import partial
+from itertools import count
+from typing import Final, NamedTuple
+
+from dyknow_common import Value, check_name, round_duration
+from dyknow_federation.errors import FederationError, VersionError
+from dyknow_federation.events import (
+    Event,
+    PeerFault,
+    StreamUnwanted,
+    StreamWanted,
+)
+from dyknow_federation.messages import (
+    Hello,
+    Message,
+    Packet,
+    Probe,
+    ProbeReply,
+    Release,
+    Request,
+    RequestRefusal,
+    SharedFeature,
+    SharedObject,
+    Shares,
+    SharesRequest,
+    decode,
+)
+from dyknow_federation.remote import RemotePeer
+from dyknow_federation.sending import Rendition, StreamKey
+from dyknow_federation.settings import PeerSettings
+
+MAX_PEERS: Final = 1000
+"""The number of other peers."""
+
+MAX_RATES: Final = 8
+"""The number of rates at which a stream can be asked for."""
+
+_NEVER: Final = 2**63
+
+
+class Effects(NamedTuple):
+    """What follows from a call.
+
+    Args:
+        packets: to send, in order.
+        events: to act on, in order.
+    """
+
+    packets: list[Packet]
+    events: list[Event]
+
+
+class Peer:
+    """The own host among its peers.
+
+    Args:
+        settings: its settings.
+
+    Raises:
+        FederationError: if it has no name, or one that is too long.
+    """
+
+    def __init__(self, settings: PeerSettings) -> None:
+        if not settings.name:
+            raise FederationError('a peer needs a name; set name')
+        check_name(settings.name, FederationError)
+        self._settings = settings
+        self._now = -_NEVER
+        self._shares = Shares(1)
+        self._remotes: dict[str, RemotePeer] = {}
+        self._renditions: dict[StreamKey, Rendition] = {}
+        self._epochs = count(1)
+        self._hello_at = self._flush_at = -_NEVER
+        self._events: list[Event] = []
+        self._packets: list[Packet] = []
+        self._faults_at: dict[str, int] = {}
+
+    @property
+    def remotes(self) -> Mapping[str, RemotePeer]:
+        """The other peers that are known, by their names."""
+        return self._remotes
+
+    @property
+    def shares(self) -> Shares:
+        """What the own host shares."""
+        return self._shares
+
+    @property
+    def renditions(self) -> Mapping[StreamKey, Rendition]:
+        """The own streams that others have asked for."""
+        return self._renditions
+
+    def difference(self, peer: str) -> str:
+        """Return by how much the clock of a peer differs, as the beginning of a sentence."""
+        remote = self._remotes.get(peer)
+        offset = remote.clock.offset(self._now) if remote else None
+        if offset is None:
+            return f"the clock of '{peer}' is not known"
+        return f'the clocks of {self._settings.name} and {peer} differ by {offset}'
+
+    def next_deadline(self) -> int:
+        """Return when to call `advance`."""
+        if self._packets:
+            return self._now
+        deadlines = (each.next_deadline() for each in self._remotes.values())
+        known = (each for each in deadlines if each is not None)
+        return min(self._hello_at, self._flush_at, *known, _NEVER)
+
+    def share(
+        self, objects: Iterable[SharedObject], features: Iterable[SharedFeature], at: int
+    ) -> None:
+        """Replace what the own host shares: nothing else is sent to anybody."""
+        version = self._shares.version + 1
+        self._shares = Shares(version, tuple(objects), tuple(features))
+        streams = {each.stream for each in self._shares.features}
+        for key in [each for each in self._renditions if each.stream not in streams]:
+            self._remove(key)
+        self._hello_at = at
+
+    def publish(self, stream: str, valid_time: int, fields: Mapping[str, Value], at: int) -> None:
+        """Send a sample of an own stream to all that have asked for it.
+
+        Raises:
+            FederationError: if its valid time does not increase, or was excluded by `promise`.
+        """
+        for key, rendition in self._renditions.items():
+            if key.stream == stream and rendition.publish(valid_time, fields):
+                self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
+
+    def promise(self, stream: str, time: int, at: int) -> None:
+        """Promise that all later samples of an own stream are valid after a time."""
+        for key, rendition in self._renditions.items():
+            if key.stream == stream:
+                rendition.promise(time)
+                self._flush_at = min(self._flush_at, at + self._settings.watermark_delay)
+
+    def request(self, peer: str, stream: str, every: int, at: int) -> None:
+        """Ask a peer for a stream until it is released; the peer need not be there yet.
+
+        Raises:
+            FederationError: if too many peers are known.
+        """
+        self._remote(peer, at).request(StreamKey(stream, every), at)
+
+    def release(self, peer: str, stream: str, every: int) -> None:
+        """Ask a peer for a stream no more."""
+        if peer in self._remotes:
+            self._remotes[peer].release(StreamKey(stream, every))
+
+    def receive(self, data: bytes, at: int, sender: str = '') -> Effects:
+        """Take a packet; one that is not as it must be is an event.
+
+        Args:
+            data: the packet.
+            at: the time.
+            sender: who sent it, as the transport knows; empty if it does not.
+        """
+        self._note_time(at)
+        try:
+            packet = decode(data)
+            _check_sender(packet, sender)
+            if packet.sender == self._settings.name:
+                self._check_own(packet)
+            elif packet.receiver in {'', self._settings.name}:
+                self._take(packet, at)
+        except VersionError as error:
+            self._report(error.sender, error.message, at)
+        except FederationError as error:
+            self._report(sender, f'a message is refused: {error}', at)
+        return self._effects()
+
+    def advance(self, at: int) -> Effects:
+        """Do what is due."""
+        self._note_time(at)
+        if at >= self._hello_at:
+            self._hello_at = at + self._settings.hello_period
+            self._send('', Hello(self._shares.version))
+            self._expire(at)
+        for remote in self._remotes.values():
+            self._events += remote.advance(at)
+        if at >= self._flush_at:
+            self._flush_at = _NEVER
+            for rendition in self._renditions.values():
+                for peer, message in rendition.unsent():
+                    self._send(peer, message)
+        return self._effects()
+
+    def _note_time(self, at: int) -> None:
+        """Notice an own clock that jumps back: no wait is longer for it, no measure holds."""
+        if at < self._now:
+            self._hello_at = at
+            for key, rendition in list(self._renditions.items()):
+                self._renditions[key] = rendition.continued(next(self._epochs))
+            for remote in self._remotes.values():
+                self._events += remote.restart_times(at)
+        self._now = at
+
+    def _take(self, packet: Packet, at: int) -> None:
+        remote = self._remote(packet.sender, at)
+        events = remote.hear(packet.incarnation, at)
+        if events is None:
+            return
+        self._events += events
+        match packet.message:
+            case SharesRequest():
+                remote.send(self._shares)
+            case Request():
+                self._take_request(remote, packet.message, at)
+            case Release(stream, every):
+                if (key := StreamKey(stream, every)) in self._renditions:
+                    self._renditions[key].release(remote.name)
+            case Probe(number, sent_at):
+                self._events += remote.check_stamp(sent_at, at)
+                remote.send(ProbeReply(number, sent_at, at, at))
+            case message:
+                self._events += remote.take(message, at)
+
+    def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
+        key = StreamKey(request.stream, request.every)
+        reason = self._refusal(key)
+        if reason:
+            remote.send(RequestRefusal(*key, reason))
+            return
+        if key not in self._renditions:
+            if all(each.stream != key.stream for each in self._renditions):
+                self._events.append(StreamWanted(key.stream))
+            history = self._settings.history
+            self._renditions[key] = Rendition(key, next(self._epochs), history)
+        expires = at + self._settings.peer_timeout
+        for each in self._renditions[key].renew(remote.name, request, expires):
+            remote.send(each)
+
+    def _refusal(self, key: StreamKey) -> str:
+        shared = [each.stream for each in self._shares.features]
+        if key.stream not in shared:
+            return f"peer '{self._settings.name}' does not share it: name it in share there"
+        rates = [each for each in self._renditions if each.stream == key.stream]
+        if key not in rates and len(rates) >= MAX_RATES:
+            every = sorted(round_duration(each.every) for each in rates)
+            return f'it is asked for at {MAX_RATES} rates already; use one of {", ".join(every)}'
+        return ''
+
+    def _expire(self, at: int) -> None:
+        """End what is not needed any more."""
+        for key, rendition in list(self._renditions.items()):
+            rendition.expire(at)
+            is_used = rendition.subscribers or at < rendition.used_until + self._settings.history
+            if not is_used:
+                self._remove(key)
+        for name, remote in list(self._remotes.items()):
+            if not remote.is_present and not remote.requested:
+                del self._remotes[name]
+
+    def _remove(self, key: StreamKey) -> None:
+        del self._renditions[key]
+        if all(each.stream != key.stream for each in self._renditions):
+            self._events.append(StreamUnwanted(key.stream))
+
+    def _remote(self, name: str, at: int) -> RemotePeer:
+        if name not in self._remotes:
+            if len(self._remotes) >= MAX_PEERS:
+                raise FederationError(f'there are more than {MAX_PEERS} peers; use several groups')
+            check_name(name, FederationError)
+            send = partial(self._send, name)
+            self._remotes[name] = RemotePeer(name, self._settings, send, at)
+        return self._remotes[name]
+
+    def _check_own(self, packet: Packet) -> None:
+        if packet.incarnation != self._settings.incarnation:
+            raise FederationError(
+                f"another host is called '{packet.sender}', too; give each host its own name"
+            )
+
+    def _report(self, peer: str, message: str, at: int) -> None:
+        """Report a fault of a peer, once in a while."""
+        period = self._settings.peer_timeout
+        if at >= self._faults_at.get(peer, at - period) + period:
+            if len(self._faults_at) >= MAX_PEERS:
+                self._faults_at.clear()
+            self._faults_at[peer] = at
+            self._events.append(PeerFault(peer, message))
+
+    def _send(self, receiver: str, message: Message) -> None:
+        name, incarnation = self._settings.name, self._settings.incarnation
+        self._packets.append(Packet(name, incarnation, receiver, message))
+
+    def _effects(self) -> Effects:
+        found = Effects(self._packets, self._events)
+        self._packets, self._events = [], []
+        return found
+
+
+def _check_sender(packet: Packet, sender: str) -> None:
+    if sender not in {'', packet.sender}:
+        raise FederationError(f"peer '{sender}' sends as '{packet.sender}'")

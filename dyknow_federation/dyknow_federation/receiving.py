@@ -1,0 +1,165 @@
+"""A stream of a peer, as it is received: in order, each sample once.
+
+Samples have numbers, so what is lost, late or doubled shows:
+
+    receive                  deliver     ask for
+    1, 2                     1, 2
+    5                        -           3 to 4
+    watermark after 6        -           3 to 4, 6
+    3, 4, 6                  3, 4, 5, 6, the watermark
+    6                        -           (a duplicate)
+    watermark, oldest is 9   the loss of 7 and 8
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Final, NamedTuple
+
+from dyknow_common import Value
+from dyknow_federation.clocks import BEGINNING
+from dyknow_federation.messages import MAX_RANGES, Request, Samples, Watermark
+from dyknow_federation.sending import StreamKey
+
+MAX_HELD: Final = 10_000
+"""The number of samples of a stream that wait for earlier ones; later ones are asked for again."""
+
+
+class Received(NamedTuple):
+    """A sample in the clock of its sender."""
+
+    valid_time: int
+    fields: Mapping[str, Value]
+
+
+class Lost(NamedTuple):
+    """Samples between the last delivered one and the next one cannot be had any more.
+
+    Args:
+        number: how many; 0 if that is not known.
+        reason: why.
+    """
+
+    number: int
+    reason: str
+
+
+class Promise(NamedTuple):
+    """All later samples are valid after a time of the sender's clock."""
+
+    time: int
+
+
+Delivery = Received | Lost | Promise
+"""Something that the reader of a stream is told."""
+
+
+class ReceivedStream:
+    """A stream that was requested of a peer.
+
+    Args:
+        key: the stream and its rate.
+    """
+
+    def __init__(self, key: StreamKey) -> None:
+        self._key = key
+        self._epoch = 0
+        self._held: dict[int, Received] = {}
+        self._end = self._number = 0
+        """All samples before `_number` are delivered or lost; those before `_end` exist."""
+        self._oldest = 0
+        self._watermark: Watermark | None = None
+        self._promised = BEGINNING
+        self._is_interrupted = False
+
+    @property
+    def is_subscribed(self) -> bool:
+        """True if the peer has answered the request."""
+        return self._epoch > 0
+
+    @property
+    def is_complete(self) -> bool:
+        """True if no sample is known to be missing."""
+        return self._number >= self._end
+
+    def request(self) -> Request:
+        """Return the request that subscribes, acknowledges, and asks for what is missing."""
+        stream, every = self._key
+        return Request(stream, every, self._epoch, self._number, tuple(self._missing()))
+
+    def _interrupt(self) -> None:
+        """Note that the peer numbers its samples anew: what was not received is lost."""
+        self._is_interrupted = self._is_interrupted or self._epoch > 0
+        self._held.clear()
+        self._epoch = self._number = self._end = self._oldest = 0
+        self._watermark, self._promised = None, BEGINNING
+
+    def take_batch(self, batch: Samples) -> None:
+        """Take samples."""
+        if not self._is_current(batch.epoch, batch.first):
+            return
+        self._end = max(self._end, batch.first + len(batch.valid_times))
+        rows = zip(batch.valid_times, *batch.columns, strict=True)
+        for number, (valid_time, *values) in enumerate(rows, batch.first):
+            if number < self._number or number in self._held:
+                continue
+            if len(self._held) >= MAX_HELD and number != self._number:
+                continue
+            self._held[number] = Received(valid_time, dict(zip(batch.names, values, strict=True)))
+
+    def take_watermark(self, watermark: Watermark) -> None:
+        """Take a promise; it holds once all samples before it are delivered or lost."""
+        if not self._is_current(watermark.epoch, watermark.number):
+            return
+        self._end = max(self._end, watermark.number)
+        self._oldest = max(self._oldest, min(watermark.oldest, watermark.number))
+        former = self._watermark
+        if former is None or (watermark.number, watermark.time) > (former.number, former.time):
+            self._watermark = watermark
+
+    def deliveries(self) -> Iterator[Delivery]:
+        """Yield what is due, once."""
+        if self._is_interrupted:
+            self._is_interrupted = False
+            yield Lost(0, 'the peer has begun to number its samples anew')
+        held = deque(sorted(each for each in self._held if each < self._oldest))
+        while self._number < self._end:
+            if self._number in self._held:
+                sample = self._held.pop(self._number)
+                self._number += 1
+                if sample.valid_time <= self._promised:
+                    yield Lost(1, f'it is valid at {sample.valid_time} ns, which is too early')
+                    continue
+                self._promised = sample.valid_time
+                yield sample
+            elif self._number < self._oldest:
+                while held and held[0] < self._number:
+                    held.popleft()
+                end = held[0] if held else self._oldest
+                count, self._number = end - self._number, end
+                yield Lost(count, 'the peer keeps them no more')
+            else:
+                break
+        watermark = self._watermark
+        if watermark and watermark.number <= self._number and watermark.time > self._promised:
+            self._promised = watermark.time
+            yield Promise(watermark.time)
+
+    def _is_current(self, epoch: int, number: int) -> bool:
+        """Return False for a former epoch; begin a new one."""
+        if epoch > self._epoch:
+            self._interrupt()
+            self._epoch, self._number, self._end = epoch, number, number
+        return epoch == self._epoch
+
+    def _missing(self) -> Iterator[tuple[int, int]]:
+        """Yield the first ranges that are missing."""
+        number, count = self._number, 0
+        for held in [*sorted(self._held), self._end]:
+            if number < held:
+                yield number, held - 1
+                count += 1
+            if count == MAX_RANGES:
+                return
+            number = held + 1

@@ -1,0 +1,313 @@
+"""One other peer, as the own host knows it: its life, its clock, and what was asked of it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from dyknow_common import round_duration, round_time
+from dyknow_federation.clocks import OwnTime, PairClock
+from dyknow_federation.events import (
+    ClockJumped,
+    Event,
+    LinkRestored,
+    LinkStale,
+    PeerJoined,
+    PeerLeft,
+    RemoteSample,
+    SamplesArrived,
+    SamplesLost,
+    SharesChanged,
+    StreamRefused,
+    WatermarkArrived,
+)
+from dyknow_federation.messages import (
+    Hello,
+    Message,
+    Probe,
+    ProbeReply,
+    Release,
+    RequestRefusal,
+    Samples,
+    Shares,
+    SharesRequest,
+    Watermark,
+)
+from dyknow_federation.receiving import Delivery, Lost, Promise, ReceivedStream
+from dyknow_federation.sending import StreamKey
+from dyknow_federation.settings import PeerSettings
+
+MAX_FORMER: Final = 16
+"""The number of former runs of a peer whose late messages are known as such."""
+
+UNUSED: Final = 10
+"""The clock of a peer of which nothing is asked is measured this many times more rarely."""
+
+MAX_PROBES: Final = 16
+"""The number of probes that wait for a reply."""
+
+_NUMBERS: Final = 2**62
+"""Probes are numbered below this; runs of a host differ in their numbers."""
+
+
+class RemotePeer:
+    """One other peer.
+
+    Attributes:
+        name: its name.
+        clock: its clock.
+        shares: what it shares; None if it is not known.
+        is_present: False if it has left.
+        heard_at: when it was last heard.
+
+    Args:
+        name: its name.
+        settings: of the own host.
+        send: sends a message to it.
+        at: the time.
+    """
+
+    def __init__(
+        self, name: str, settings: PeerSettings, send: Callable[[Message], None], at: int
+    ) -> None:
+        self.name = name
+        self.clock = PairClock(settings.max_drift_ppm)
+        self.shares: Shares | None = None
+        self.is_present = self.is_stale = False
+        self.heard_at = at
+        self.send = send
+        self._settings = settings
+        self._incarnation: int | None = None
+        self._former: deque[int] = deque(maxlen=MAX_FORMER)
+        self._probes: dict[int, int] = {}
+        self._probe_at = at
+        self._streams: dict[StreamKey, ReceivedStream] = {}
+        self._request_at: dict[StreamKey, int] = {}
+        self._refused: set[StreamKey] = set()
+
+    @property
+    def requested(self) -> list[StreamKey]:
+        """The streams that were requested of it."""
+        return list(self._streams)
+
+    def next_deadline(self) -> int | None:
+        """Return when to call `advance`; None if there is nothing to wait for."""
+        if not self.is_present:
+            return None
+        limit = self._settings.peer_timeout if self.is_stale else self._settings.stale_after
+        return min([self.heard_at + limit, self._probe_at, *self._request_at.values()])
+
+    def hear(self, incarnation: int, at: int) -> list[Event] | None:
+        """Take a sign of life; return None if it is a late one of a former run."""
+        if incarnation in self._former:
+            return None
+        events: list[Event] = []
+        is_new = incarnation != self._incarnation
+        if is_new:
+            events += self._restart(incarnation)
+        elif self.is_stale:
+            events.append(LinkRestored(self.name))
+        if is_new or not self.is_present:
+            events.append(PeerJoined(self.name, incarnation))
+        if is_new or not self.is_present or self.is_stale:
+            self._begin(at)
+        self.is_present, self.is_stale, self.heard_at = True, False, at
+        return events
+
+    def _restart(self, incarnation: int) -> list[Event]:
+        """Forget the former run: its clock, its shares, and its numbers."""
+        events: list[Event] = []
+        if self._incarnation is not None:
+            self._former.append(self._incarnation)
+            for key, stream in self._streams.items():
+                if stream.is_subscribed:
+                    reason = 'the peer has started again'
+                    events.append(SamplesLost(self.name, *key, 0, reason))
+                self._streams[key] = ReceivedStream(key)
+        self._incarnation, self.shares = incarnation, None
+        self.clock = PairClock(self._settings.max_drift_ppm)
+        self._probes.clear()
+        self._refused.clear()
+        return events
+
+    def _begin(self, at: int) -> None:
+        """Ask at once for all that is needed."""
+        self._probe_at = at
+        self._request_at = dict.fromkeys(self._streams, at)
+
+    def restart_times(self, at: int) -> list[Event]:
+        """Measure the clock anew, as the own one has jumped; all waits end."""
+        since = self.clock.latest
+        self.clock.begin_anew(at)
+        self.heard_at = at
+        self._probes.clear()
+        self._begin(at)
+        return [ClockJumped(self.name, 0, since)]
+
+    def advance(self, at: int) -> list[Event]:
+        """Do what is due: requests, probes, and the end of a link."""
+        if not self.is_present:
+            return []
+        silence = at - self.heard_at
+        if silence >= self._settings.peer_timeout:
+            return self._leave(silence)
+        events: list[Event] = []
+        if silence >= self._settings.stale_after and not self.is_stale:
+            self.is_stale = True
+            events.append(LinkStale(self.name, self.heard_at))
+        if at >= self._probe_at:
+            self._send_probe(at)
+        for key, due in self._request_at.items():
+            if at >= due:
+                self._send_request(key, at)
+        return events
+
+    def _leave(self, silence: int) -> list[Event]:
+        self.is_present = self.is_stale = False
+        reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
+        return [PeerLeft(self.name, reason)]
+
+    def request(self, key: StreamKey, at: int) -> None:
+        """Ask for a stream until it is released."""
+        if key not in self._streams:
+            self._streams[key] = ReceivedStream(key)
+            self._request_at[key] = self._probe_at = at
+
+    def release(self, key: StreamKey) -> None:
+        """Ask for a stream no more."""
+        if self._streams.pop(key, None) is not None:
+            self._request_at.pop(key, None)
+            self._refused.discard(key)
+            self.send(Release(*key))
+
+    def take(self, message: Message, at: int) -> list[Event]:
+        """Take a message that answers what the own host has asked."""
+        match message:
+            case Hello(version):
+                if self.shares is None or self.shares.version < version:
+                    self.send(SharesRequest())
+            case Shares():
+                if self.shares is None or self.shares.version < message.version:
+                    self.shares = message
+                    self._refused.clear()
+                    return [SharesChanged(self.name, message)]
+            case Samples() | Watermark():
+                return self._take_samples(message, at)
+            case RequestRefusal(stream, every, reason):
+                return self._take_refusal(StreamKey(stream, every), reason)
+            case ProbeReply():
+                return self._take_reply(message, at)
+        return []
+
+    def check_stamp(self, stamp: int, at: int) -> list[Event]:
+        """Notice a clock that has jumped ahead, by a stamp that is later than it can be."""
+        excess = self.clock.exceeds(stamp, at)
+        if excess is None:
+            return []
+        since = self.clock.latest
+        self.clock.begin_anew(at)
+        self._probe_at = at
+        return [ClockJumped(self.name, excess, since)]
+
+    def _take_samples(self, message: Samples | Watermark, at: int) -> list[Event]:
+        key = StreamKey(message.stream, message.every)
+        stream = self._streams.get(key)
+        if stream is None:
+            self.send(Release(*key))
+            return []
+        if isinstance(message, Samples):
+            stream.take_batch(message)
+        else:
+            stream.take_watermark(message)
+        events = self._deliver(key, at)
+        if not stream.is_complete:
+            self._request_at[key] = min(self._request_at[key], at + self._retry)
+        return events
+
+    def _take_refusal(self, key: StreamKey, reason: str) -> list[Event]:
+        if key not in self._streams or key in self._refused:
+            return []
+        self._refused.add(key)
+        return [StreamRefused(self.name, *key, reason)]
+
+    def _take_reply(self, reply: ProbeReply, at: int) -> list[Event]:
+        sent = self._probes.pop(reply.number, None)
+        if sent is None or sent != reply.probe_sent_at:
+            return []
+        since, was_known = self.clock.latest, self.clock.is_known
+        jump = self.clock.measure(sent, reply.received_at, reply.sent_at, at)
+        events: list[Event] = []
+        if jump is not None:
+            events.append(ClockJumped(self.name, jump, since))
+        period = self._settings.probe_period
+        self._probe_at = at + (period if self._streams else UNUSED * period)
+        if not was_known or jump is not None:
+            for key in self._streams:
+                events += self._deliver(key, at)
+        return events
+
+    def _deliver(self, key: StreamKey, at: int) -> list[Event]:
+        """Return what is due of a stream; nothing while its times cannot be translated."""
+        if not self.clock.is_known:
+            return []
+        events: list[Event] = []
+        samples: list[RemoteSample] = []
+        for found in self._translated(self._streams[key].deliveries(), at):
+            if isinstance(found, RemoteSample):
+                samples.append(found)
+                continue
+            if samples:
+                events.append(SamplesArrived(self.name, *key, tuple(samples)))
+                samples = []
+            if isinstance(found, Lost):
+                events.append(SamplesLost(self.name, *key, *found))
+            else:
+                events.append(WatermarkArrived(self.name, *key, found.time))
+        if samples:
+            events.append(SamplesArrived(self.name, *key, tuple(samples)))
+        return events
+
+    def _translated(
+        self, deliveries: Iterator[Delivery], at: int
+    ) -> Iterator[RemoteSample | Lost | Promise]:
+        for each in deliveries:
+            if isinstance(each, Lost):
+                yield each
+                continue
+            own = self._own_time(each.time if isinstance(each, Promise) else each.valid_time)
+            earliest = own.time - own.uncertainty
+            if isinstance(each, Promise):
+                if earliest > self.clock.since:
+                    yield Promise(earliest)
+            elif earliest < self.clock.since:
+                yield Lost(1, f"the clock of peer '{self.name}' jumped after it")
+            elif earliest > at:
+                yield Lost(1, f'it is valid at {round_time(own.time)}, which is still to come')
+            else:
+                yield RemoteSample(own.time, own.uncertainty, each.fields)
+
+    def _own_time(self, time: int) -> OwnTime:
+        found = self.clock.own_time(time)
+        if found is None:
+            raise AssertionError('the clock is measured before anything is delivered')
+        return found
+
+    @property
+    def _retry(self) -> int:
+        return max(self._settings.retry, 2 * (self.clock.delay or 0))
+
+    def _send_probe(self, at: int) -> None:
+        number = (self._settings.incarnation + at) % _NUMBERS
+        while len(self._probes) >= MAX_PROBES:
+            del self._probes[next(iter(self._probes))]
+        self._probes[number] = at
+        self._probe_at = at + min(self._retry, self._settings.probe_period)
+        self.send(Probe(number, at))
+
+    def _send_request(self, key: StreamKey, at: int) -> None:
+        stream = self._streams[key]
+        is_urgent = not (stream.is_subscribed and stream.is_complete) and key not in self._refused
+        period = self._retry if is_urgent else self._settings.hello_period
+        self._request_at[key] = at + period
+        self.send(stream.request())

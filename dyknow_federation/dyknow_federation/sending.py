@@ -1,0 +1,179 @@
+"""The streams that others have asked for: their numbers, history and subscribers.
+
+A stream that is asked for at two rates is two renditions, each with numbers of its own, so that
+who receives one notices what is missing. A rendition keeps its last samples, and stays for as long
+after its last request: a peer that was cut off can still ask for what it missed.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from itertools import groupby, islice
+from typing import Final, NamedTuple
+
+from dyknow_common import Value, format_time
+from dyknow_federation.clocks import BEGINNING
+from dyknow_federation.errors import FederationError
+from dyknow_federation.messages import MAX_BATCH, Request, Samples, Watermark
+
+MAX_HISTORY: Final = 20_000
+"""The number of samples of a rendition that are kept for back-fill."""
+
+MAX_RESENT: Final = 2_000
+"""The number of samples that one request can ask for again."""
+
+
+class StreamKey(NamedTuple):
+    """A stream at a rate.
+
+    Args:
+        stream: the name of the stream.
+        every: the least time between its samples in nanoseconds; 0 for all of them.
+    """
+
+    stream: str
+    every: int
+
+
+class _Kept(NamedTuple):
+    valid_time: int
+    fields: Mapping[str, Value]
+
+
+class _Subscription:
+    """A peer that receives a rendition.
+
+    Args:
+        number: the next sample that it is sent.
+        expires: when it ends unless the request is repeated.
+    """
+
+    def __init__(self, number: int, expires: int) -> None:
+        self.number = number
+        self.expires = expires
+
+
+class Rendition:
+    """A stream at a rate, for all that have asked for it.
+
+    Args:
+        key: the stream and its rate.
+        epoch: of its numbers.
+        history: how long samples are kept, in nanoseconds.
+    """
+
+    def __init__(self, key: StreamKey, epoch: int, history: int) -> None:
+        self._key = key
+        self._epoch = epoch
+        self._history = history
+        self._kept: deque[_Kept] = deque(maxlen=MAX_HISTORY)
+        self._number = 1
+        self._latest = self._promised = BEGINNING
+        self._subscriptions: dict[str, _Subscription] = {}
+        self.used_until = BEGINNING
+        """When the last subscription has ended, or will end."""
+
+    @property
+    def subscribers(self) -> list[str]:
+        """The names of the peers that receive it."""
+        return list(self._subscriptions)
+
+    def publish(self, valid_time: int, fields: Mapping[str, Value]) -> bool:
+        """Number and keep a sample; return False if it is too early for the rate.
+
+        Raises:
+            FederationError: if it is not valid later than what was promised.
+        """
+        if valid_time <= self._promised:
+            raise FederationError(
+                f"a sample of '{self._key.stream}' is valid at {format_time(valid_time)}, not "
+                f'after {format_time(self._promised)}, as was promised'
+            )
+        self._promised = valid_time
+        if valid_time - self._latest < self._key.every and self._latest != BEGINNING:
+            return False
+        self._latest = valid_time
+        self._kept.append(_Kept(valid_time, fields))
+        self._number += 1
+        while valid_time - self._kept[0].valid_time > self._history:
+            self._kept.popleft()
+        return True
+
+    def promise(self, time: int) -> None:
+        """Promise that all later samples are valid after a time."""
+        self._promised = max(self._promised, time)
+
+    def renew(self, peer: str, request: Request, expires: int) -> list[Samples | Watermark]:
+        """Take a request, and return what it asks for that was sent before.
+
+        Args:
+            peer: who asks.
+            request: its request.
+            expires: when it ends unless it is repeated.
+        """
+        subscription = self._subscriptions.get(peer)
+        if subscription is None:
+            known = request.number if request.epoch == self._epoch else self._number
+            number = min(max(known, self._oldest), self._number)
+            subscription = self._subscriptions[peer] = _Subscription(number, expires)
+        subscription.expires = expires
+        self.used_until = max(self.used_until, expires)
+        found: list[Samples | Watermark] = []
+        if request.epoch == self._epoch:
+            left = MAX_RESENT
+            for start, end in request.missing:
+                first = max(start, self._oldest)
+                last = min(end, self._number - 1, first + left - 1)
+                found += self._batches(first, last)
+                left -= max(0, last - first + 1)
+        return [*found, self.watermark()]
+
+    def continued(self, epoch: int) -> Rendition:
+        """Return a new one for its subscribers, as the clock has jumped."""
+        found = Rendition(self._key, epoch, self._history)
+        found.used_until = self.used_until
+        for peer, each in self._subscriptions.items():
+            found._subscriptions[peer] = _Subscription(found._number, each.expires)
+        return found
+
+    def release(self, peer: str) -> None:
+        """End the subscription of a peer."""
+        self._subscriptions.pop(peer, None)
+
+    def expire(self, at: int) -> None:
+        """End the subscriptions that were not repeated until a time."""
+        expired = [peer for peer, each in self._subscriptions.items() if each.expires <= at]
+        for peer in expired:
+            del self._subscriptions[peer]
+
+    def unsent(self) -> Iterator[tuple[str, Samples | Watermark]]:
+        """Yield what is to be sent, with its receiver."""
+        for peer, subscription in self._subscriptions.items():
+            for batch in self._batches(max(subscription.number, self._oldest), self._number - 1):
+                yield peer, batch
+            is_silent = subscription.number == self._number
+            subscription.number = self._number
+            if is_silent or self._promised > self._latest:  # A sample is a promise, too.
+                yield peer, self.watermark()
+
+    def watermark(self) -> Watermark:
+        """Return what is promised about the samples to come."""
+        stream, every = self._key
+        time = self._promised
+        return Watermark(stream, every, self._epoch, self._number, self._oldest, time)
+
+    @property
+    def _oldest(self) -> int:
+        return self._number - len(self._kept)
+
+    def _batches(self, first: int, last: int) -> Iterator[Samples]:
+        """Yield the samples of a range of numbers, each batch with the same fields."""
+        start, number = first - self._oldest, first
+        rows = islice(self._kept, start, max(start, last + 1 - self._oldest))
+        for names, group in groupby(rows, lambda each: tuple(each.fields)):
+            while found := list(islice(group, MAX_BATCH)):
+                times = tuple(each.valid_time for each in found)
+                columns = tuple(tuple(each.fields[name] for each in found) for name in names)
+                yield Samples(*self._key, self._epoch, number, times, names, columns)
+                number += len(found)

@@ -1,0 +1,6 @@
+"""Lets tests share what `federation_simulation.py` holds."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))

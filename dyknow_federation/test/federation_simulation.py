@@ -1,0 +1,376 @@
+"""Peers with clocks that differ, over links that fail, in simulated time.
+
+A run has two to five hosts. The first one asks for a stream of each other one, and evaluates a
+formula over all of them. The true times are known here alone: they judge the verdict.
+"""
+
+from __future__ import annotations
+
+import heapq
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from random import Random
+
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, Value, Verdict
+from dyknow_federation import (
+    Effects,
+    Event,
+    Packet,
+    Peer,
+    PeerSettings,
+    RemoteSample,
+    SamplesArrived,
+    SamplesLost,
+    SharedFeature,
+    UncertainStates,
+    WatermarkArrived,
+    encode,
+)
+from dyknow_reasoning import FormulaGroup, UncertainFormula
+
+MS = NANOSECONDS['ms']
+STREAM = 'level'
+BEFORE = -(2**63)
+
+FORMULAS = (
+    'forall r in Robot: always[0 s, {w} s] Level[r] < 9',
+    'always[0 s, {w} s] (Level[h0] > 5 -> eventually[0 s, {v} s] Level[h1] > 5)',
+    'eventually[0 s, {w} s] (Level[h0] > 5 and Level[h1] > 5)',
+    'always[0 s, {w} s] (Level[h0] > 2 or Level[h1] > 2)',
+    'always[0 s, {w} s] Level[h0] != Level[h1]',
+    'Level[h0] < 8 until[0 s, {w} s] Level[h1] > 6',
+    'eventually[0 s, {w} s] forall r in Robot: Level[r] > 4',
+    'always[0 s, {w} s] (Level[h0] < Level[h1] -> eventually[0 s, {v} s] Level[h0] >= Level[h1])',
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """The worst that a run may have; durations are in nanoseconds.
+
+    Args:
+        offset: of a clock.
+        drift_ppm: of a clock.
+        loss: the share of packets that are lost.
+        duplicates: the share of packets that arrive twice.
+        delay: of a packet at least.
+        jitter: more delay, on average.
+        outage: of a link.
+        restarts: True if hosts restart.
+    """
+
+    offset: int = 5 * SECOND_NS
+    drift_ppm: float = 50
+    loss: float = 0.2
+    duplicates: float = 0.05
+    delay: int = 30 * MS
+    jitter: int = 10 * MS
+    outage: int = 10 * SECOND_NS
+    restarts: bool = True
+
+
+@dataclass(slots=True)
+class Clock:
+    """A clock that reads `offset` at the true time 0, and is fast by `drift`."""
+
+    offset: int
+    drift: float
+
+    def read(self, true_time: int) -> int:
+        return true_time + self.offset + int(true_time * self.drift)
+
+    def when(self, reading: int) -> int:
+        """A true time at which it reads at least this."""
+        found = int((reading - self.offset) / (1 + self.drift))
+        while self.read(found) < reading:
+            found += 1
+        return found
+
+
+@dataclass(slots=True)
+class Host:
+    """A host and what it has published, by true times."""
+
+    name: str
+    clock: Clock
+    peer: Peer
+    period: int
+    wakes_at: int = 0
+    is_down: bool = False
+    times: list[int] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended.
+
+    Args:
+        kind: `right`, `wrong`, `unknown`, or `hang`.
+        error: the error of one that is unknown.
+        allowed: True if no clock was too uncertain for any tick.
+        detail: what describes the run.
+    """
+
+    kind: str
+    error: str
+    allowed: bool
+    detail: str
+
+
+class Simulation:
+    """A run.
+
+    Args:
+        seed: decides all of it.
+        conditions: the worst that it may have.
+    """
+
+    duration = 14 * SECOND_NS
+    drain = 16 * SECOND_NS
+
+    def __init__(self, seed: int, conditions: Conditions | None = None) -> None:
+        self.random = random = Random(seed)  # noqa: S311 - to be repeated
+        self.conditions = conditions or Conditions()
+        self._queue: list[tuple[int, int, Callable[[], None]]] = []
+        self._count = 0
+        self._now = 0
+        self.packets = 0
+        self.most_held = 0
+        self.hosts = [self._host(f'h{number}') for number in range(random.randint(2, 5))]
+        self._lossy = {
+            (one.name, two.name): random.random() < 0.5 for one in self.hosts for two in self.hosts
+        }
+        self._delays = {
+            (one.name, two.name): random.randint(200_000, self.conditions.delay)
+            for one in self.hosts
+            for two in self.hosts
+        }
+        self._outages = [self._outage() for _ in range(random.choice((0, 0, 1, 2)))]
+        self._period = random.choice((100, 200, 250, 500)) * MS
+        self._begin_evaluation()
+        for host in self.hosts:
+            self._share(host)
+            self._at(random.randint(0, host.period), lambda host=host: self._publish(host))
+            self._wake(host)
+        if self.conditions.restarts and random.random() < 0.3:
+            self._at(random.randint(0, self.duration), self._restart)
+
+    def run(self) -> Outcome:
+        """Run to the end, and judge."""
+        end = self.duration + self.drain
+        while self._queue and self.result is None and not self.error:
+            self._now, _, action = heapq.heappop(self._queue)
+            if self._now > end:
+                break
+            action()
+        return self._judge()
+
+    def _host(self, name: str) -> Host:
+        random, most = self.random, self.conditions.offset
+        offset = 1_000 * SECOND_NS + random.randint(-most, most)
+        drift = random.uniform(-1, 1) * self.conditions.drift_ppm * 1e-6
+        peer = Peer(PeerSettings(name, random.getrandbits(60)))
+        return Host(name, Clock(offset, drift), peer, random.choice((100, 200, 500)) * MS)
+
+    def _outage(self) -> tuple[str, int, int]:
+        """The links of one host, or of all, fail."""
+        start = self.random.randint(0, self.duration)
+        length = self.random.randint(0, self.conditions.outage)
+        name = self.random.choice([*(each.name for each in self.hosts), ''])
+        return name, start, start + length
+
+    def _begin_evaluation(self) -> None:
+        random, own = self.random, self.hosts[0]
+        text = random.choice(FORMULAS)
+        self.formula = text.format(w=random.choice((2, 4, 8)), v=random.choice((0.2, 0.5, 1, 2)))
+        names = [each.name for each in self.hosts]
+        self.domains = {'Robot': names}
+        start = own.clock.read(random.randint(1, 3) * SECOND_NS)
+        self.states = UncertainStates(start, self._period, own.peer.difference)
+        self.evaluated = UncertainFormula(self.formula, self.domains)
+        self.ticks: list[int] = []
+        self.uncertainty = 0
+        self.result: Verdict | None = None
+        self.error = ''
+        for each in self.hosts:
+            host = '' if each is own else each.name
+            self.states.add(host, STREAM, {f'Level[{each.name}]': 'level'})
+            if host:
+                own.peer.request(host, STREAM, 0, own.clock.read(0))
+
+    def _share(self, host: Host) -> None:
+        ssl = f'stream {STREAM} contains Level[{host.name}] = level'
+        feature = SharedFeature('Level', STREAM, ssl, (('level', 'float'),))
+        host.peer.share([], [feature], host.clock.read(self._now))
+
+    def _at(self, time: int, action: Callable[[], None]) -> None:
+        self._count += 1
+        heapq.heappush(self._queue, (time, self._count, action))
+
+    def _publish(self, host: Host) -> None:
+        """A new sample of the host; its level often stays for some time."""
+        random = self.random
+        if not host.is_down and self._now < self.duration:
+            former = host.values[-1] if host.values else 5.0
+            level = float(random.randint(0, 9)) if random.random() < 0.3 else former
+            reading = host.clock.read(self._now)
+            host.times.append(self._now)
+            host.values.append(level)
+            self._take_sample(host, reading, level)
+        if not host.is_down and self._now >= self.duration:
+            host.peer.promise(STREAM, host.clock.read(self._now) - 1, host.clock.read(self._now))
+            self._own_promise(host)
+        self._wake(host)
+        self._at(self._now + host.period + random.randint(0, 20 * MS), lambda: self._publish(host))
+
+    def _take_sample(self, host: Host, reading: int, level: float) -> None:
+        host.peer.publish(STREAM, reading, {'level': level}, reading)
+        if host is self.hosts[0]:
+            self.states.put('', STREAM, RemoteSample(reading, 0, {'level': level}))
+            self._evaluate()
+
+    def _own_promise(self, host: Host) -> None:
+        if host is self.hosts[0]:
+            self.states.promise('', STREAM, host.clock.read(self._now) - 1)
+            self._evaluate()
+
+    def _restart(self) -> None:
+        """A host other than the first one stops, and starts again with another clock."""
+        host = self.random.choice(self.hosts[1:])
+        host.is_down = True
+        self._at(self._now + self.random.randint(0, 3 * SECOND_NS), lambda: self._start(host))
+
+    def _start(self, host: Host) -> None:
+        if self.random.random() < 0.5:
+            host.clock.offset += self.random.randint(-SECOND_NS, SECOND_NS)
+        host.peer = Peer(PeerSettings(host.name, self.random.getrandbits(60)))
+        host.is_down = False
+        host.wakes_at = 0
+        self._share(host)
+        self._wake(host)
+
+    def _wake(self, host: Host) -> None:
+        """Plan the next deadline of a host."""
+        due = max(self._now, host.clock.when(host.peer.next_deadline()))
+        if host.wakes_at <= self._now or due < host.wakes_at:
+            host.wakes_at = due
+            self._at(due, lambda: self._advance(host, due))
+
+    def _advance(self, host: Host, due: int) -> None:
+        if host.is_down or host.wakes_at != due:
+            return
+        host.wakes_at = 0
+        self._act(host, host.peer.advance(host.clock.read(self._now)))
+
+    def _receive(self, host: Host, data: bytes) -> None:
+        if not host.is_down:
+            self._act(host, host.peer.receive(data, host.clock.read(self._now)))
+
+    def _act(self, host: Host, effects: Effects) -> None:
+        for packet in effects.packets:
+            self._send(host, packet)
+        if host is self.hosts[0]:
+            self._take(effects.events)
+        self._wake(host)
+
+    def _send(self, sender: Host, packet: Packet) -> None:
+        random, data = self.random, encode(packet)
+        for host in self.hosts:
+            if host is sender or packet.receiver not in {'', host.name}:
+                continue
+            self.packets += 1
+            link = sender.name, host.name
+            lost = self._lossy[link] and random.random() < self.conditions.loss
+            if lost or self._is_out(link):
+                continue
+            for _ in range(1 + (random.random() < self.conditions.duplicates)):
+                delay = self._delays[link]
+                delay += int(random.expovariate(1 / self.conditions.jitter))
+                self._at(self._now + delay, lambda host=host: self._receive(host, data))
+
+    def _is_out(self, link: Iterable[str]) -> bool:
+        return any(
+            start <= self._now < end and (not name or name in link)
+            for name, start, end in self._outages
+        )
+
+    def _take(self, events: Iterable[Event]) -> None:
+        for event in events:
+            match event:
+                case SamplesArrived(peer, stream, _, samples):
+                    for sample in samples:
+                        self.uncertainty = max(self.uncertainty, sample.uncertainty)
+                        self.states.put(peer, stream, sample)
+                case SamplesLost(peer, stream, _, _, reason):
+                    self.states.lose(peer, stream, f'samples of {peer} are lost: {reason}')
+                case WatermarkArrived(peer, stream, _, time):
+                    self.states.promise(peer, stream, time)
+        self._evaluate()
+
+    def _evaluate(self) -> None:
+        self.most_held = max(self.most_held, self.states.held)
+        if self.result is not None or self.error:
+            return
+        for state in self.states.states():
+            self.ticks.append(state.valid_time)
+            try:
+                verdict = self.evaluated.progress(*state)
+            except DyKnowError as error:
+                self.error = error.message
+                return
+            if verdict is not Verdict.UNDECIDED:
+                self.result = verdict
+                return
+
+    def _truth(self) -> list[tuple[int, Mapping[str, Value]]]:
+        """The true states at the ticks since the evaluation began."""
+        clock, found = self.hosts[0].clock, list[tuple[int, Mapping[str, Value]]]()
+        readings = [[clock.read(time) for time in host.times] for host in self.hosts]
+        for tick in self.ticks[self.skipped :]:
+            values = {}
+            for host, times in zip(self.hosts, readings, strict=True):
+                values[f'Level[{host.name}]'] = host.values[bisect_right(times, tick) - 1]
+            found.append((tick, values))
+        return found
+
+    @property
+    def skipped(self) -> int:
+        """The number of ticks before the evaluation began."""
+        return self.evaluated.skipped
+
+    def _judge(self) -> Outcome:
+        offsets = [round((each.clock.offset / SECOND_NS) - 1000, 3) for each in self.hosts]
+        detail = f'{self.formula}, period {self._period / SECOND_NS} s, offsets {offsets}'
+        allowed = self._is_allowed()
+        if self.error:
+            return Outcome('unknown', self.error, allowed, detail)
+        if self.result is None and len(self.ticks) == self.skipped:
+            return Outcome('unknown', 'it has not begun: a value never arrived', allowed, detail)
+        if self.result is None:
+            return Outcome('hang', f'waits for {self.states.awaited}', allowed, detail)
+        group = FormulaGroup()
+        group.add_formula('', self.formula)
+        group.begin(self.domains)
+        verdict = Verdict.UNDECIDED
+        for time, values in self._truth():
+            for result in group.progress(time, values):
+                verdict = result.verdict
+        kind = 'right' if verdict is self.result else 'wrong'
+        return Outcome(kind, '', allowed, f'{detail}: {self.result.name}, truly {verdict.name}')
+
+    def _is_allowed(self) -> bool:
+        """Return True if no sample that changes a level is as near to a tick as clocks differ."""
+        clock = self.hosts[0].clock
+        changes = sorted(
+            clock.read(time)
+            for host in self.hosts[1:]
+            for number, time in enumerate(host.times)
+            if number and host.values[number] != host.values[number - 1]
+        )
+        for tick in self.ticks:
+            near = bisect_right(changes, tick - 2 * self.uncertainty - 2)
+            if near < len(changes) and changes[near] <= tick + 2 * self.uncertainty + 2:
+                return False
+        return True

@@ -1,0 +1,304 @@
+"""A peer among others: joining, leaving, restarts, refusals, limits, jumps of clocks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import pytest
+
+from dyknow_common import NANOSECONDS, SECOND_NS
+from dyknow_federation import (
+    ClockJumped,
+    Event,
+    FederationError,
+    LinkRestored,
+    LinkStale,
+    Packet,
+    Peer,
+    PeerFault,
+    PeerJoined,
+    PeerLeft,
+    PeerSettings,
+    SamplesArrived,
+    SamplesLost,
+    SharedFeature,
+    SharesChanged,
+    StreamRefused,
+    StreamUnwanted,
+    StreamWanted,
+    encode,
+)
+from dyknow_federation.messages import MAX_BATCH, VERSION, Hello, Message, Request, Samples
+from dyknow_federation.peer import MAX_RATES
+
+MS = NANOSECONDS['ms']
+LEVEL = SharedFeature('Level', 'level', 'stream level contains Level[r1] = x', (('x', 'float'),))
+
+
+class Net:
+    """Hosts in simulated time, over links of 1 ms; the clock of each is `offsets` ahead."""
+
+    def __init__(self, *names: str) -> None:
+        self.now = 100 * SECOND_NS
+        self.offsets = dict.fromkeys(names, 0)
+        self.peers: dict[str, Peer] = {}
+        self.events: dict[str, list[Event]] = {name: [] for name in names}
+        self.drops: Callable[[Packet], bool] = lambda _: False
+        self._on_the_way: list[tuple[int, str, bytes]] = []
+        for number, name in enumerate(names, 1):
+            self.start(name, number)
+
+    def start(self, name: str, incarnation: int) -> None:
+        self.peers[name] = Peer(PeerSettings(name, incarnation))
+
+    def time(self, name: str) -> int:
+        return self.now + self.offsets[name]
+
+    def run(self, seconds: float) -> None:
+        end = self.now + int(seconds * SECOND_NS)
+        while self.now < end:
+            for name, peer in self.peers.items():
+                if peer.next_deadline() <= self.time(name):
+                    self._act(name, *peer.advance(self.time(name)))
+            self.now += MS
+            arrived = [each for each in self._on_the_way if each[0] <= self.now]
+            self._on_the_way = [each for each in self._on_the_way if each[0] > self.now]
+            for _, name, data in arrived:
+                if name in self.peers:
+                    self._act(name, *self.peers[name].receive(data, self.time(name)))
+
+    def _act(self, name: str, packets: list[Packet], events: list[Event]) -> None:
+        self.events[name] += events
+        for packet in packets:
+            for other in self.peers:
+                if other != name and not self.drops(packet):
+                    self._on_the_way.append((self.now + MS, other, encode(packet)))
+
+    def take(self, name: str, kind: type[Event]) -> list[Event]:
+        """The events of a kind so far; all events are forgotten."""
+        found, self.events[name] = self.events[name], []
+        return [each for each in found if isinstance(each, kind)]
+
+    def send(self, receiver: str, sender: str, message: Message) -> list[Event]:
+        peer = self.peers[receiver]
+        return peer.receive(
+            encode(Packet(sender, 7, receiver, message)), self.time(receiver)
+        ).events
+
+    def publish(self, name: str, value: float) -> None:
+        self.peers[name].publish('level', self.time(name), {'x': value}, self.time(name))
+
+    def values(self, name: str) -> list[float]:
+        arrived = self.take(name, SamplesArrived)
+        return [sample.fields['x'] for each in arrived for sample in each.samples]
+
+
+def sharing(*, offset: int = 0) -> Net:
+    """`b` asks `a` for its level."""
+    net = Net('a', 'b')
+    net.offsets['a'] = offset
+    net.peers['a'].share([], [LEVEL], net.time('a'))
+    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.run(0.5)
+    return net
+
+
+def test_peers_find_each_other_and_share() -> None:
+    net = sharing(offset=5 * SECOND_NS)
+    kinds = [type(each) for each in net.events['b']]
+    assert kinds == [PeerJoined, SharesChanged]
+    assert net.take('a', StreamWanted) == [StreamWanted('level')]
+    net.events['b'].clear()
+    net.publish('a', 1.5)
+    at = net.now
+    net.run(0.1)
+    (arrived,) = net.take('b', SamplesArrived)
+    (sample,) = arrived.samples
+    assert abs(sample.valid_time - at) <= sample.uncertainty <= 2 * MS
+    difference = net.peers['b'].difference('a')
+    assert difference.startswith('the clocks of b and a differ by 5')
+    assert 'plus or minus 1.' in difference
+
+
+def test_changed_shares_are_told() -> None:
+    net = sharing()
+    net.take('b', SharesChanged)
+    net.peers['a'].share([], [], net.time('a'))
+    net.run(1.5)
+    (changed,) = net.take('b', SharesChanged)
+    assert changed.shares.features == ()
+    assert net.take('a', StreamUnwanted) == [StreamUnwanted('level')]
+
+
+def test_what_is_not_shared_is_refused_once() -> None:
+    net = Net('a', 'b')
+    net.peers['b'].request('a', 'secret', 0, net.time('b'))
+    net.run(3)
+    (refused,) = net.take('b', StreamRefused)
+    assert refused.reason == "peer 'a' does not share it: name it in share there"
+    net.peers['a'].share([], [SharedFeature('S', 'secret', '', ())], net.time('a'))
+    net.run(3)
+    assert net.take('a', StreamWanted) == [StreamWanted('secret')]
+
+
+def test_a_stale_link_is_told_and_missed_samples_follow() -> None:
+    net = sharing()
+    net.publish('a', 1)
+    net.run(0.1)
+    net.drops = lambda _: True
+    for value in range(2, 10):
+        net.run(1)
+        net.publish('a', value)
+    assert type(net.events['b'][-1]) is LinkStale
+    assert net.values('b') == [1]
+    net.drops = lambda _: False
+    net.run(2)
+    assert type(net.events['b'][0]) is LinkRestored
+    assert net.values('b') == list(range(2, 10))
+
+
+def test_a_peer_that_left_and_returns_sends_what_was_missed() -> None:
+    net = sharing()
+    net.publish('a', 1)
+    net.run(0.1)
+    net.drops = lambda _: True
+    for value in range(2, 42):
+        net.run(1)
+        net.publish('a', value)
+    (left,) = net.take('b', PeerLeft)
+    assert left.reason == "peer 'a' has not been heard for 10 s"
+    net.drops = lambda _: False
+    net.run(3)
+    assert net.values('b') == list(range(2, 42))
+
+
+def test_a_restart_loses_what_was_not_sent() -> None:
+    net = sharing()
+    net.publish('a', 1)
+    net.run(0.1)
+    net.events['b'].clear()
+    net.offsets['a'] = -SECOND_NS
+    net.start('a', 77)
+    net.peers['a'].share([], [LEVEL], net.time('a'))
+    net.run(2)
+    assert [type(each) for each in net.events['b']] == [SamplesLost, PeerJoined, SharesChanged]
+    net.publish('a', 2)
+    at = net.now
+    net.run(0.1)
+    (arrived,) = net.take('b', SamplesArrived)
+    assert abs(arrived.samples[0].valid_time - at) <= arrived.samples[0].uncertainty
+    # A late packet of the former run changes nothing.
+    late = encode(Packet('a', 1, 'b', Samples('level', 0, 1, 2, (1,), ('x',), ((5.0,),))))
+    assert net.peers['b'].receive(late, net.time('b')) == ([], [])
+
+
+def test_a_restart_is_told_while_the_clock_is_not_known() -> None:
+    net = sharing()
+    net.publish('a', 1)
+    net.run(0.1)
+    net.take('b', SamplesLost)
+    net.offsets['b'] -= SECOND_NS
+    net.drops = lambda packet: not isinstance(packet.message, Hello)
+    net.start('a', 77)
+    net.run(2)
+    (lost,) = net.take('b', SamplesLost)
+    assert lost.reason == 'the peer has started again'
+
+
+def test_peers_of_another_version_are_named_once() -> None:
+    net = Net('b')
+    data = json.loads(encode(Packet('old', 1, '', Hello(1))))
+    data[0] = VERSION + 1
+    packets = [net.peers['b'].receive(json.dumps(data).encode(), net.now) for _ in range(3)]
+    (fault,) = [event for each in packets for event in each.events]
+    assert isinstance(fault, PeerFault)
+    assert fault.peer == 'old'
+    assert 'install the same version' in fault.message
+
+
+def test_bad_packets_and_doubled_names_are_faults() -> None:
+    net = Net('b')
+    (fault,) = net.peers['b'].receive(b'nonsense', net.now).events
+    assert fault == PeerFault('', f'a message is refused: {fault.message.partition(": ")[2]}')
+    net.run(30)
+    (fault,) = net.send('b', 'b', Hello(1))
+    assert 'give each host its own name' in fault.message
+    with pytest.raises(FederationError, match='needs a name'):
+        Peer(PeerSettings('', 1))
+
+
+def test_what_peers_make_us_keep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('dyknow_federation.peer.MAX_PEERS', 20)
+    net = Net('b')
+    for number in range(20):
+        net.send('b', f'p{number}', Hello(1))
+    (fault,) = net.send('b', 'one more', Hello(1))
+    assert 'more than 20 peers' in fault.message
+    net.peers['b'].share([], [LEVEL], net.now)
+    for every in range(MAX_RATES + 5):
+        net.send('b', 'p1', Request('level', every))
+    assert len(net.peers['b'].renditions) == MAX_RATES
+    times = tuple(range(MAX_BATCH))
+    net.send('b', 'p1', Samples('never asked', 0, 1, 1, times, (), ()))
+    net.run(30)
+    assert net.peers['b'].remotes == {}
+    net.run(80)
+    assert net.peers['b'].renditions == {}
+
+
+def test_a_jump_of_a_clock_is_told() -> None:
+    net = sharing()
+    net.publish('a', 1)
+    net.run(2)
+    net.events['b'].clear()
+    net.offsets['a'] += 2 * SECOND_NS
+    net.run(2)
+    jumps = [each for each in net.events['b'] if isinstance(each, ClockJumped)]
+    assert jumps
+    assert jumps[0].since is not None
+    assert net.now - jumps[0].since < 4 * SECOND_NS
+    net.events['b'].clear()
+    net.publish('a', 2)
+    at = net.now
+    net.run(0.1)
+    (arrived,) = net.take('b', SamplesArrived)
+    assert abs(arrived.samples[0].valid_time - at) <= arrived.samples[0].uncertainty
+
+
+def test_an_own_clock_that_jumps_back_stops_nothing() -> None:
+    net = sharing(offset=1000 * SECOND_NS)
+    net.publish('a', 1)
+    net.run(0.1)
+    assert net.values('b') == [1]
+    net.offsets['a'] = 0
+    net.run(2)
+    net.publish('a', 2)
+    at = net.now
+    net.run(1)
+    assert net.take('a', ClockJumped)
+    (arrived,) = net.take('b', SamplesArrived)
+    assert arrived.samples[0].fields == {'x': 2}
+    assert abs(arrived.samples[0].valid_time - at) <= arrived.samples[0].uncertainty
+
+
+def test_samples_are_published_in_order() -> None:
+    net = sharing()
+    peer, now = net.peers['a'], net.time('a')
+    peer.promise('level', now, now)
+    with pytest.raises(FederationError, match='as was promised'):
+        peer.publish('level', now, {'x': 1}, now)
+
+
+def test_a_released_stream_is_sent_no_more() -> None:
+    net = sharing()
+    net.peers['b'].release('a', 'level', 0)
+    net.run(0.1)
+    (rendition,) = net.peers['a'].renditions.values()
+    assert rendition.subscribers == []
+
+
+def test_a_packet_in_the_name_of_another_peer_is_refused() -> None:
+    net = Net('b')
+    (fault,) = net.peers['b'].receive(encode(Packet('a', 1, '', Hello(1))), net.now, 'c').events
+    assert "peer 'c' sends as 'a'" in fault.message

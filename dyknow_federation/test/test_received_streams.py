@@ -1,0 +1,135 @@
+"""Samples are delivered in order, each once, whatever the link does."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dyknow_federation import StreamKey
+from dyknow_federation.messages import Request, Samples, Watermark
+from dyknow_federation.receiving import MAX_HELD, Lost, Promise, Received, ReceivedStream
+from dyknow_federation.sending import MAX_HISTORY, Rendition
+
+KEY = StreamKey('level', 0)
+
+
+class Pair:
+    """A rendition and who receives it, over a link without a clock."""
+
+    def __init__(self, history: int = 10**9) -> None:
+        self.rendition = Rendition(KEY, 1, history)
+        self.stream = ReceivedStream(KEY)
+        self.told: list[object] = []
+        self.renew()
+
+    def renew(self) -> None:
+        for each in self.rendition.renew('me', self.stream.request(), 10**18):
+            self.take(each)
+
+    def take(self, message: Samples | Watermark) -> None:
+        if isinstance(message, Samples):
+            self.stream.take_batch(message)
+        else:
+            self.stream.take_watermark(message)
+        self.told += self.stream.deliveries()
+
+    @property
+    def times(self) -> list[int]:
+        return [each.valid_time for each in self.told if isinstance(each, Received)]
+
+
+@settings(max_examples=100)
+@given(st.data())
+def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
+    pair = Pair()
+    on_the_way: list[Samples | Watermark] = []
+    published = 0
+    for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), max_size=60)):
+        if action == 'p':
+            published += 1
+            pair.rendition.publish(published, {'x': published})
+        elif action == 's':
+            on_the_way += [message for _, message in pair.rendition.unsent()]
+        elif action == 'r':
+            on_the_way += pair.rendition.renew('me', pair.stream.request(), 10**18)
+        elif on_the_way:
+            index = data.draw(st.integers(0, len(on_the_way) - 1))
+            if action == 'd' and data.draw(st.booleans()):  # It may arrive once more.
+                pair.take(on_the_way[index])
+            else:
+                found = on_the_way.pop(index)
+                if action == 'd':
+                    pair.take(found)
+        assert pair.times == list(range(1, len(pair.times) + 1))
+        promised = [each.time for each in pair.told if isinstance(each, Promise)]
+        assert max(promised, default=0) <= len(pair.times)
+    pair.renew()
+    pair.renew()
+    assert pair.times == list(range(1, published + 1))
+    assert pair.stream.is_complete
+
+
+def test_what_the_history_has_no_more_is_lost() -> None:
+    pair = Pair(history=10)
+    for time in range(1, 31):
+        pair.rendition.publish(time, {'x': 0})
+        list(pair.rendition.unsent())
+    pair.renew()
+    pair.renew()
+    assert pair.told[0] == Lost(19, 'the peer keeps them no more')
+    assert pair.times == list(range(20, 31))
+
+
+def test_a_new_epoch_ends_the_former_one() -> None:
+    pair = Pair()
+    pair.take(Samples('level', 0, 1, 1, (5,), ('x',), ((1,),)))
+    pair.take(Samples('level', 0, 3, 1, (4,), ('x',), ((2,),)))
+    pair.take(Samples('level', 0, 1, 2, (6,), ('x',), ((3,),)))
+    reasons = [each.reason for each in pair.told if isinstance(each, Lost)]
+    assert reasons == ['the peer has begun to number its samples anew']
+    assert pair.times == [5, 4]
+
+
+def test_a_peer_that_lies_about_times_is_not_believed() -> None:
+    pair = Pair()
+    pair.take(Samples('level', 0, 1, 1, (5,), ('x',), ((1,),)))
+    pair.take(Watermark('level', 0, 1, 2, 1, 20))
+    pair.take(Samples('level', 0, 1, 2, (10,), ('x',), ((1,),)))
+    assert pair.told[-1] == Lost(1, 'it is valid at 10 ns, which is too early')
+
+
+def test_memory_is_bounded() -> None:
+    pair = Pair()
+    for first in range(2, 3 * MAX_HELD, 100):
+        times = tuple(range(first, first + 100))
+        pair.take(Samples('level', 0, 1, first, times, ('x',), (times,)))
+    assert len(pair.stream._held) == MAX_HELD
+    assert len(pair.stream.request().missing) == 2
+    for time in range(2 * MAX_HISTORY):
+        pair.rendition.publish(time, {})
+    assert len(pair.rendition._kept) == MAX_HISTORY
+
+
+def test_a_request_for_what_never_was_is_harmless() -> None:
+    pair = Pair()
+    pair.rendition.publish(1, {'x': 1})
+    strange = Request('level', 0, 1, 10**15, ((-(2**62), -5), (3, 2**62)))
+    assert [type(each) for each in pair.rendition.renew('me', strange, 1)] == [Watermark]
+    assert [type(each) for each in pair.rendition.renew('other', strange, 1)] == [Watermark]
+
+
+def test_samples_at_a_rate() -> None:
+    rendition = Rendition(StreamKey('level', 10), 1, 10**9)
+    taken = [time for time in range(0, 40, 4) if rendition.publish(time, {})]
+    assert taken == [0, 12, 24, 36]
+
+
+def test_samples_with_other_fields_are_other_batches() -> None:
+    pair = Pair()
+    for time, names in enumerate(['x', 'x', 'xy', 'x'], 1):
+        pair.rendition.publish(time, dict.fromkeys(names, 1))
+    for _, message in pair.rendition.unsent():
+        pair.take(message)
+    assert pair.times == [1, 2, 3, 4]
+    fields = [dict(each.fields) for each in pair.told if isinstance(each, Received)]
+    assert fields[2] == {'x': 1, 'y': 1}
