@@ -66,7 +66,7 @@ class Reader:
         terminal = next((each for each in BACKGROUND if line.startswith(each)), None)
         if terminal is None:
             with self._start(line) as process:
-                return process.communicate(timeout=120)[0], process.returncode
+                return process.communicate(timeout=300)[0], process.returncode
         self.stop(terminal)
         process = self._terminals[terminal] = self._start(line)
         if terminal == 'dyknow up':
