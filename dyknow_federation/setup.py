@@ -1,6 +1,12 @@
 from setuptools import find_packages, setup
+from setuptools.command.easy_install import ScriptWriter
+
+from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_federation'
+NODES = ('federation',)
+
+ScriptWriter.template = script_template(NODES)
 
 setup(
     name=PACKAGE,
@@ -18,4 +24,5 @@ setup(
     maintainer_email='maintainers@dyknow.org',
     description='Several hosts: their clocks, links, and what they share.',
     license='Apache-2.0',
+    entry_points={'console_scripts': ['federation = dyknow_federation.ros.federation:main']},
 )

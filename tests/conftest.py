@@ -54,6 +54,7 @@ SCHEDULE = (
     ('test_demonstration',),
     ('test_two_robots',),
     ('test_sim_time_jumps',),
+    ('test_federation',),
     ('test_guard',),
     ('test_guard_systems',),
     ('test_guard_errors',),

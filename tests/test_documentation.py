@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -240,6 +241,14 @@ def test_robots_can_be_read(text: str, tmp_path: Path) -> None:
             assert isinstance(source, InlineText)
             (annotation,) = parse_annotations(source.text)
             check_annotation(annotation, ontology.knowledge)
+
+
+@pytest.mark.parametrize('text', blocks('docs/federation.md', 'yaml'))
+def test_federations_can_be_read(text: str, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / 'docs' / 'examples' / 'federation', tmp_path, dirs_exist_ok=True)
+    path = tmp_path / 'robot.yaml'
+    path.write_text(text, encoding='utf-8')
+    assert read_robot(path).federation
 
 
 @pytest.mark.parametrize('text', blocks('docs/monitoring.md', 'yaml'))

@@ -31,6 +31,7 @@ OTHERS = (
         'source',
         'export',
         'cp',
+        'sh docs/',
         'ssh',
         'pip',
         'make',

@@ -41,6 +41,9 @@ VERBS: Final[Mapping[str, Verb]] = {
     'evaluations': Verb('dyknow_coordinator.ros.evaluations', 'show what is being evaluated'),
     'streams': Verb('dyknow_stream_processing.ros.streams', 'show the streams and their timing'),
     'semantics': Verb('dyknow_semantics.ros.semantics', 'show ontologies and what streams mean'),
+    'federation': Verb(
+        'dyknow_federation.ros.federation_command', 'show the peers of a host and what they share'
+    ),
     'dashboard': Verb('dyknow_dashboard.ros.dashboard', 'serve a live page of a running system'),
     'check': Verb(
         'dyknow_recordings.check', 'check formulas over recordings, without ROS', needs_ros=False

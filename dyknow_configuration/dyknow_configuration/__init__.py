@@ -4,6 +4,7 @@ from dyknow_configuration.documents.yaml_values import YamlValue, add_quotes, re
 from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
+from dyknow_configuration.federation import RequestedFederation, RequestedShare
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES
 from dyknow_configuration.proposals.observations import (
@@ -60,8 +61,10 @@ __all__ = [
     'ProposedTiming',
     'ReadFields',
     'Recipe',
+    'RequestedFederation',
     'RequestedFormula',
     'RequestedGuard',
+    'RequestedShare',
     'RobotConfiguration',
     'RobotFaults',
     'RobotPart',

@@ -21,6 +21,7 @@ from typing import Final
 from dyknow_common import InlineText
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml, texts
 from dyknow_configuration.expectations import read_expectations
+from dyknow_configuration.federation import read_federation
 from dyknow_configuration.formulas import formulas_of, read_constants
 from dyknow_configuration.guards import read_guards
 from dyknow_configuration.nodes import read_parameters
@@ -42,6 +43,7 @@ KEYS: Final = (
     'triggers',
     'formulas',
     'guards',
+    'federation',
     'nodes',
     'ontology',
     'annotations',
@@ -96,6 +98,7 @@ def robot_of(
         guards=read_guards(values['guards'], formulas, constants) if 'guards' in values else (),
         units={name: each.unit for name, each in vocabulary.features.items() if each.unit},
         topics=read_expectations(values['topics']) if 'topics' in values else (),
+        federation=read_federation(values['federation']) if 'federation' in values else None,
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from dyknow_common import NANOSECONDS, BlackBoxOptions, InlineText, ValueType
 from dyknow_configuration.expectations import TopicExpectation
+from dyknow_configuration.federation import RequestedFederation
 from dyknow_configuration.triggers.trigger import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants, FieldReference, parse_formula, walk
 
@@ -193,6 +194,7 @@ class RobotConfiguration:
         guards: of topics.
         units: of features, by name.
         topics: what is expected of them.
+        federation: with other hosts; None: this host has no peers.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -205,3 +207,4 @@ class RobotConfiguration:
     guards: tuple[RequestedGuard, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     topics: tuple[TopicExpectation, ...] = ()
+    federation: RequestedFederation | None = None

@@ -14,6 +14,7 @@ import yaml
 from dyknow_common import CONSTRAINT_KINDS, ValueType
 from dyknow_configuration import PACKAGES, Severity, reading
 from dyknow_configuration.expectations import EXPECTATION_KEYS
+from dyknow_configuration.federation import FEDERATION_KEYS, SHARE_KEYS
 from dyknow_configuration.formulas import FORMULA_KEYS
 from dyknow_configuration.guards import GUARD_KEYS
 from dyknow_configuration.stream_texts import TEMPLATE_KEYS
@@ -34,7 +35,8 @@ TYPES: dict[str, tuple[type, ...]] = {
 WRONG = (
     'bad_object_name', 'bare_duration', 'bare_gap', 'rate_without_unit', 'relative_topic',
     'stamped_text', 'type_without_package', 'unknown_expectation_key',
-    'boolean_for_object', 'formula_without_name',
+    'boolean_for_object', 'endpoint_without_protocol', 'federation_without_name',
+    'formula_without_name', 'share_unknown_key',
     'guard_without_input', 'list_for_message', 'no_action', 'no_field', 'no_list_of_objects',
     'no_mapping', 'no_type_of_message', 'number_for_object', 'number_in_command',
     'parameter_of_no_type', 'record_of_number', 'record_unknown_key', 'record_without_unit',
@@ -65,6 +67,15 @@ ontology: a.owl
 annotations: [a.ssl, b.ssl]
 domains: {A: a1}
 topics: {/a: , /b: {type: a/msg/B, min_rate: 1 Hz, max_rate: 1.5Hz, max_gap: 1 s, stamped: true}}
+federation:
+  name: a
+  connect: tcp/b:7447
+  listen: ['tcp/[::]:7447', quic/c:1]
+  share: [F, {feature: G, every: 1 s}]
+  same: a1
+  history: 90 s
+  max_uncertainty: 1 ms
+  zenoh: a.json5
 guards:
   - {name: g, input: /a, output: b, formulas: a, safe: {x: 1}, period: 1 s, type: a_msgs/msg/B}
   - {name: h, input: c, output: /d, formulas: [a, p = 1], safe: nothing, latch: true, timeout: 1 s}
@@ -139,6 +150,8 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert properties['feature'] == {*FEATURE_KEYS}
     assert properties['source'] == {*SOURCE_KEYS} >= {*CONSTRAINT_KINDS}
     assert properties['formula'] == {*FORMULA_KEYS}
+    assert properties['federation'] == {*FEDERATION_KEYS}
+    assert properties['share'] == {*SHARE_KEYS}
     assert properties['guard'] == {*GUARD_KEYS}
     assert properties['expectation'] == {*EXPECTATION_KEYS}
     assert properties['trigger'] == {*TRIGGER_KEYS}

@@ -1,7 +1,7 @@
 """Messages between peers, and their encoding.
 
 A packet holds one message. It is encoded as JSON with the values of the fields in order, and
-compressed if it is long:
+compressed unless it is short, with what all packets have in common as a dictionary:
 
     [1, "carrier1", 17…, 12.5e9, "Hello", [3]]
 
@@ -46,8 +46,14 @@ MAX_RANGES: Final = 20
 
 _MAX_INTEGER: Final = 2**63
 _COMPRESSED: Final = b'z'
-_COMPRESSES: Final = 512
+_COMPRESSES: Final = 64
 """The number of bytes from which a packet is compressed."""
+
+COMMON: Final = (
+    b'"SharesRequest",["Shares",["RequestRefusal",["Request",["Release",["ProbeReply",["Probe",['
+    b'"Hello",[false,true],"Watermark",["Samples",[],["value"],[[0.'
+)
+"""What packets have in common: with it, one of a sample has three quarters of its length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,7 +311,10 @@ def encode(packet: Packet) -> bytes:
             f'a message {type(message).__name__} has {len(data)} bytes, more than {MAX_PACKET}; '
             'share less'
         )
-    return _COMPRESSED + zlib.compress(data) if len(data) >= _COMPRESSES else data
+    if len(data) < _COMPRESSES:
+        return data
+    compressor = zlib.compressobj(zdict=COMMON)
+    return _COMPRESSED + compressor.compress(data) + compressor.flush()
 
 
 def decode(data: bytes) -> Packet:
@@ -346,7 +355,7 @@ def _plain(data: bytes) -> bytes:
         raise FederationError(f'it has {len(data)} bytes, more than {MAX_PACKET}')
     if not data.startswith(_COMPRESSED):
         return data
-    decompressor = zlib.decompressobj()
+    decompressor = zlib.decompressobj(zdict=COMMON)
     try:
         plain = decompressor.decompress(data[1:], MAX_PACKET)
     except zlib.error as error:

@@ -64,7 +64,7 @@ class TreeNode(Node):
         shown = unicode_tree(self._tree.root, show_status=True)
         if shown != self._shown:
             self._shown = shown
-            print(shown, flush=True)  # noqa: T201 - this is what the example shows
+            print(shown, flush=True)
 
 
 def main():

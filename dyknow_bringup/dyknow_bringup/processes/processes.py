@@ -18,6 +18,9 @@ ENGINE: Final = 'stream_processing_engine'
 RECORDER: Final = 'black_box_recorder'
 """The executable that records black boxes, and its name."""
 
+FEDERATION: Final = 'federation'
+"""The executable that joins other hosts, and its name."""
+
 MONITOR: Final = 'formula_monitor'
 """The executable that monitors formulas, and its name."""
 
@@ -73,6 +76,7 @@ class SystemConfiguration:
         params_file: a file of parameters, as ROS has them, which takes precedence over all others.
         engines: the number of stream processing engines.
         guards: their names, each with the robot.yaml that describes it.
+        federated: the robot.yaml whose federation this host joins; None: it has no peers.
         monitored: the robot.yaml whose formulas are monitored from the start on; None: none are.
         recorder: parameters of the recorder of black boxes; None: it is not started.
 
@@ -90,6 +94,7 @@ class SystemConfiguration:
     params_file: Path | None = None
     engines: int = 1
     guards: Mapping[str, Path] = field(default_factory=dict)
+    federated: Path | None = None
     monitored: Path | None = None
     recorder: Mapping[str, ParameterValue] | None = None
 
@@ -108,7 +113,7 @@ class SystemConfiguration:
 
 
 def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
-    """Return the nodes of DyKnow: seven, further engines, and the recorder of black boxes."""
+    """Return the nodes of DyKnow: seven, further engines, and the optional ones."""
     store = configuration.store
     parameters = {
         'stream_manager': _parameters(streams=configuration.streams),
@@ -138,6 +143,7 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
         *nodes,
         *(replace(engine, node=f'{ENGINE}_{number}') for number in numbers),
         *_recorder(configuration),
+        *_federation(configuration),
     )
 
 
@@ -146,6 +152,13 @@ def _recorder(configuration: SystemConfiguration) -> list[Process]:
         return []
     given = {**configuration.parameters.get(RECORDER, {}), **configuration.recorder}
     return [Process('dyknow_reactions', RECORDER, given, params_file=configuration.params_file)]
+
+
+def _federation(configuration: SystemConfiguration) -> list[Process]:
+    if configuration.federated is None:
+        return []
+    given = {'robot': str(configuration.federated)}
+    return [Process('dyknow_federation', FEDERATION, given, params_file=configuration.params_file)]
 
 
 def watching_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:

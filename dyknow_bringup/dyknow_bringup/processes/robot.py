@@ -46,7 +46,12 @@ def with_robot(
     written = added(
         configuration, write_texts(robot, temporary_folder(), path.stem, with_places=True)
     )
-    return replace(written, guards=guards, monitored=path.resolve() if monitor else None)
+    return replace(
+        written,
+        guards=guards,
+        federated=path.resolve() if robot.federation else None,
+        monitored=path.resolve() if monitor else None,
+    )
 
 
 def fleet_configuration(vehicles: Sequence[str]) -> SystemConfiguration:

@@ -13,6 +13,11 @@ COORDINATOR: Final = 'stream_reasoning_coordinator'
 
 RECORDER: Final = 'black_box_recorder'
 
+FEDERATION: Final = 'federation'
+
+REMOTE_STREAMS: Final = 'dyknow/federation/*'
+"""The topics of the streams of peers, of their violations and their watermarks."""
+
 RECORDER_SERVICES: Final = ('save_black_box',)
 
 SERVICES: Final = {
@@ -143,6 +148,12 @@ START: Final = PLAIN_NODE | Interfaces(
 )
 """`dyknow up`, which shows how the seven nodes have started."""
 
+WATCH_FEDERATION: Final = Interfaces(subscribes=frozenset({f'{FEDERATION}/_status'}))
+"""`dyknow up` of a host with peers."""
+
+SHOW_FEDERATION: Final = Interfaces(subscribes=frozenset({f'{FEDERATION}/federation'}))
+"""The command `dyknow federation`."""
+
 MONITOR: Final = Interfaces(
     subscribes=_watched(COORDINATOR), calls=_services(COORDINATOR, 'monitor_formula')
 )
@@ -203,6 +214,30 @@ def recorder_interfaces(topics: Collection[str], engines: Collection[str]) -> In
         | {f'{COORDINATOR}/evaluations', f'{COORDINATOR}/verdicts/*', 'stream_manager/streams'},
         serves=frozenset(f'~/{service}' for service in RECORDER_SERVICES),
         requests=frozenset({'ontology_manager/concept_get_instances'}),
+    )
+
+
+def federation_interfaces(engines: Collection[str]) -> Interfaces:
+    """Return the interfaces of the federation, which passes streams on between hosts.
+
+    Args:
+        engines: the absolute names of the engines.
+    """
+    watched = ('ontology_manager', 'stream_semantics_manager', 'stream_manager')
+    return DYKNOW_NODE | Interfaces(
+        publishes=frozenset({'~/federation', REMOTE_STREAMS}),
+        subscribes=_watched(*watched)
+        | frozenset(f'{each}/_heartbeat' for each in engines)
+        | frozenset(map(streams_of, engines)),
+        requests=_services('stream_manager', 'stream_create_from_spec', 'stream_destroy')
+        | _services(
+            'ontology_manager',
+            'concept_create',
+            'instance_create',
+            'instance_destroy',
+            'ontology_query',
+        )
+        | _services('stream_semantics_manager', *SERVICES['stream_semantics_manager']),
     )
 
 

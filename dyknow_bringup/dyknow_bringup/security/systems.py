@@ -16,16 +16,21 @@ from dyknow_bringup.security.interfaces import (
     COORDINATOR,
     DYKNOW_NODE,
     ENGINE,
+    FEDERATION,
     MONITOR,
     PLAIN_NODE,
     RECORDER,
+    REMOTE_STREAMS,
     ROS_NODE,
+    SHOW_FEDERATION,
     START,
+    WATCH_FEDERATION,
     Interfaces,
     absolute_name,
     administration,
     dashboard_interfaces,
     engine_interfaces,
+    federation_interfaces,
     guard_interfaces,
     monitor_interfaces,
     node_interfaces,
@@ -63,6 +68,7 @@ class SecuredSystem:
         outputs: the topics that sinks name for their messages, likewise.
         guards: of the robot.
         triggers: that `dyknow monitor` runs.
+        has_peers: True if the host is part of a federation.
 
     Raises:
         BringupError: for what is no name: in a policy, `*` would permit any.
@@ -75,6 +81,7 @@ class SecuredSystem:
     outputs: frozenset[str] = frozenset()
     guards: tuple[RequestedGuard, ...] = ()
     triggers: tuple[Trigger, ...] = ()
+    has_peers: bool = False
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -89,15 +96,26 @@ class SecuredSystem:
         engines = [self._absolute(each) for each in self.engines]
         monitor = monitor_interfaces(self.triggers)
         page = dashboard_interfaces(engines, [each.name for each in self.guards])
+        commands, start, topics = (
+            dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS),
+            START,
+            self.topics,
+        )
+        federation: list[Enclave] = []
+        if self.has_peers:
+            commands[f'{FEDERATION}_*'] = PLAIN_NODE | SHOW_FEDERATION
+            start, topics = START | WATCH_FEDERATION, topics | {REMOTE_STREAMS}
+            federation.append(self.node(FEDERATION, federation_interfaces(engines)))
         return (
             *(
-                self.node(each, engine_interfaces(each, engines, self.topics, self.outputs))
+                self.node(each, engine_interfaces(each, engines, topics, self.outputs))
                 for each in engines
             ),
+            *federation,
             *(self.node(name, used) for name, used in node_interfaces(engines).items()),
             self.node(RECORDER, recorder_interfaces(self.topics, engines)),
-            self.node('dyknow_up', START),
-            self._enclave('dyknow_client', dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS)),
+            self.node('dyknow_up', start),
+            self._enclave('dyknow_client', commands),
             self._enclave('dyknow_monitor', {'dyknow_monitor_*': monitor}),
             self._enclave('dyknow_dashboard', {'dyknow_dashboard_*': page}),
             self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines)}),

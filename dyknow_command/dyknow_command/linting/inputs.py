@@ -75,6 +75,7 @@ class LintInputs:
         has_robot: True if there is a robot.yaml.
         refused: the texts of formulas at fault: what they name is used.
         expectations: of a robot.yaml about topics.
+        shared: the features that a robot.yaml shares with peers.
     """
 
     files: MonitoringFiles = field(default_factory=MonitoringFiles)
@@ -87,6 +88,7 @@ class LintInputs:
     has_robot: bool = False
     refused: set[str] = field(default_factory=set)
     expectations: list[TopicExpectation] = field(default_factory=list)
+    shared: set[str] = field(default_factory=set)
 
     def is_consequence(self, message: str) -> bool:
         """Return True if a message is due to a fault that is among the findings."""
@@ -163,6 +165,8 @@ def _add_robot(inputs: LintInputs, found: RobotFaults) -> None:
     inputs.formulas += _placed(robot.formulas, found.document)
     inputs.formulas += _placed_of_guards(robot, found.document)
     inputs.expectations += robot.topics
+    if robot.federation is not None:
+        inputs.shared |= {each.name for each in robot.federation.share}
     for section, key, _ in _entries(found.document):
         place = FilePlace(str(key.document.path), key.document.text, key.position(0))
         inputs.places[section, key.text()] = place

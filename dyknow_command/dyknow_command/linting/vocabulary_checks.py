@@ -172,7 +172,8 @@ class VocabularyChecks:
 
     def _unused(self, knowledge: Knowledge, vocabulary: Vocabulary) -> Iterator[Finding]:
         """Yield features and sorts that mean nothing."""
-        inputs, used = self._inputs, self._used_concepts(knowledge)
+        inputs = self._inputs
+        used = self._used_concepts(knowledge) | inputs.shared
         arguments = {sort for each in knowledge.features for sort in each.argument_sorts}
         for sort in sorted(arguments):
             if not vocabulary.instances(sort) and not inputs.is_consequence(f"'{sort}'"):

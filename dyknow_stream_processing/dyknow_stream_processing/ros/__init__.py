@@ -35,10 +35,13 @@ from dyknow_stream_processing.ros.topics.publications import (
     source_type,
 )
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
+from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
 from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
+from dyknow_stream_processing.ros.topics.watermark_topics import WATERMARKS, watermarks_topic
 
 __all__ = [
     'PAUSES',
+    'WATERMARKS',
     'FieldError',
     'MessageWriter',
     'NodeTopics',
@@ -64,5 +67,7 @@ __all__ = [
     'take_waiting',
     'time_of_receipt',
     'valid_time_reader',
+    'violations_topic',
+    'watermarks_topic',
     'with_value',
 ]

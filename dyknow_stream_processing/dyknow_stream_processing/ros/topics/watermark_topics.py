@@ -24,7 +24,8 @@ WATERMARKS: Final = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFF
 """Watermarks of several engines: a lost one is soon followed by another one."""
 
 
-def _watermarks_topic(prefix: str) -> str:
+def watermarks_topic(prefix: str) -> str:
+    """Return the topic of the watermarks of all streams whose topics have a prefix."""
     return f'{prefix}/{WATERMARKS_NAME}'
 
 
@@ -47,7 +48,7 @@ class WatermarkPublisher:
             (0.001, 1.0),
         )
         self._publisher = node.create_publisher(
-            StreamWatermarks, _watermarks_topic(prefix), WATERMARKS
+            StreamWatermarks, watermarks_topic(prefix), WATERMARKS
         )
         self._watermarks = watermarks
         node.create_timer(
@@ -99,7 +100,7 @@ class WatermarkSubscriptions:
         for prefix in prefixes - self._subscriptions.keys():
             self._subscriptions[prefix] = self._node.create_subscription(
                 StreamWatermarks,
-                _watermarks_topic(prefix),
+                watermarks_topic(prefix),
                 partial(self._on_message, prefix),
                 WATERMARKS,
                 callback_group=self._group,

@@ -1,0 +1,139 @@
+"""The federation of a robot.yaml: what this host shares with others, and how it reaches them.
+
+federation:
+  name: carrier1
+  connect: [tcp/basestation:7447]
+  share: [Position, {feature: Charge, every: 1 s}]
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from dyknow_common import NANOSECONDS, shortened
+from dyknow_configuration.documents.yaml_values import YamlValue, texts
+
+FEDERATION_KEYS: Final = (
+    'name',
+    'connect',
+    'listen',
+    'share',
+    'same',
+    'peer_timeout',
+    'history',
+    'max_uncertainty',
+    'zenoh',
+)
+SHARE_KEYS: Final = ('feature', 'every')
+
+_NAME: Final = re.compile('[A-Za-z_][A-Za-z0-9_]{0,63}')
+_ENDPOINT: Final = re.compile(r'[a-z][a-z0-9_-]*/\S+')
+_SHORTEST_NS: Final = NANOSECONDS['s']
+_LONGEST_NS: Final = NANOSECONDS['h']
+
+
+@dataclass(frozen=True, slots=True)
+class RequestedShare:
+    """A feature that other hosts may ask for.
+
+    Args:
+        name: of the feature.
+        every: the least time between two samples that leave, in nanoseconds; 0: all samples leave.
+    """
+
+    name: str
+    every: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class RequestedFederation:
+    """How a host takes part in a federation.
+
+    Args:
+        name: of this host among its peers.
+        connect: endpoints of zenoh to connect to, such as `tcp/basestation:7447`.
+        listen: endpoints of zenoh that others connect to.
+        share: the features that others may ask for; nothing else leaves.
+        same: objects that are the same thing wherever a peer names them.
+        peer_timeout: after which an unreachable peer has left, in nanoseconds.
+        history: of the samples that are kept for peers that were unreachable, in nanoseconds.
+        max_uncertainty: of the valid time of a peer's sample, in nanoseconds; beyond it, the sample
+            is a violation.
+        zenoh: a file of zenoh's own configuration; None: its defaults.
+    """
+
+    name: str
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    share: tuple[RequestedShare, ...] = ()
+    same: tuple[str, ...] = ()
+    peer_timeout: int = 10 * NANOSECONDS['s']
+    history: int = NANOSECONDS['min']
+    max_uncertainty: int = 500 * NANOSECONDS['ms']
+    zenoh: Path | None = None
+
+
+def read_federation(value: YamlValue) -> RequestedFederation:
+    """Return the federation that a mapping describes.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    stated = value.mapping(FEDERATION_KEYS, ('name',))
+    default = RequestedFederation('')
+    return RequestedFederation(
+        _matched(stated['name'], _NAME, 'a name of at most 64 letters, digits and _'),
+        _endpoints(stated, 'connect'),
+        _endpoints(stated, 'listen'),
+        share=_shares(stated['share']) if 'share' in stated else (),
+        same=tuple(each.line() for each in texts(stated, 'same')),
+        peer_timeout=_limit(stated, 'peer_timeout', default.peer_timeout),
+        history=_limit(stated, 'history', default.history),
+        max_uncertainty=(
+            stated['max_uncertainty'].duration()
+            if 'max_uncertainty' in stated
+            else default.max_uncertainty
+        ),
+        zenoh=_file(stated['zenoh']) if 'zenoh' in stated else None,
+    )
+
+
+def _shares(value: YamlValue) -> tuple[RequestedShare, ...]:
+    found: dict[str, RequestedShare] = {}
+    for each in value.one_or_more():
+        stated = each.mapping(SHARE_KEYS, ('feature',)) if each.is_mapping else {'feature': each}
+        name = stated['feature'].text('the name of a feature').strip()
+        if name in found:
+            raise each.error(f"'{name}' is shared twice; keep one")
+        found[name] = RequestedShare(name, stated['every'].duration() if 'every' in stated else 0)
+    return tuple(found.values())
+
+
+def _matched(value: YamlValue, pattern: re.Pattern[str], description: str) -> str:
+    text = value.text(description).strip()
+    if not pattern.fullmatch(text):
+        raise value.error(f"'{shortened(text)}' is not {description}")
+    return text
+
+
+def _endpoints(stated: Mapping[str, YamlValue], key: str) -> tuple[str, ...]:
+    description = 'an endpoint such as tcp/basestation:7447'
+    return tuple(_matched(each, _ENDPOINT, description) for each in texts(stated, key))
+
+
+def _limit(stated: Mapping[str, YamlValue], key: str, default: int) -> int:
+    found = stated[key].duration() if key in stated else default
+    if not _SHORTEST_NS <= found <= _LONGEST_NS:
+        raise stated[key].error('write a duration from 1 s to 1 h')
+    return found
+
+
+def _file(value: YamlValue) -> Path:
+    path = value.document.path.parent / value.text('the name of a file').strip()
+    if not path.is_file():
+        raise value.error(f'there is no file {path}')
+    return path

@@ -1,0 +1,207 @@
+"""The meaning of what peers share, in the words of this host.
+
+A peer says what it knows, and which of its streams carry which features of it:
+
+    carrier1: the object carrier1 of the sort Robot
+              stream Charge_carrier1 contains Charge[carrier1] = value
+
+Here, that stream is a topic, and the object one like any other. A name that another peer or this
+host uses, too, may mean something else there, so all but the own one are qualified by the name of
+the peer, unless the object is said to be the same one:
+
+    stream "/dyknow/federation/carrier1/Charge_carrier1" contains Charge[carrier1] = value;
+    stream "/dyknow/federation/carrier2/Charge_part"     contains Charge[carrier2_part] = value;
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Final
+
+from dyknow_common import DyKnowError, StreamConstraints, shortened
+from dyknow_federation.errors import FederationError
+from dyknow_federation.messages import SharedFeature, SharedObject, Shares
+from dyknow_federation.offers import ANY_SORT
+from dyknow_semantics import Annotation, FeatureArgument, parse_annotations
+
+MAX_STREAMS: Final = 2_000
+"""The number of streams of a peer that are known here."""
+
+MAX_ANNOTATION: Final = 1_000
+"""The length of the annotation of a stream."""
+
+_NAME: Final = re.compile('[A-Za-z_][A-Za-z0-9_]{0,99}')
+_OBJECT: Final = re.compile('[A-Za-z_][A-Za-z0-9_.-]{0,199}')
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedStream:
+    """A stream of a peer, with its meaning here.
+
+    Args:
+        peer: its name.
+        stream: its name at the peer.
+        annotation: its contents in SSL, which names the topic here.
+        feature: that it carries.
+        sorts: of the arguments of the feature, as far as its objects tell.
+        value_type: of the feature.
+        unit: of its values; empty for none.
+    """
+
+    peer: str
+    stream: str
+    annotation: str
+    feature: str
+    sorts: tuple[str, ...]
+    value_type: str
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Imports:
+    """All that peers share, in the words of this host.
+
+    Args:
+        objects: the sorts of each object that is not known here otherwise.
+        streams: the streams, by the names of peer and stream.
+        faults: what cannot be used, and why.
+    """
+
+    objects: Mapping[str, tuple[str, ...]]
+    streams: Mapping[tuple[str, str], ImportedStream]
+    faults: tuple[str, ...] = ()
+
+
+def imports(
+    shares: Mapping[str, Shares],
+    own: Collection[str],
+    same: Collection[str],
+    topic: Callable[[str, str], str],
+) -> Imports:
+    """Return the meaning of what peers share.
+
+    Args:
+        shares: by the names of the peers.
+        own: the objects that this host knows without its peers.
+        same: the objects whose name means the same everywhere.
+        topic: returns the topic of a stream, given the names of its peer and of the stream.
+    """
+    uses = Counter(each.name for given in shares.values() for each in given.objects)
+    taken = {name for name, number in uses.items() if number > 1 or name in own} - {*same}
+    objects: dict[str, tuple[str, ...]] = {}
+    streams: dict[tuple[str, str], ImportedStream] = {}
+    faults: list[str] = []
+    for peer, given in sorted(shares.items()):
+        names = {each.name: each.name for each in given.objects}
+        names |= {name: f'{peer}_{name}' for name in taken & names.keys()}
+        known = {each.name: each for each in given.objects if _is_usable(each, peer, faults)}
+        for name in taken & known.keys():
+            if names[name] in {*own, *uses}:
+                del known[name]
+                faults.append(f"peer '{peer}' shares '{name}', but '{names[name]}' exists, too")
+        for name, each in known.items():
+            if (local := names[name]) not in own:
+                objects[local] = tuple(dict.fromkeys((*objects.get(local, ()), *each.sorts)))
+        for feature in given.features[:MAX_STREAMS]:
+            try:
+                stream = _imported(peer, feature, known, names, topic(peer, feature.stream))
+            except DyKnowError as error:
+                faults.append(f"peer '{peer}', stream '{shortened(feature.stream)}': {error}")
+            else:
+                streams[peer, feature.stream] = stream
+        if len(given.features) > MAX_STREAMS:
+            faults.append(f"peer '{peer}' shares more than {MAX_STREAMS:,} streams; share fewer")
+    return Imports(objects, streams, tuple(faults))
+
+
+def _is_usable(shared: SharedObject, peer: str, faults: list[str]) -> bool:
+    """Return False for an object that cannot be named here, and say so."""
+    names = (shared.name, *shared.sorts)
+    wrong = next((each for each in names if not _OBJECT.fullmatch(each)), None)
+    if wrong is not None:
+        faults.append(f"peer '{peer}' shares '{shortened(wrong)}', which cannot be a name here")
+    elif not shared.sorts:
+        faults.append(f"peer '{peer}' shares '{shared.name}' without a sort")
+    return wrong is None and bool(shared.sorts)
+
+
+def _imported(
+    peer: str,
+    feature: SharedFeature,
+    known: Mapping[str, SharedObject],
+    names: Mapping[str, str],
+    topic: str,
+) -> ImportedStream:
+    if not _NAME.fullmatch(feature.stream):
+        raise FederationError('it cannot be a name here; use letters, digits and _')
+    annotation = _checked(feature)
+    (content,) = annotation.contents
+    arguments = [each.name for each in content.feature.arguments]
+    if unknown := [each for each in arguments if each not in known]:
+        raise FederationError(f"the object '{shortened(unknown[0])}' is not shared")
+    renamed = tuple(FeatureArgument(names[each]) for each in arguments)
+    term = replace(content.feature, arguments=renamed)
+    local = replace(
+        annotation,
+        stream=topic,
+        is_topic=True,
+        contents=(replace(content, feature=term),),
+        # A peer's watermarks say how far its samples are known, so a delay needs no bound.
+        constraints=StreamConstraints(max_gap=feature.max_gap or None),
+    )
+    sorts = tuple(_most_specific(known[each]) for each in arguments)
+    value_type = dict(feature.columns)[content.field]
+    return ImportedStream(
+        peer, feature.stream, str(local), term.name, sorts, value_type, content.unit or ''
+    )
+
+
+def _checked(feature: SharedFeature) -> Annotation:
+    """Return the annotation of a stream with one ground feature of plain fields."""
+    if len(feature.annotation) > MAX_ANNOTATION:
+        raise FederationError(f'its annotation has more than {MAX_ANNOTATION:,} characters')
+    found = _parsed(feature.annotation)
+    if len(found) != 1 or len(found[0].contents) != 1:
+        raise FederationError('its annotation does not have one feature')
+    (annotation,) = found
+    (content,) = annotation.contents
+    if annotation.stream != feature.stream or content.feature.name != feature.name:
+        raise FederationError('its annotation is about another stream or feature')
+    if annotation.ranges or annotation.elements:
+        raise FederationError('its annotation is about many objects; share a stream for each')
+    if content.field not in dict(feature.columns):
+        raise FederationError(f"its samples have no field '{shortened(content.field)}'")
+    return annotation
+
+
+@lru_cache(maxsize=2 * MAX_STREAMS)
+def _parsed(text: str) -> tuple[Annotation, ...]:
+    """Parse an annotation, once for all changes of other streams."""
+    return parse_annotations(text)
+
+
+def _most_specific(shared: SharedObject) -> str:
+    return shared.sorts[0]
+
+
+def argument_sorts(streams: Collection[ImportedStream]) -> tuple[str, ...]:
+    """Return the sorts of the arguments of a feature that all these streams carry."""
+    return tuple(
+        sorts.pop() if len(sorts) == 1 else ANY_SORT
+        for sorts in (set(each) for each in zip(*(each.sorts for each in streams), strict=False))
+    )
+
+
+def missing_features(
+    streams: Collection[ImportedStream], known: Collection[str]
+) -> Iterator[tuple[str, list[ImportedStream]]]:
+    """Yield each feature that this host does not know, with the streams that carry it."""
+    carried: dict[str, list[ImportedStream]] = {}
+    for each in streams:
+        if each.feature not in known:
+            carried.setdefault(each.feature, []).append(each)
+    yield from carried.items()

@@ -1,0 +1,131 @@
+"""The streams that this host offers to its peers: one for each ground feature that it shares.
+
+The streams come from semantic matching, as those of formulas do. For the shared feature `Charge`,
+
+    stream s = select percentage as "Charge[carrier1]" from "/carrier1/battery" with max_gap = 1 s;
+
+becomes the offer `Charge_carrier1` with the field `value`. A stream that came from a peer is never
+offered again: each peer speaks for itself.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, count
+from typing import Final
+
+from dyknow_federation.messages import SharedFeature, SharedObject, Shares
+from dyknow_semantics import (
+    Annotation,
+    Content,
+    FeatureSignature,
+    FeatureTerm,
+    Knowledge,
+    parse_concept,
+)
+from dyknow_stream_processing import (
+    Select,
+    Specification,
+    StreamDeclaration,
+    parse_specification,
+    references,
+    subterms,
+)
+
+ANY_SORT: Final = 'Object'
+"""The sort of all objects, in the upper ontology."""
+
+REMOTE: Final = 'RemoteObject'
+"""The sort of the objects that only peers know."""
+
+VALUE: Final = 'value'
+"""The field of an offered stream that holds the feature."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """A stream that peers may ask for.
+
+    Args:
+        feature: that it carries.
+        ground: the feature with its objects.
+        specification: how it is made here.
+        max_gap: the longest time between its samples, in nanoseconds; 0 if nothing is stated.
+    """
+
+    feature: FeatureSignature
+    ground: FeatureTerm
+    specification: str
+    max_gap: int
+
+    def shared(self, name: str) -> SharedFeature:
+        """Return what peers are told of it, given the name of the stream."""
+        content = Content(self.ground, VALUE, self.feature.unit or None)
+        return SharedFeature(
+            self.feature.name,
+            name,
+            str(Annotation(name, (content,))),
+            ((VALUE, self.feature.value_type.value),),
+            max_gap=self.max_gap,
+        )
+
+
+def offers(feature: FeatureSignature, texts: Iterable[str], imported: str) -> Iterator[Offer]:
+    """Yield an offer for each ground feature that streams carry; of several, the first one.
+
+    Args:
+        feature: that is shared.
+        texts: specifications of streams that carry it, each with a ground feature as its field, the
+            best first.
+        imported: the beginning of the topics of peers' streams.
+    """
+    seen: set[str] = set()
+    for text in texts:
+        parsed = parse_specification(text)
+        (declaration,) = parsed.declared(StreamDeclaration)
+        stream = declaration.stream
+        if not isinstance(stream, Select):
+            continue
+        ground = stream.selections[0].name
+        if ground in seen or any(each.name.startswith(imported) for each in references(stream)):
+            continue
+        seen.add(ground)
+        selection = replace(stream.selections[0], renaming=VALUE)
+        renamed = replace(declaration, stream=replace(stream, selections=(selection,)))
+        others = (each for each in parsed.declarations if each is not declaration)
+        distances = (each.constraints.longest_distance for each in subterms(stream))
+        yield Offer(
+            feature,
+            parse_concept(ground).feature,
+            str(Specification((*others, renamed))),
+            min(filter(None, distances), default=0),
+        )
+
+
+def shares(
+    version: int, offered: Iterable[Offer], knowledge: Knowledge
+) -> tuple[Shares, dict[str, Offer]]:
+    """Return what peers are told, and the offers by the names of their streams.
+
+    Args:
+        version: of the shares.
+        offered: all offers.
+        knowledge: the ontology, which knows the sorts of the objects.
+    """
+    by_name: dict[str, Offer] = {}
+    for each in offered:
+        name = re.sub('[^A-Za-z0-9]+', '_', str(each.ground)).strip('_')
+        numbered = chain([name], (f'{name}_{number}' for number in count(2)))
+        by_name[next(free for free in numbered if free not in by_name)] = each
+    names = sorted({each.name for offer in by_name.values() for each in offer.ground.arguments})
+    objects = tuple(SharedObject(name, _sorts(name, knowledge)) for name in names)
+    features = tuple(each.shared(name) for name, each in by_name.items())
+    return Shares(version, objects, features), by_name
+
+
+def _sorts(name: str, knowledge: Knowledge) -> tuple[str, ...]:
+    """Return the sorts of an object, specific ones first, without those that all peers know."""
+    found = (each for each in knowledge.concepts(name) if each not in {ANY_SORT, REMOTE})
+    return tuple(found) or (ANY_SORT,)

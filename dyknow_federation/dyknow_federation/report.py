@@ -1,0 +1,134 @@
+"""What the federation of a host reports: its peers, links, clocks, and what is shared with whom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from dyknow_common import round_duration
+from dyknow_common.tables import Cell, ReportTable, figure, fixed, folded, named
+from dyknow_federation.clocks import Offset
+
+
+class LinkState(StrEnum):
+    """The state of the link to a peer."""
+
+    LINKED = 'linked'
+    STALE = 'stale'
+    LEFT = 'left'
+
+
+@dataclass(frozen=True, slots=True)
+class PeerReport:
+    """A peer; durations are in nanoseconds, None where nothing is known yet.
+
+    Args:
+        name: its name.
+        state: of the link.
+        silent_for: since it was heard last.
+        delay: the round trip.
+        offset: of its clock; positive if it is ahead.
+        uncertainty: of the offset: the truth is at most this far from it.
+        bytes_sent: to it alone.
+        bytes_received: from it.
+        lost: the number of its samples that cannot be had any more.
+        shares: the streams that it shares.
+        asked: its streams that are read here.
+        given: the own streams that it has asked for.
+        fault: why a message of it was refused last.
+    """
+
+    name: str
+    state: LinkState
+    silent_for: int
+    delay: int | None = None
+    offset: int | None = None
+    uncertainty: int | None = None
+    bytes_sent: int = 0
+    bytes_received: int = 0
+    lost: int = 0
+    shares: Sequence[str] = ()
+    asked: Sequence[str] = ()
+    given: Sequence[str] = ()
+    fault: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class FederationReport:
+    """A host among its peers.
+
+    Args:
+        name: of the host.
+        peers: by name.
+        shares: the own streams that peers may ask for.
+        faults: what cannot be shared, or used of peers, and why.
+    """
+
+    name: str
+    peers: tuple[PeerReport, ...] = ()
+    shares: Sequence[str] = ()
+    faults: Sequence[str] = ()
+
+    def document(self) -> dict[str, Any]:
+        """Return the report as JSON has it."""
+        return asdict(self)
+
+    @classmethod
+    def of(cls, document: Mapping[str, Any]) -> FederationReport:
+        """Return the report in a document."""
+
+        def peer(values: dict[str, Any]) -> PeerReport:
+            return PeerReport(**{**values, 'state': LinkState(values['state'])})
+
+        peers = tuple(map(peer, document['peers']))
+        return cls(document['name'], peers, document['shares'], document['faults'])
+
+
+_STYLES = {LinkState.LINKED: 'green', LinkState.STALE: 'yellow', LinkState.LEFT: 'bold red'}
+
+_COLUMNS = (
+    named('peer'),
+    fixed('link'),
+    *map(figure, ('heard', 'delay', 'clock', 'sent', 'received', 'lost')),
+    folded('asked for'),
+    folded('given'),
+    folded(),
+)
+
+
+def federation_table(report: FederationReport) -> RenderableType:
+    """Return a table with a line for each peer, and what this host shares."""
+    shares = ', '.join(report.shares) or 'nothing'
+    caption = f'{report.name} shares {shares}'
+    rows: list[list[Cell]] = [
+        [
+            each.name,
+            Text(each.state.value, _STYLES[each.state]),
+            f'{round_duration(each.silent_for)} ago',
+            '' if each.delay is None else round_duration(each.delay),
+            _clock(each),
+            f'{each.bytes_sent:,} B',
+            f'{each.bytes_received:,} B',
+            str(each.lost),
+            ', '.join(each.asked),
+            ', '.join(each.given),
+            each.fault,
+        ]
+        for each in report.peers
+    ]
+    faults = [Text(each, 'yellow') for each in report.faults]
+    if not rows:
+        text = 'No peer is known yet: see "connect" and "listen" of the key federation.\n'
+        return Group(Text(text + caption), *faults)
+    return Group(ReportTable(_COLUMNS, rows, caption=caption), *faults)
+
+
+def _clock(report: PeerReport) -> str:
+    if report.offset is None or report.uncertainty is None:
+        return ''
+    return str(Offset(report.offset, report.uncertainty)).replace(' plus or minus ', ' ± ')

@@ -1,0 +1,344 @@
+"""The federation node: joins the DyKnow of this host with those of others.
+
+ros2 run dyknow_federation federation --ros-args -p robot:=robot.yaml
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidHandle
+from std_msgs.msg import String
+
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_duration
+from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
+from dyknow_configuration import RequestedFederation, read_robot
+from dyknow_federation.errors import FederationError
+from dyknow_federation.events import (
+    ClockJumped,
+    Event,
+    PeerFault,
+    PeerJoined,
+    PeerLeft,
+    RemoteSample,
+    SamplesArrived,
+    SamplesLost,
+    SharesChanged,
+    StreamRefused,
+    StreamUnwanted,
+    StreamWanted,
+    WatermarkArrived,
+)
+from dyknow_federation.messages import Packet, Probe, ProbeReply, Shares, encode
+from dyknow_federation.offers import shares
+from dyknow_federation.peer import Effects, Peer
+from dyknow_federation.remote import RemotePeer
+from dyknow_federation.report import FederationReport, LinkState, PeerReport
+from dyknow_federation.ros.own_streams import OwnStreams
+from dyknow_federation.ros.remote_streams import PREFIX, RemoteStreams, StreamName
+from dyknow_federation.ros.transport import ZenohTransport
+from dyknow_federation.ros.vocabulary import SharedVocabulary
+from dyknow_federation.settings import PeerSettings
+from dyknow_stream_processing import ViolationKind
+
+PERIOD_S: Final = 0.1
+"""The period in which demands and changes are looked for."""
+
+REPORT_PERIOD_S: Final = 1.0
+
+MIN_PERIOD_NS: Final = NANOSECONDS['ms']
+"""The least time between two looks for what is due."""
+
+STALE_FRACTION: Final = 3
+"""A link is stale after this part of the time after which its peer has left."""
+
+HELLOS: Final = 10
+"""The number of signs of life in that time, of which some may be lost."""
+
+
+@dataclass(slots=True)
+class _Departure:
+    """The end of a link.
+
+    Args:
+        reason: why.
+        read_at: when its streams were last read, in nanoseconds.
+    """
+
+    reason: str
+    read_at: int
+
+
+class Federation(DyKnowNode):
+    """Passes own streams on to peers that ask for them, and publishes theirs here."""
+
+    def __init__(self) -> None:
+        super().__init__('federation')
+        path = self.parameter('robot', '', 'robot.yaml with the key federation.')
+        settings = self._settings = _federation(path)
+        self._peer = Peer(_peer_settings(settings, self.started_at))
+        self._latest = self.now()
+        self._remote = RemoteStreams(self)
+        rates = {each.name: each.every for each in settings.share}
+        self._own = OwnStreams(self, self._peer, rates, self._plan)
+        prefix = str(self.resolve_topic_name(PREFIX)) + '/'
+        self._vocabulary = SharedVocabulary(self, settings.same, self._remote.topic, prefix)
+        self._shares: dict[str, Shares] = {}
+        self._left: dict[str, _Departure] = {}
+        """The peers that have left and have not come back."""
+        self._meaning_of: object = None
+        """The version of the vocabulary that peers know; None if it is outdated."""
+        self._is_working = False
+        self._offer_faults: tuple[str, ...] = ()
+        self._faults: dict[str, str] = {}
+        self._lost: Counter[str] = Counter()
+        self._log = LogOnce()
+        group = ReentrantCallbackGroup()
+        self._packets = self.create_guard_condition(self._take, group)
+        self._transport = ZenohTransport(settings, self.now, self._wake)
+        self._report = self.create_publisher(String, '~/federation', LATCHED)
+        self._deadline = self.create_timer(
+            PERIOD_S, self._advance, callback_group=group, clock=self.wall_clock
+        )
+        self.create_timer(PERIOD_S, self._update, callback_group=group, clock=self.wall_clock)
+        self.create_timer(
+            REPORT_PERIOD_S, self._publish_report, callback_group=group, clock=self.wall_clock
+        )
+
+    def destroy_node(self) -> None:
+        """Leave the federation."""
+        self._transport.close()
+        super().destroy_node()
+
+    def _wake(self) -> None:
+        """Have packets taken; called in a thread of zenoh."""
+        try:
+            self._packets.trigger()
+        except InvalidHandle:
+            return  # The node is destroyed.
+
+    def _take(self) -> None:
+        """Take the packets that have come."""
+        for each in self._transport.take():
+            self._act(self._peer.receive(each.data, self._time(each.received_at), each.sender))
+        self._plan()
+
+    def _advance(self) -> None:
+        """Do what is due, after all packets that have come before."""
+        self._take()
+        self._act(self._peer.advance(self._time(self.now())))
+        self._plan()
+
+    def _time(self, at: int) -> int:
+        """Return a time that is not before an earlier one, unless the clock was set back."""
+        now = self.now()
+        self._latest = now if now < self._latest else max(at, self._latest)
+        return self._latest
+
+    def _plan(self) -> None:
+        """Have the timer call at the next deadline."""
+        wait = self._peer.next_deadline() - self.now()
+        period = min(max(wait, 0), round(PERIOD_S * SECOND_NS))
+        self._deadline.timer_period_ns = max(period, MIN_PERIOD_NS)
+        self._deadline.reset()
+
+    def _act(self, effects: Effects) -> None:
+        for packet in effects.packets:
+            self._send(packet)
+        for event in effects.events:
+            self._handle(event)
+
+    def _send(self, packet: Packet) -> None:
+        is_urgent = isinstance(packet.message, Probe | ProbeReply)
+        try:
+            self._transport.send(packet.receiver, encode(packet), is_urgent=is_urgent)
+        except FederationError as error:
+            self._warn([str(error)])
+
+    def _handle(self, event: Event) -> None:
+        """Act on an event of a stream, or of a peer."""
+        match event:
+            case SamplesArrived(peer, stream, _, samples):
+                self._check_times(peer, stream, samples)
+                self._remote.publish(StreamName(peer, stream), samples)
+            case WatermarkArrived(peer, stream, _, time):
+                self._remote.pass_watermark(StreamName(peer, stream), time)
+            case SamplesLost(peer, stream, _, count, reason):
+                self._lost[peer] += count
+                text = f"samples of peer '{peer}' are lost: {reason}"
+                self._remote.violate(peer, ViolationKind.LOST, text, stream)
+            case StreamRefused(peer, stream, _, reason):
+                text = f"peer '{peer}' refuses it: {reason}"
+                self._remote.violate(peer, ViolationKind.MESSAGE, text, stream)
+            case StreamWanted(stream):
+                self._own.want(stream)
+            case StreamUnwanted(stream):
+                self._own.release(stream)
+            case _:
+                self._handle_peer(event)
+
+    def _handle_peer(self, event: Event) -> None:
+        match event:
+            case SharesChanged(peer, given):
+                self._shares[peer] = given
+                self._meaning_of = None
+            case PeerJoined(peer):
+                self._left.pop(peer, None)
+            case PeerLeft(peer, reason):
+                self._remote.violate(peer, ViolationKind.MAX_DELAY, reason)
+                self._left[peer] = _Departure(reason, self.now())
+                self._transport.forget(peer)
+                self._warn([reason])
+            case ClockJumped(peer):
+                text = f"the clock of peer '{peer}' has jumped, or that of this host"
+                self._remote.violate(peer, ViolationKind.CLOCK, text)
+            case PeerFault(peer, message):
+                self._faults[peer] = message
+                self._warn([message])
+
+    def _check_times(self, peer: str, stream: str, samples: Iterable[RemoteSample]) -> None:
+        """Report samples whose valid times are less certain than formulas may assume."""
+        limit, now = self._settings.max_uncertainty, self.now()
+        offset = self._peer.remotes[peer].clock.offset(now)
+        if any(each.uncertainty > limit for each in samples):
+            text = (
+                f"the clocks of '{self._settings.name}' and '{peer}' differ by {offset}; more than "
+                f'a max_uncertainty of {format_duration(limit)}'
+            )
+            self._remote.violate(peer, ViolationKind.CLOCK, text, stream)
+
+    def _update(self) -> None:
+        """Follow what is read here, and what has changed in the meaning."""
+        now = self.now()
+        begun, ended = self._remote.demand()
+        for peer, stream in begun:
+            self._peer.request(peer, stream, 0, now)
+        for peer, stream in ended:
+            self._peer.release(peer, stream, 0)
+        self._own.reconcile()
+        self._withdraw()
+        version = self._vocabulary.version
+        is_due = self._vocabulary.is_available and version != self._meaning_of
+        if is_due and not self._is_working:
+            self._is_working, self._meaning_of = True, version
+            self.spawn(self._update_meaning)
+
+    def _withdraw(self) -> None:
+        """Forget what peers shared that have left, once formulas about it have long ended.
+
+        While one looks for another source, the objects must be known that its error names.
+        """
+        now = self.now()
+        for peer in {each.peer for each in self._remote.wanted} & self._left.keys():
+            self._left[peer].read_at = now
+        for peer in self._left.keys() & self._shares.keys():
+            if now - self._left[peer].read_at >= self._settings.peer_timeout:
+                del self._shares[peer]
+                self._meaning_of = None
+
+    async def _update_meaning(self) -> None:
+        is_done = False
+        try:
+            await self._apply()
+            await self._offer()
+            is_done = True
+        except DyKnowError as error:
+            self._warn([f'what hosts share is not up to date: {error}'])
+        finally:
+            self._is_working = False
+            if not is_done:
+                self._meaning_of = None
+
+    async def _apply(self) -> None:
+        due = await self._vocabulary.apply(dict(self._shares))
+        self._remote.keep({StreamName(*name) for name in due.streams})
+        self._warn(self._vocabulary.faults)
+
+    async def _offer(self) -> None:
+        found, knowledge, faults = await self._vocabulary.offers(
+            [each.name for each in self._settings.share]
+        )
+        given, by_name = shares(self._peer.shares.version, found, knowledge)
+        self._own.offers = by_name
+        if given != self._peer.shares:
+            self._peer.share(given.objects, given.features, self.now())
+        self._offer_faults = tuple(faults)
+        self._warn(faults)
+
+    def _warn(self, texts: Iterable[str]) -> None:
+        for text in self._log.new(texts):
+            self.get_logger().warning(text)
+
+    def _publish_report(self) -> None:
+        now, transport = self.now(), self._transport
+        for peer, each in self._left.items():
+            self._remote.violate(
+                peer, ViolationKind.MAX_DELAY, each.reason
+            )  # For new readers, too.
+        peers = tuple(self._peer_report(each, now) for each in self._peer.remotes.values())
+        shared = tuple(each.stream for each in self._peer.shares.features)
+        faults = (*self._vocabulary.faults, *self._own.faults, *self._offer_faults)
+        if transport.dropped:
+            faults += (f'{transport.dropped} packets were dropped: too many waited',)
+        report = FederationReport(self._settings.name, peers, shared, faults)
+        self._report.publish(String(data=json.dumps(report.document())))
+        linked = sum(each.state is LinkState.LINKED for each in peers)
+        self.set_status(RUNNING, {'peers': str(len(peers)), 'linked': str(linked)})
+
+    def _peer_report(self, remote: RemotePeer, now: int) -> PeerReport:
+        name, offset = remote.name, remote.clock.offset(now)
+        state = LinkState.STALE if remote.is_stale else LinkState.LINKED
+        return PeerReport(
+            name,
+            state if remote.is_present else LinkState.LEFT,
+            max(now - remote.heard_at, 0),
+            remote.clock.delay,
+            offset and offset.offset,
+            offset and offset.uncertainty,
+            self._transport.sent[name],
+            self._transport.received[name],
+            self._lost[name],
+            tuple(each.stream for each in remote.shares.features) if remote.shares else (),
+            tuple(sorted(each.stream for each in remote.requested)),
+            tuple(
+                sorted(
+                    key.stream
+                    for key, each in self._peer.renditions.items()
+                    if name in each.subscribers
+                )
+            ),
+            self._faults.get(name, ''),
+        )
+
+
+def _federation(path: str) -> RequestedFederation:
+    """Return the federation that a robot.yaml describes."""
+    if not path:
+        raise FederationError('the parameter robot is empty; give the path of a robot.yaml')
+    found = read_robot(Path(path)).federation
+    if found is None:
+        raise FederationError(f"{path} has no key 'federation'; add it")
+    return found
+
+
+def _peer_settings(settings: RequestedFederation, incarnation: int) -> PeerSettings:
+    limit = settings.peer_timeout
+    return PeerSettings(
+        settings.name,
+        incarnation,
+        peer_timeout=limit,
+        stale_after=limit // STALE_FRACTION,
+        history=settings.history,
+        hello_period=min(SECOND_NS, limit // HELLOS),
+    )
+
+
+def main() -> int:
+    """Run the executable federation."""
+    return run(Federation)

@@ -1,0 +1,165 @@
+"""The own streams that peers have asked for: made by the stream manager, as for any client."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from dyknow_interfaces.msg import Sample as SampleMessage
+from dyknow_interfaces.msg import StreamSpec
+from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
+
+from dyknow_common import DyKnowError, ExitCode
+from dyknow_common.ros import STREAM, DyKnowNode, LogOnce, RemoteNode, time_to_nanoseconds
+from dyknow_federation.offers import Offer
+from dyknow_federation.peer import Peer
+from dyknow_stream_processing import Violation
+from dyknow_stream_processing.ros import NodeTopics, sample_fields, sample_valid_time
+
+NAME: Final = '_federation_'
+"""The beginning of the names of the streams; DyKnow's own streams begin with an underscore."""
+
+
+@dataclass(eq=False, slots=True)
+class OwnStream:
+    """Listener that passes the samples of a stream on to the peers.
+
+    Args:
+        node: the node.
+        peer: this host among its peers.
+        name: of the stream, as peers know it.
+        every: the least time between two samples, in nanoseconds.
+        changed: is called after each sample and promise.
+    """
+
+    node: DyKnowNode
+    peer: Peer
+    name: str
+    every: int
+    changed: Callable[[], None]
+    violation: str = ''
+    """The last violation."""
+    _latest: int | None = field(default=None)
+
+    def on_type(self, class_: Any) -> None:
+        """Do nothing: the samples name their fields."""
+
+    def on_publishers(self, count: int) -> None:
+        """Do nothing."""
+
+    def valid_time(self, message: Any) -> int | None:
+        """Return the valid time of a sample."""
+        return sample_valid_time(message)
+
+    def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:  # noqa: ARG002
+        """Pass a sample on, unless it follows too soon."""
+        valid_time = sample_valid_time(message)
+        if self._latest is None or valid_time - self._latest >= self.every:
+            self._latest = valid_time
+            self.peer.publish(self.name, valid_time, sample_fields(message), now)
+        else:
+            self.peer.promise(self.name, valid_time, now)
+        if message.watermark:
+            self.on_watermark(time_to_nanoseconds(message.watermark[0]), now)
+        self.changed()
+
+    def on_watermark(self, watermark: int, now: int) -> None:
+        """Promise that no sample valid before a time follows."""
+        self.peer.promise(self.name, watermark - 1, now)
+        self.changed()
+
+    def on_dropped(self, reason: str, count: int) -> None:
+        """Report samples that were lost between the engine and this node."""
+        self.node.reject(self.name, f'{count} samples: {reason}')
+
+    def on_violation(self, violation: Violation) -> None:
+        """Keep a violation for the report."""
+        self.violation = violation.message
+
+
+class OwnStreams:
+    """The streams that peers have asked for.
+
+    Args:
+        node: the node.
+        peer: this host among its peers.
+        rates: the least time between two samples of each shared feature, in nanoseconds.
+        changed: is called after each sample and promise.
+    """
+
+    def __init__(
+        self, node: DyKnowNode, peer: Peer, rates: Mapping[str, int], changed: Callable[[], None]
+    ) -> None:
+        self.offers: Mapping[str, Offer] = {}
+        """All that peers may ask for, by the names of the streams."""
+        self.faults: tuple[str, ...] = ()
+        """What cannot be shared, and why."""
+        self._node = node
+        self._peer = peer
+        self._rates = rates
+        self._changed = changed
+        services = (StreamCreateFromSpec, StreamDestroy)
+        name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
+        self._manager = RemoteNode(node, name, services=services)
+        self._topics = NodeTopics.of(node)
+        self._wanted: set[str] = set()
+        self._made: dict[str, tuple[Offer, Callable[[], None]]] = {}
+        self._is_working = False
+        self._log = LogOnce()
+
+    def want(self, stream: str) -> None:
+        """Have a stream made, for peers."""
+        self._wanted.add(stream)
+
+    def release(self, stream: str) -> None:
+        """Have a stream made no more."""
+        self._wanted.discard(stream)
+
+    def reconcile(self) -> None:
+        """Make the streams that are wanted, and destroy those that are not, or are outdated."""
+        due = {name: self.offers[name] for name in self._wanted & self.offers.keys()}
+        if not self._is_working and due != {name: each for name, (each, _) in self._made.items()}:
+            self._is_working = True
+            self._node.spawn(self._reconcile, due)
+
+    async def _reconcile(self, due: Mapping[str, Offer]) -> None:
+        faults: list[str] = []
+        try:
+            for name in [name for name, (each, _) in self._made.items() if due.get(name) != each]:
+                await self._remove(name)
+            for name in due.keys() - self._made.keys():
+                try:
+                    await self._make(name, due[name])
+                except DyKnowError as error:
+                    faults.append(f"stream '{name}' cannot be shared: {error}")
+        finally:
+            self._is_working = False
+        self.faults = tuple(faults)
+        for text in self._log.new(faults):
+            self._node.get_logger().warning(text)
+
+    async def _make(self, name: str, offer: Offer) -> None:
+        spec = StreamSpec(name=NAME + name, specification=offer.specification)
+        try:
+            created = await self._manager.call(StreamCreateFromSpec, spec=spec)
+        except DyKnowError as error:
+            if error.code is not ExitCode.ALREADY_EXISTS:
+                raise
+            # An earlier run of this node has left it, of another specification.
+            await self._manager.call(StreamDestroy, stream_name=spec.name)
+            created = await self._manager.call(StreamCreateFromSpec, spec=spec)
+        every = self._rates[offer.feature.name]
+        listener = OwnStream(self._node, self._peer, name, every, self._changed)
+        remove = self._topics.listen(created.stream_topic, listener, STREAM, SampleMessage)
+        self._topics.refresh()
+        self._made[name] = offer, remove
+
+    async def _remove(self, name: str) -> None:
+        _, remove = self._made.pop(name)
+        remove()
+        self._topics.refresh()
+        try:
+            await self._manager.call(StreamDestroy, stream_name=NAME + name)
+        except DyKnowError as error:
+            self._node.get_logger().info(f"stream '{NAME}{name}' is not destroyed: {error}")

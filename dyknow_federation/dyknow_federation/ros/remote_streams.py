@@ -1,0 +1,170 @@
+"""The streams of peers, as topics of this host.
+
+The samples of the stream `Charge_carrier1` of the peer `carrier1` are published on
+`dyknow/federation/carrier1/Charge_carrier1`, as an engine publishes those of its streams: with
+watermarks, by which readers know what may still come, and violations, by which they know what never
+will. While nobody subscribes, the peer is not asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NamedTuple
+
+from dyknow_interfaces.msg import (
+    ConstraintViolation,
+    StreamWatermark,
+    StreamWatermarks,
+)
+from dyknow_interfaces.msg import Sample as SampleMessage
+
+from dyknow_common.ros import STREAM, VIOLATIONS, DyKnowNode, nanoseconds_to_time
+from dyknow_federation.events import RemoteSample
+from dyknow_stream_processing import Sample, ViolationKind
+from dyknow_stream_processing.ros import (
+    WATERMARKS,
+    SampleWriter,
+    violations_topic,
+    watermarks_topic,
+)
+
+PREFIX: Final = 'dyknow/federation'
+"""The beginning of the topics, relative to the namespace of the node."""
+
+
+class RemoteStream:
+    """A stream of a peer, which the node publishes.
+
+    Args:
+        node: the node.
+        topic: the absolute topic.
+    """
+
+    def __init__(self, node: DyKnowNode, topic: str) -> None:
+        self._node = node
+        self.topic = topic
+        self._writer = SampleWriter()
+        self._latest = self._watermark = 0
+        self._publisher = node.create_publisher(SampleMessage, topic, STREAM)
+        self._violations = node.create_publisher(
+            ConstraintViolation, violations_topic(topic), VIOLATIONS
+        )
+
+    @property
+    def is_wanted(self) -> bool:
+        """True while somebody subscribes."""
+        return bool(self._publisher.get_subscription_count())
+
+    def publish(self, samples: Sequence[RemoteSample]) -> None:
+        """Publish samples, in the order of their true times."""
+        now = self._node.now()
+        for each in samples:
+            # A new measure of the peer's clock may move a time, within its uncertainty.
+            self._latest = valid_time = max(each.valid_time, self._latest + 1, self._watermark)
+            sample = Sample(valid_time, now, each.fields, valid_time)
+            self._publisher.publish(self._writer.write(sample))
+
+    def watermark(self, time: int) -> Any | None:
+        """Return the message that later samples are valid after a time; None if it is known."""
+        if time <= max(self._latest, self._watermark):
+            return None
+        self._watermark = time
+        return StreamWatermark(
+            stream_name=self.topic.rpartition('/')[2],
+            stream_id=self._writer.stream_id,
+            number=self._writer.number,
+            watermark=nanoseconds_to_time(time),
+        )
+
+    def violate(self, kind: ViolationKind, reason: str) -> None:
+        """Report that samples are missing, or have wrong times."""
+        now = self._node.now()
+        self._violations.publish(
+            ConstraintViolation(
+                stream_name=self.topic,
+                constraint=kind.value,
+                valid_time=nanoseconds_to_time(max(self._latest, 0)),
+                available_time=nanoseconds_to_time(now),
+                message=f"stream '{self.topic}': {reason}",
+            )
+        )
+
+    def destroy(self) -> None:
+        """Destroy the publishers."""
+        self._node.destroy_publisher(self._publisher)
+        self._node.destroy_publisher(self._violations)
+
+
+class StreamName(NamedTuple):
+    """A stream of a peer."""
+
+    peer: str
+    stream: str
+
+
+class RemoteStreams:
+    """The streams of all peers.
+
+    Args:
+        node: the node that publishes them.
+    """
+
+    def __init__(self, node: DyKnowNode) -> None:
+        self._node = node
+        self._streams: dict[StreamName, RemoteStream] = {}
+        self._watermarks: dict[str, Any] = {}
+        self._wanted: set[StreamName] = set()
+
+    def topic(self, peer: str, stream: str) -> str:
+        """Return the absolute topic of a stream."""
+        return str(self._node.resolve_topic_name(f'{PREFIX}/{peer}/{stream}'))
+
+    def keep(self, names: set[StreamName]) -> None:
+        """Publish these streams, and no others but those that are still read."""
+        for name in names - self._streams.keys():
+            self._streams[name] = RemoteStream(self._node, self.topic(*name))
+        for name in self._streams.keys() - names - self._wanted:
+            self._streams.pop(name).destroy()
+        peers = {each.peer for each in self._streams}
+        for peer in self._watermarks.keys() - peers:
+            self._node.destroy_publisher(self._watermarks.pop(peer))
+        for peer in peers - self._watermarks.keys():
+            topic = watermarks_topic(str(self._node.resolve_topic_name(f'{PREFIX}/{peer}')))
+            self._watermarks[peer] = self._node.create_publisher(
+                StreamWatermarks, topic, WATERMARKS
+            )
+
+    def demand(self) -> tuple[set[StreamName], set[StreamName]]:
+        """Return the streams that are read since the last call, and those that are no more."""
+        wanted = {name for name, each in self._streams.items() if each.is_wanted}
+        former, self._wanted = self._wanted, wanted
+        return wanted - former, former - wanted
+
+    @property
+    def wanted(self) -> set[StreamName]:
+        """The streams that are read."""
+        return self._wanted
+
+    def publish(self, name: StreamName, samples: Sequence[RemoteSample]) -> None:
+        """Publish samples of a stream."""
+        if name in self._streams:
+            self._streams[name].publish(samples)
+
+    def pass_watermark(self, name: StreamName, time: int) -> None:
+        """Publish that later samples of a stream are valid after a time."""
+        stream = self._streams.get(name)
+        found = None if stream is None else stream.watermark(time)
+        if found is not None:
+            self._watermarks[name.peer].publish(StreamWatermarks(streams=[found]))
+
+    def violate(self, peer: str, kind: ViolationKind, reason: str, stream: str = '') -> None:
+        """Report a violation of a stream of a peer, or of all that are read."""
+        for name in self._of(peer, stream):
+            self._streams[name].violate(kind, reason)
+
+    def _of(self, peer: str, stream: str) -> Iterator[StreamName]:
+        return (
+            name
+            for name in self._streams
+            if name.peer == peer and (name.stream == stream if stream else name in self._wanted)
+        )

@@ -1,0 +1,167 @@
+"""The way of packets between hosts: zenoh, which discovers, routes, batches, and controls access.
+
+Each peer publishes on keys that begin with its name, so that zenoh's access control can tell by
+whose certificate which key may be written and read:
+
+    dyknow/federation/carrier1/all                  signs of life
+    dyknow/federation/carrier1/to/basestation       everything else
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable
+from queue import Full, Queue
+from typing import Any, Final, NamedTuple
+
+from dyknow_common import DyKnowError, ExitCode, one_line, quoted
+from dyknow_configuration import RequestedFederation
+from dyknow_federation.errors import FederationError
+from dyknow_federation.messages import MAX_PACKET
+from dyknow_federation.peer import MAX_PEERS
+
+PREFIX: Final = 'dyknow/federation'
+
+MAX_WAITING: Final = 10_000
+"""The number of packets that may wait for the node; more are dropped, and asked for again."""
+
+_KEY: Final = re.compile(f'{PREFIX}/([^/]+)/(?:all|to/[^/]+)')
+
+
+class ReceivedPacket(NamedTuple):
+    """A packet as it came.
+
+    Args:
+        sender: the peer by whose key it came.
+        data: its bytes.
+        received_at: in nanoseconds.
+    """
+
+    sender: str
+    data: bytes
+    received_at: int
+
+
+class ZenohTransport:
+    """Session of zenoh that sends and receives packets.
+
+    Args:
+        federation: the name of this host, endpoints, and a file of zenoh's configuration.
+        now: returns the time in nanoseconds; it is called in threads of zenoh.
+        wake: has the node take the packets that wait; it is called in threads of zenoh.
+
+    Raises:
+        DyKnowError: if zenoh is missing or its configuration is wrong, or an endpoint is taken.
+    """
+
+    def __init__(
+        self, federation: RequestedFederation, now: Callable[[], int], wake: Callable[[], None]
+    ) -> None:
+        self.sent: Counter[str] = Counter()
+        self.received: Counter[str] = Counter()
+        """Numbers of bytes, by the names of peers; what is sent to all counts for an empty one."""
+        self.dropped = 0
+        """The number of packets that came while too many waited, or were too long."""
+        self._name = federation.name
+        self._now = now
+        self._wake = wake
+        self._waiting: Queue[ReceivedPacket] = Queue(MAX_WAITING)
+        self._zenoh = _zenoh()
+        self._publishers: dict[tuple[str, bool], Any] = {}
+        try:
+            self.session = self._zenoh.open(self._configuration(federation))
+            keys = (f'{PREFIX}/*/all', f'{PREFIX}/*/to/{self._name}')
+            self._subscribers = [
+                self.session.declare_subscriber(key, self._receive) for key in keys
+            ]
+        except self._zenoh.ZError as error:
+            raise FederationError(
+                f'zenoh cannot start: {one_line(error)}; see the key federation of the robot.yaml, '
+                'and its zenoh file',
+                ExitCode.UNAVAILABLE,
+            ) from None
+
+    def send(self, receiver: str, data: bytes, *, is_urgent: bool) -> None:
+        """Send a packet to a peer; an empty name sends it to all.
+
+        Args:
+            receiver: the name of the peer.
+            data: the packet.
+            is_urgent: True to send it before others, and without waiting for more.
+        """
+        key = receiver, is_urgent
+        if key not in self._publishers:
+            self._publishers[key] = self._publisher(receiver, is_urgent=is_urgent)
+        self._publishers[key].put(data)
+        self.sent[receiver] += len(data)
+
+    def take(self) -> list[ReceivedPacket]:
+        """Return the packets that have come since the last call."""
+        return [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
+
+    def forget(self, peer: str) -> None:
+        """Free what was needed to send to a peer."""
+        for key in [key for key in self._publishers if key[0] == peer]:
+            self._publishers.pop(key).undeclare()
+
+    def close(self) -> None:
+        """End the session."""
+        self.session.close()
+
+    def _configuration(self, federation: RequestedFederation) -> Any:
+        file = federation.zenoh
+        try:
+            configuration = self._zenoh.Config.from_file(file) if file else self._zenoh.Config()
+        except self._zenoh.ZError as error:
+            raise FederationError(
+                f'{file} is no configuration of zenoh: {one_line(error)}'
+            ) from None
+        for key in ('connect', 'listen'):
+            if endpoints := getattr(federation, key):
+                configuration.insert_json5(f'{key}/endpoints', _json(endpoints))
+        return configuration
+
+    def _publisher(self, receiver: str, *, is_urgent: bool) -> Any:
+        priority = self._zenoh.Priority
+        return self.session.declare_publisher(
+            f'{PREFIX}/{self._name}/' + (f'to/{receiver}' if receiver else 'all'),
+            # What a congested link loses, the receiver asks for again; the node must not wait.
+            congestion_control=self._zenoh.CongestionControl.DROP,
+            reliability=self._zenoh.Reliability.RELIABLE,
+            priority=priority.INTERACTIVE_HIGH if is_urgent else priority.DATA,
+            express=is_urgent,
+            allowed_destination=self._zenoh.Locality.REMOTE,
+        )
+
+    def _receive(self, sample: Any) -> None:
+        """Take a packet in a thread of zenoh."""
+        now = self._now()
+        found = _KEY.fullmatch(str(sample.key_expr))
+        if found is None:
+            return
+        payload, received = sample.payload, self.received
+        if len(payload) > MAX_PACKET or (found[1] not in received and len(received) > MAX_PEERS):
+            self.dropped += 1
+            return
+        received[found[1]] += len(payload)
+        try:
+            self._waiting.put_nowait(ReceivedPacket(found[1], bytes(payload), now))
+        except Full:
+            self.dropped += 1
+        self._wake()
+
+
+def _json(endpoints: tuple[str, ...]) -> str:
+    return f'[{", ".join(map(quoted, endpoints))}]'
+
+
+def _zenoh() -> Any:
+    """Return the library of zenoh, which is optional."""
+    try:
+        import zenoh  # noqa: PLC0415
+    except ImportError:
+        raise DyKnowError(
+            "the key 'federation' needs zenoh: pip install eclipse-zenoh", ExitCode.UNAVAILABLE
+        ) from None
+    return zenoh

@@ -1,0 +1,161 @@
+"""Packets cross between peers over zenoh, and access control keeps others out."""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import pytest
+
+from dyknow_common import DyKnowError
+from dyknow_configuration import RequestedFederation
+from dyknow_federation.ros.transport import ZenohTransport
+
+pytest.importorskip('zenoh')
+
+EXAMPLES = Path(__file__).parents[3] / 'docs' / 'examples' / 'federation'
+ALONE = '{scouting: {multicast: {enabled: false}}, connect: {retry: {period_init_ms: 100}}}'
+LIMIT_S = 60.0
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(('127.0.0.1', 0))
+        return int(found.getsockname()[1])
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+class Network:
+    """Transports that connect to the first one.
+
+    Args:
+        protocol: of the links.
+    """
+
+    def __init__(self, protocol: str) -> None:
+        self.end = f'{protocol}/127.0.0.1:{free_port()}'
+        self.received: dict[str, set[tuple[str, bytes]]] = {}
+        self.transports: dict[str, ZenohTransport] = {}
+        self.stack = ExitStack()
+
+    def add(self, label: str, name: str, zenoh: Path) -> None:
+        first = not self.transports
+        ends = {'listen' if first else 'connect': (self.end,)}
+        federation = RequestedFederation(name, zenoh=zenoh, **ends)
+        transport = ZenohTransport(federation, time.time_ns, lambda: None)
+        self.transports[label] = self.stack.enter_context(closing(transport))
+        self.received[label] = set()
+
+    def send(self, label: str, receiver: str, data: bytes) -> None:
+        self.transports[label].send(receiver, data, is_urgent=False)
+
+    def take(self) -> None:
+        for label, transport in self.transports.items():
+            self.received[label] |= {(each.sender, each.data) for each in transport.take()}
+
+
+@pytest.fixture
+def network(request: pytest.FixtureRequest) -> Iterator[Network]:
+    found = Network(request.param)
+    with found.stack:
+        yield found
+
+
+@pytest.mark.parametrize('network', ['tcp'], indirect=True)
+def test_packets_reach_those_that_they_are_for(network: Network, tmp_path: Path) -> None:
+    file = tmp_path / 'zenoh.json5'
+    file.write_text(ALONE)
+    for name in ('base', 'carrier1', 'carrier2'):
+        network.add(name, name, file)
+
+    def have_come() -> bool:
+        network.send('base', '', b'all')
+        network.send('base', 'carrier1', b'one')
+        network.send('carrier1', 'base', b'back')
+        network.take()
+        return all(network.received.values()) and len(network.received['carrier1']) > 1
+
+    wait_until(have_come)
+    assert network.received == {
+        'base': {('carrier1', b'back')},
+        'carrier1': {('base', b'all'), ('base', b'one')},
+        'carrier2': {('base', b'all')},
+    }
+    assert network.transports['carrier2'].received['base'] >= len(b'all')
+
+
+@pytest.mark.skipif(shutil.which('openssl') is None, reason='openssl is not installed')
+@pytest.mark.parametrize('network', ['tls'], indirect=True)
+def test_the_documented_access_control(network: Network, tmp_path: Path) -> None:
+    """Without a certificate there is no link, and a certificate is good for its own name alone."""
+    names = ('basestation', 'carrier1', 'carrier2')
+    script = EXAMPLES / 'certificates.sh'
+    subprocess.run([script, tmp_path, *names], check=True, capture_output=True)
+
+    def configured(name: str, example: str, *changes: tuple[str, str]) -> Path:
+        text = (EXAMPLES / f'{example}.json5').read_text()
+        for before, after in (('/etc/dyknow', str(tmp_path)), *changes):
+            assert before in text
+            text = text.replace(before, after)
+        path = tmp_path / f'{name}.json5'
+        path.write_text(text)
+        return path
+
+    network.add('base', 'basestation', configured('basestation', 'basestation'))
+    network.add('carrier1', 'carrier1', configured('carrier1', 'carrier1'))
+    other = configured('other', 'carrier1', ('carrier1.', 'carrier2.'))
+    network.add('disguised', 'carrier1', other)
+    lines = ('connect_certificate', 'connect_private_key')
+    text = (tmp_path / 'carrier1.json5').read_text().splitlines()
+    bare = tmp_path / 'bare.json5'
+    bare.write_text('\n'.join(each for each in text if not each.strip().startswith(lines)))
+    network.add('bare', 'carrier2', bare)
+
+    def have_come() -> bool:
+        for label in ('carrier1', 'disguised', 'bare'):
+            network.send(label, 'basestation', label.encode())
+        network.send('base', '', b'all')
+        network.send('base', 'carrier1', b'one')
+        network.take()
+        found = network.received
+        return len(found['carrier1']) > 1 and bool(found['disguised']) and bool(found['base'])
+
+    wait_until(have_come)
+    for _ in range(10):
+        have_come()
+    assert network.received == {
+        'base': {('carrier1', b'carrier1')},
+        'carrier1': {('basestation', b'all'), ('basestation', b'one')},
+        # It has the certificate of carrier2, which may read what is for all.
+        'disguised': {('basestation', b'all')},
+        'bare': set(),
+    }
+
+
+@pytest.mark.parametrize(
+    ('ends', 'text', 'message'),
+    [
+        (('foo/127.0.0.1:1',), ALONE, 'zenoh cannot start: .*foo'),
+        ((), '{scouting: ', 'is no configuration of zenoh'),
+    ],
+)
+def test_a_wrong_configuration_is_explained(
+    tmp_path: Path, ends: tuple[str, ...], text: str, message: str
+) -> None:
+    file = tmp_path / 'zenoh.json5'
+    file.write_text(text)
+    with pytest.raises(DyKnowError, match=message):
+        ZenohTransport(
+            RequestedFederation('a', listen=ends, zenoh=file), time.time_ns, lambda: None
+        )

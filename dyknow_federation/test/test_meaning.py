@@ -1,0 +1,112 @@
+"""What peers share means here what it means there, and takes the place of no own name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dyknow_federation.meaning import argument_sorts, imports, missing_features
+from dyknow_federation.messages import SharedFeature, SharedObject, Shares
+from dyknow_semantics import parse_annotations
+
+OBJECTS = ('a', 'b', 'part')
+PEERS = ('p', 'q', 'r')
+
+names = st.sampled_from(OBJECTS)
+shares = st.dictionaries(
+    st.sampled_from(PEERS),
+    st.lists(names, unique=True, max_size=3).map(lambda found: shared(*found)),
+)
+
+
+def topic(peer: str, stream: str) -> str:
+    return f'/dyknow/federation/{peer}/{stream}'
+
+
+def feature(name: str) -> SharedFeature:
+    stream = f'Charge_{name}'
+    annotation = f'stream {stream} contains Charge[{name}] = value [V]'
+    return SharedFeature('Charge', stream, annotation, (('value', 'float'),), max_gap=10**9)
+
+
+def shared(*objects: str) -> Shares:
+    found = tuple(SharedObject(each, ('Robot',)) for each in objects)
+    return Shares(1, found, tuple(map(feature, objects)))
+
+
+def argument(annotation: str) -> str:
+    (parsed,) = parse_annotations(annotation)
+    return parsed.contents[0].feature.arguments[0].name
+
+
+@given(shares, st.sets(names), st.sets(names))
+def test_names_mean_one_thing(given_: dict[str, Shares], own: set[str], same: set[str]) -> None:
+    """Two streams are about one object only if a user has said so, or if no other has its name."""
+    found = imports(given_, own, same, topic)
+    assert not found.faults
+    meant: dict[str, set[tuple[str, str]]] = {name: {('', name)} for name in own}
+    for (peer, stream), each in found.streams.items():
+        original = stream.removeprefix('Charge_')
+        meant.setdefault(argument(each.annotation), set()).add((peer, original))
+    for name, things in meant.items():
+        assert len(things) == 1 or {original for _, original in things} == {name} <= same
+    used = {argument(each.annotation) for each in found.streams.values()}
+    assert used - own <= {*found.objects} <= used
+
+
+def test_a_stream_of_a_peer_is_a_topic_here() -> None:
+    found = imports({'p': shared('a')}, (), (), topic)
+    assert found.objects == {'a': ('Robot',)}
+    assert found.streams['p', 'Charge_a'].annotation == (
+        'stream "/dyknow/federation/p/Charge_a" contains Charge[a] = value [V] with max_gap = 1 s;'
+    )
+
+
+@pytest.mark.parametrize(
+    ('change', 'fault'),
+    [
+        ({'stream': 'a/b'}, 'cannot be a name here'),
+        ({'annotation': 'stream x contains'}, 'expected'),
+        ({'annotation': 'stream a contains A[a] = b' + ' ' * 1000}, 'more than 1,000'),
+        ({'annotation': 'stream Charge_b contains Charge[a] = value'}, 'another stream'),
+        ({'annotation': 'stream Charge_a contains Power[a] = value'}, 'another stream or feature'),
+        ({'annotation': 'stream Charge_a contains Charge[c] = value'}, "'c' is not shared"),
+        ({'annotation': 'stream Charge_a contains Charge[a] = other'}, "no field 'other'"),
+        (
+            {'annotation': 'stream Charge_a contains Charge[u] = v for every u in A where u = i'},
+            'about many objects',
+        ),
+        (
+            {'annotation': 'stream Charge_a contains Charge[a] = value, Charge[a] = value'},
+            'does not have one feature',
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_left_out(change: dict[str, str], fault: str) -> None:
+    given_ = replace(shared('a'), features=(replace(feature('a'), **change),))
+    found = imports({'p': given_}, (), (), topic)
+    assert not found.streams
+    assert fault in found.faults[0]
+    assert "peer 'p'" in found.faults[0]
+
+
+@pytest.mark.parametrize('name', ['a b', '1a', 'a"; x', ''])
+def test_objects_must_have_names(name: str) -> None:
+    given_ = Shares(1, (SharedObject(name, ('Robot',)), SharedObject('a', ())))
+    found = imports({'p': given_}, (), (), topic)
+    assert not found.objects
+    assert len(found.faults) == 2
+
+
+def test_unknown_features_have_the_sorts_of_their_objects() -> None:
+    objects = (SharedObject('a', ('Rover',)), SharedObject('b', ('Arm',)))
+    given_ = Shares(1, objects, (feature('a'), feature('b')))
+    streams = imports({'p': given_}, (), (), topic).streams
+    ((name, carried),) = missing_features(list(streams.values()), ['Power'])
+    assert name == 'Charge'
+    assert argument_sorts(carried) == ('Object',)
+    assert argument_sorts(carried[:1]) == ('Rover',)
+    assert not list(missing_features(list(streams.values()), ['Charge']))

@@ -1,0 +1,206 @@
+"""Two hosts for tests: a DyKnow each, in ROS domains of their own, that zenoh joins."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+from collections.abc import Callable
+from contextlib import suppress
+from itertools import chain
+from pathlib import Path
+from threading import Thread
+from typing import Any, Self
+
+from dyknow_interfaces.srv import EvaluateFormula
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
+
+from dyknow_bringup.processes.composition import composed
+from dyknow_bringup.processes.launcher import Launcher
+from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
+from dyknow_bringup.processes.robot import with_robot
+from dyknow_common.ros import LATCHED, nanoseconds_to_duration
+from dyknow_coordinator import Grounding
+from dyknow_federation.report import FederationReport, LinkState
+from system import LIMIT, Client, private_environment
+
+CARRIER = """\
+objects: {{Carrier: [{name}]}}
+features:
+  Charge:
+    of: {{c: Carrier}}
+    from: {{topic: '/{{c}}/battery', field: percentage, max_delay: 5 s, max_gap: 20 s}}
+  Voltage:
+    of: {{c: Carrier}}
+    unit: V
+    from: {{topic: '/{{c}}/battery', field: voltage, max_delay: 5 s}}
+federation:
+  name: {name}
+  {ends}
+  share: [Charge]
+  peer_timeout: 8 s
+  zenoh: zenoh.json5
+"""
+
+BASE = """\
+federation:
+  name: base
+  {ends}
+  peer_timeout: 8 s
+  zenoh: zenoh.json5
+"""
+
+ZENOH = """\
+{
+  scouting: {multicast: {enabled: false}},
+  connect: {retry: {period_init_ms: 200, period_max_ms: 500}},
+}
+"""
+"""A configuration with which nobody but the other host is found."""
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on."""
+    with socket.socket() as found:
+        found.bind(('127.0.0.1', 0))
+        return int(found.getsockname()[1])
+
+
+class Host:
+    """A host: its DyKnow, from a robot.yaml, and a client.
+
+    Args:
+        folder: for the files and logs.
+        robot: the text of the robot.yaml.
+        zenoh: the text of zenoh's configuration.
+    """
+
+    def __init__(self, folder: Path, robot: str, zenoh: str = ZENOH) -> None:
+        folder.mkdir()
+        path = folder / 'robot.yaml'
+        path.write_text(robot)
+        (folder / 'zenoh.json5').write_text(zenoh)
+        processes = dyknow_processes(with_robot(SystemConfiguration(), path))
+        self.processes = {each.executable: each for each in composed(processes, {})}
+        environment = private_environment()
+        self.launcher = Launcher(folder, environment=environment)
+        self.client = Client(environment, self.launcher.check_running)
+        self.running: dict[str, subprocess.Popen[bytes]] = {}
+        self.percentage = 0.9
+        self.reports: list[FederationReport] = []
+        self.client.node.create_subscription(
+            String,
+            'federation/federation',
+            lambda message: self.reports.append(FederationReport.of(json.loads(message.data))),
+            LATCHED,
+        )
+
+    def __enter__(self) -> Self:
+        for executable in self.processes:
+            self.start(executable)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.client.close()
+        codes = self.launcher.stop_all(LIMIT)
+        assert set(codes.values()) <= {0}, f'exit codes of the nodes: {codes}'
+
+    def start(self, executable: str) -> None:
+        """Start a node."""
+        self.running[executable] = self.launcher.start(self.processes[executable])
+
+    def publish_battery(self, name: str) -> None:
+        """Publish the battery of a carrier from now on, while the client spins."""
+        node = self.client.node
+        topic = node.create_publisher(BatteryState, f'/{name}/battery', 10)
+
+        def publish() -> None:
+            message = BatteryState(percentage=self.percentage, voltage=12.0)
+            message.header.stamp = node.get_clock().now().to_msg()
+            topic.publish(message)
+
+        node.create_timer(0.05, publish)
+
+    def link_to(self, peer: str) -> LinkState | None:
+        """Return the state of the link to a peer, as last reported; None if there is none."""
+        peers = self.reports[-1].peers if self.reports else ()
+        return next((each.state for each in peers if each.name == peer), None)
+
+    def ask(self, formula: str, timeout_s: float = LIMIT) -> Any:
+        """Return the future of an answer."""
+        return self.client.request(
+            EvaluateFormula,
+            '/stream_reasoning_coordinator/evaluate_formula',
+            formula=formula,
+            grounding=int(Grounding.SEMANTIC),
+            timeout=nanoseconds_to_duration(round(timeout_s * 1e9)),
+        )
+
+
+class Link:
+    """A link between two hosts, which can be cut: a process between their ends.
+
+    Args:
+        port: to which it leads.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._target = port
+        self._pairs: list[tuple[socket.socket, socket.socket]] = []
+        self._is_cut = False
+        self._server = socket.create_server(('127.0.0.1', 0))
+        self.port = int(self._server.getsockname()[1])
+        Thread(target=self._accept, daemon=True).start()
+
+    def cut(self) -> None:
+        """Let nothing pass, and refuse connections."""
+        self._is_cut = True
+        for each in chain.from_iterable(self._pairs):
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+
+    def restore(self) -> None:
+        """Let connections pass again."""
+        self._is_cut = False
+
+    def close(self) -> None:
+        """End the link."""
+        self.cut()
+        self._server.close()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = self._server.accept()
+                if self._is_cut:
+                    near.close()
+                    continue
+                try:
+                    far = socket.create_connection(('127.0.0.1', self._target))
+                except ConnectionRefusedError:  # The host has not started yet.
+                    near.close()
+                    continue
+                self._pairs.append((near, far))
+                for ends in ((near, far), (far, near)):
+                    Thread(target=self._pass_on, args=ends, daemon=True).start()
+
+    @staticmethod
+    def _pass_on(source: socket.socket, goal: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(65536):
+                goal.sendall(data)
+        for each in (source, goal):
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+
+
+def wait_for(asker: Host, *others: Host, until: Callable[[], bool], what: str) -> None:
+    """Spin the clients of all hosts until a condition holds."""
+
+    def condition() -> bool:
+        for each in others:
+            each.client.executor.spin_once(timeout_sec=0.0)
+        return until()
+
+    asker.client.spin_until(condition, what, 2 * LIMIT)

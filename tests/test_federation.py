@@ -1,0 +1,115 @@
+"""Two hosts with clocks and ROS domains of their own, joined by zenoh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import NamedTuple
+
+import pytest
+from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from dyknow_interfaces.srv import ListSemanticSpecifications
+
+from dyknow_bringup.security.policy import policy_text
+from dyknow_bringup.security.systems import SecuredSystem
+from dyknow_federation.report import LinkState
+from federations import BASE, CARRIER, Host, Link, free_port, wait_for
+from policies import GraphRecorder, rules
+
+
+class Fleet(NamedTuple):
+    base: Host
+    carrier: Host
+    link: Link
+
+    def wait(self, until: Callable[[], bool], what: str) -> None:
+        """Wait until a condition holds, while the carrier publishes."""
+        wait_for(self.base, self.carrier, until=until, what=what)
+
+
+@pytest.fixture(scope='module')
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    folder = tmp_path_factory.mktemp('fleet')
+    port = free_port()
+    link = Link(port)
+    base = Host(folder / 'base', BASE.format(ends=f'listen: tcp/127.0.0.1:{port}'))
+    ends = f'connect: tcp/127.0.0.1:{link.port}'
+    carrier = Host(folder / 'carrier1', CARRIER.format(name='carrier1', ends=ends))
+    carrier.publish_battery('carrier1')
+    with ExitStack() as stack:
+        stack.callback(link.close)
+        for each in (base, carrier):
+            stack.enter_context(each)
+        yield Fleet(base, carrier, link)
+
+
+def wait_for_streams(fleet: Fleet, number: int) -> None:
+    """Wait until the base knows this number of streams of peers."""
+    service = '/stream_semantics_manager/list_semantic_specifications'
+    asked = fleet.base.client.request(ListSemanticSpecifications, service)
+
+    def are_known() -> bool:
+        nonlocal asked
+        if not asked.done():
+            return False
+        if len(asked.result().ssl_statements) == number:
+            return True
+        asked = fleet.base.client.request(ListSemanticSpecifications, service)
+        return False
+
+    fleet.wait(are_known, f'{number} streams of peers')
+
+
+def assert_permitted(recorders: list[GraphRecorder]) -> None:
+    """What the federation nodes use is in the policy of a host with peers."""
+    policy = policy_text(SecuredSystem(has_peers=True).enclaves(), 'a host with peers')
+    permitted = rules(policy)
+    for recorder in recorders:
+        recorder.look()
+        used = {each for each in recorder.uses if each.enclave == '/federation'}
+        forbidden = {each for each in used if not any(rule.permits(each) for rule in permitted)}
+        assert used, 'the federation node is not on the graph'
+        assert not forbidden, f'complete dyknow_bringup/security/interfaces.py: {forbidden}'
+
+
+def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
+    recorders = [GraphRecorder(each.client.node) for each in (fleet.base, fleet.carrier)]
+    wait_for_streams(fleet, 1)
+    asked = fleet.base.ask('forall c in Carrier: always[0 s, 1 s] Charge[c] > 0.5')
+    fleet.wait(asked.done, 'the answer')
+    answer = asked.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer
+    assert answer.verdict == FormulaResult.TRUE, answer
+    assert_permitted(recorders)
+
+
+def test_an_outage_delays_a_verdict(fleet: Fleet) -> None:
+    """What was missed is asked for again, in order; nothing is taken for true meanwhile."""
+    wait_for_streams(fleet, 1)
+    asked = fleet.base.ask('always[0 s, 3 s] Charge[carrier1] > 0.5')
+    fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
+    fleet.link.cut()
+    fleet.wait(lambda: fleet.base.link_to('carrier1') is LinkState.STALE, 'the end of the link')
+    assert not asked.done()
+    fleet.link.restore()
+    fleet.wait(asked.done, 'the answer')
+    answer = asked.result()
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer
+    assert answer.verdict == FormulaResult.TRUE, answer
+    assert fleet.base.reports[-1].peers[0].lost == 0
+
+
+def test_a_peer_that_leaves_ends_a_formula(fleet: Fleet) -> None:
+    wait_for_streams(fleet, 1)
+    asked = fleet.base.ask('always Charge[carrier1] > 0.5')
+    fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
+    fleet.link.cut()
+    fleet.wait(asked.done, 'the answer')
+    status = asked.result().exit_status
+    assert status.code == ExitStatus.CONSTRAINT_VIOLATION, status
+    assert "peer 'carrier1' has not been heard for" in status.message
+    fleet.link.restore()
+    fleet.wait(lambda: fleet.base.link_to('carrier1') is LinkState.LINKED, 'the peer is back')
+    asked = fleet.base.ask('always[0 s, 1 s] Charge[carrier1] > 0.5')
+    fleet.wait(asked.done, 'the answer')
+    assert asked.result().verdict == FormulaResult.TRUE, asked.result()
