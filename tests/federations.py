@@ -40,6 +40,8 @@ federation:
   {ends}
   share: [Charge]
   peer_timeout: 8 s
+  # A busy machine answers late.
+  max_uncertainty: 2 s
   zenoh: zenoh.json5
 """
 
@@ -48,6 +50,8 @@ federation:
   name: base
   {ends}
   peer_timeout: 8 s
+  # A busy machine answers late.
+  max_uncertainty: 2 s
   zenoh: zenoh.json5
 """
 

@@ -73,7 +73,7 @@ class RequestedFederation:
     same: tuple[str, ...] = ()
     peer_timeout: int = 10 * NANOSECONDS['s']
     history: int = NANOSECONDS['min']
-    max_uncertainty: int = 500 * NANOSECONDS['ms']
+    max_uncertainty: int = 100 * NANOSECONDS['ms']
     zenoh: Path | None = None
 
 
