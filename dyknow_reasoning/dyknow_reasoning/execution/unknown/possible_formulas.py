@@ -1,0 +1,301 @@
+"""Formulas that have met unknown values, progressed over all that these may be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from math import prod
+from typing import Final
+
+import numpy as np
+
+from dyknow_common import format_time, listed
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.configurations import Template
+from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
+from dyknow_reasoning.execution.past.histories import PastRegister
+from dyknow_reasoning.execution.unknown.possibilities import (
+    Instances,
+    Place,
+    Possibilities,
+    Possibility,
+    needed_registers,
+)
+from dyknow_reasoning.execution.unknown.unknown_features import UnknownFeatures, is_unknown
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
+from dyknow_reasoning.progression.instances import Instance, required_features
+from dyknow_reasoning.progression.residual import holds_at_the_end
+from dyknow_reasoning.progression.sizes import FormulaLimits
+
+_MAX_NAMES: Final = 3
+"""The unknown features that a text names."""
+
+
+@dataclass(frozen=True, slots=True)
+class PossibleVerdict:
+    """A verdict that holds whatever the unknown values were.
+
+    Args:
+        instance: that decides the formula.
+        holds: the verdict.
+        wants: since when each unknown feature made a difference before, in nanoseconds.
+    """
+
+    instance: FormulaInstance
+    holds: bool
+    wants: Mapping[str, int]
+
+    def __str__(self) -> str:
+        """The reason of the verdict."""
+        holds = str(self.holds).lower()
+        if not self.wants:
+            return f'what remained is {holds}, whatever the unknown values were'
+        return f'it is {holds} whatever {wants_text(self.wants)} was'
+
+
+class PossibleFormula:
+    """An undecided formula and what may remain of it.
+
+    Instances that no unknown value has connected are progressed apart: the formula holds if all of
+    them do for all values, and is false if those that are connected fail for all values.
+
+    Args:
+        states: of its undecided instances, before a state with unknown values.
+        registers: those of the group.
+        unknown: the features that may be unknown.
+        limits: of formulas.
+    """
+
+    def __init__(
+        self,
+        states: Sequence[InstanceState],
+        registers: Mapping[str, PastRegister],
+        unknown: UnknownFeatures,
+        limits: FormulaLimits,
+    ) -> None:
+        self._templates: dict[int, Template] = {}
+        places: dict[int, Place] = {}
+        for number, state in enumerate(states):
+            initial = state.template.automaton.initial
+            template = self._templates[number] = Template(initial.node)
+            location = template.automaton.initial
+            if state.location is not initial:
+                location = replace(state.location, moves={}, memories={})
+                template.automaton.forget([location])
+            places[number] = location, state.times
+        of = Instances(
+            {number: state.instance for number, state in enumerate(states)},
+            dict(registers),
+            {number: each.automaton for number, each in self._templates.items()},
+            unknown,
+            limits,
+        )
+        self._latest: int | None = None
+        self._gap_follows = False
+        self.is_plain = True
+        """False if a gap or an error has an effect on a past operator."""
+        self._parts: list[Possibilities] = []
+        for number, place in places.items():
+            part = of.part([number])
+            used = needed_registers(part)
+            self.is_plain &= all(register.is_plain for register in used.values())
+            memories = {field: each.memory.of_row(0) for field, each in used.items()}
+            self._parts.append(Possibilities(part, [Possibility({number: place}, memories)], {}))
+        self._unknown = unknown
+        self._limit = limits.possibility_limit
+        self._names = list(dict.fromkeys(name for part in self._parts for name in part.features))
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        self._gap_follows = self._latest is not None
+
+    def progress(self, time: int, values: Values) -> PossibleVerdict | None:
+        """Progress over a state; return the verdict, if there is one.
+
+        Raises:
+            ReasoningError: if the formula fails.
+        """
+        if self._gap_follows and self._latest is not None:
+            raise unknowable(Gap(self._latest, time))
+        self._latest = time
+        unknown = self._unknown.among(self._names, values)
+        for name in unknown:
+            self._join(name)
+        parts: list[Possibilities] = []
+        for part in self._parts:
+            wants = part.wants
+            if part.is_open:
+                part.step(time, values, unknown)
+            if part.verdict is False or (part.verdict and len(self._parts) == 1):
+                return _verdict(part, wants)
+            if part.verdict is None:
+                parts += part.parts()
+            last = part
+        self._parts = parts
+        if not parts:
+            return _verdict(last, wants)
+        self._limit_memory()
+        return None
+
+    @property
+    def wants(self) -> Mapping[str, int]:
+        """Since when each unknown feature makes a difference, in nanoseconds."""
+        found: dict[str, int] = {}
+        for part in self._parts:
+            for name, since in part.wants.items():
+                found[name] = min(since, found.get(name, since))
+        return dict(sorted(found.items(), key=lambda each: each[1]))
+
+    @property
+    def cases(self) -> int:
+        """The number of cases of the unknown values that make a difference."""
+        return prod(len(part.found) + part.may_hold + part.may_fail for part in self._parts)
+
+    def states(self) -> list[InstanceState]:
+        """Return the states of the undecided instances in one of the cases."""
+        found = [
+            InstanceState(part.of.instances[number], self._templates[number], *place, {})
+            for part in self._parts
+            for possibility in part.found[:1]
+            for number, place in possibility.places.items()
+        ]
+        return sorted(found, key=lambda each: each.instance.order)
+
+    def holds_at_the_end(self) -> bool:
+        """Return True if the formula would hold in all cases if no further state came."""
+        return not any(part.may_fail for part in self._parts) and all(
+            holds_at_the_end(location.node)
+            for part in self._parts
+            for possibility in part.found
+            for location, _ in possibility.places.values()
+        )
+
+    def _join(self, name: str) -> None:
+        """Join the parts that depend on an unknown feature, if they do not become too many."""
+        joined: Possibilities | None = None
+        others: list[Possibilities] = []
+        for part in self._parts:
+            if not part.is_open or name not in part.features:
+                others.append(part)
+            elif joined is None:
+                joined = part
+            elif len(joined.found) * len(part.found) <= self._limit:
+                joined = joined.joined(part)
+            else:
+                others.append(part)
+        self._parts = [*others, joined] if joined else others
+
+    def _limit_memory(self) -> None:
+        for number, template in self._templates.items():
+            if template.automaton.is_full:
+                template.automaton.forget(
+                    possibility.places[number][0]
+                    for part in self._parts
+                    for possibility in part.found
+                    if number in possibility.places
+                )
+
+
+class PossibleFormulas:
+    """The formulas of a group that have met unknown values, by their ids.
+
+    Args:
+        unknown: the features that may be unknown.
+        limits: of formulas.
+    """
+
+    def __init__(self, unknown: UnknownFeatures, limits: FormulaLimits) -> None:
+        self.formulas: dict[int, PossibleFormula] = {}
+        self.unknown = unknown
+        self._limits = limits
+        # Of the formulas that have met none yet, the features that may be unknown.
+        self._waiting: dict[int, list[str]] = {}
+
+    def watch(self, formula_id: int, instances: Iterable[Instance]) -> None:
+        """Look out for unknown values of the features of a formula."""
+        if self.unknown:
+            names = (str(each) for each in required_features(instances))
+            if found := [name for name in names if self.unknown.may_be(name)]:
+                self._waiting[formula_id] = found
+
+    def met(self, values: Values) -> list[int]:
+        """Return the formulas that meet unknown values for the first time."""
+        if not self._waiting:
+            return []
+        names = dict.fromkeys(chain.from_iterable(self._waiting.values()))
+        unknown = {name for name in names if is_unknown(values.get(name))}
+        if not unknown:
+            return []
+        return [each for each, found in self._waiting.items() if not unknown.isdisjoint(found)]
+
+    def are_known(self, columns: Columns) -> bool:
+        """Return True if no formula has met an unknown value or does in a recording."""
+        if self.formulas:
+            return False
+        names = dict.fromkeys(chain.from_iterable(self._waiting.values()))
+        return all(name in columns and _is_known(columns[name]) for name in names)
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        for each in self.formulas.values():
+            each.gap()
+
+    def take(
+        self,
+        formula_id: int,
+        states: Sequence[InstanceState],
+        registers: Mapping[str, PastRegister],
+    ) -> bool:
+        """Progress a formula from now on; return False if a gap or an error still has an effect.
+
+        Args:
+            formula_id: the formula.
+            states: of its undecided instances.
+            registers: those of the group.
+        """
+        del self._waiting[formula_id]
+        if any(state.instance.half is not Half.WHOLE for state in states):
+            return False
+        found = PossibleFormula(states, registers, self.unknown, self._limits)
+        if found.is_plain:
+            self.formulas[formula_id] = found
+        return found.is_plain
+
+    def remove(self, formula_id: int) -> None:
+        """Remove a formula, if it is one of these."""
+        self.formulas.pop(formula_id, None)
+        self._waiting.pop(formula_id, None)
+
+    def progress(self, time: int, values: Values) -> dict[int, PossibleVerdict | ReasoningError]:
+        """Progress all formulas over a state; return those that end."""
+        found: dict[int, PossibleVerdict | ReasoningError] = {}
+        for formula_id, each in self.formulas.items():
+            try:
+                verdict = each.progress(time, values)
+            except ReasoningError as error:
+                found[formula_id] = error
+            else:
+                if verdict is not None:
+                    found[formula_id] = verdict
+        return found
+
+
+def _is_known(column: Array) -> bool:
+    if column.dtype.kind == 'O':
+        return not any(map(is_unknown, column))
+    return column.dtype.kind != 'f' or not np.isnan(column).any()
+
+
+def wants_text(wants: Mapping[str, int]) -> str:
+    """Return some unknown features and since when they are so: `Charge[r2] since 12.4 s`."""
+    found = [f'{name} since {format_time(since)}' for name, since in wants.items()]
+    more = [f'{len(found) - _MAX_NAMES} more'] if len(found) > _MAX_NAMES else []
+    return listed([*found[:_MAX_NAMES], *more])
+
+
+def _verdict(part: Possibilities, wants: Mapping[str, int]) -> PossibleVerdict:
+    instance = min(part.of.instances.values(), key=lambda each: each.order)
+    return PossibleVerdict(instance, part.verdict is True, wants)
