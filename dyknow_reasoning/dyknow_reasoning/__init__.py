@@ -2,7 +2,7 @@
 
 from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, read_domains
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import ANY_NUMBER, Range, UnknownFeatures, is_unknown
+from dyknow_reasoning.execution import ALL_KNOWN, ANY_NUMBER, Range, UnknownFeatures, is_unknown
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants, literal_of
@@ -54,6 +54,7 @@ from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_tria
 from dyknow_reasoning.uncertain import UncertainFormula
 
 __all__ = [
+    'ALL_KNOWN',
     'ANY_NUMBER',
     'CALCULATE',
     'NO_CONSTANTS',

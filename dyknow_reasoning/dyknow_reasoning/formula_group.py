@@ -15,6 +15,7 @@ from typing import Any
 from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, amount, round_time
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
+    ALL_KNOWN,
     InstanceMonitor,
     InstanceVerdict,
     Outcome,
@@ -64,7 +65,6 @@ from dyknow_reasoning.standing import StandingFormula, StandingFormulas
 _MAX_NODES = 10_000
 
 DEFAULT_LIMITS = FormulaLimits()
-ALL_KNOWN = UnknownFeatures()
 
 
 class FormulaGroup:
@@ -459,7 +459,7 @@ class FormulaGroup:
         if not (wants := formula.wants):
             return text
         want = f'undecided for want of {wants_text(wants)}'
-        return f'{want}; in one of {amount(formula.cases)} cases: {text}' if text else want
+        return f'{text} (in one of {amount(formula.cases)} cases; {want})' if text else want
 
     def _results_of_known(self) -> list[FormulaResult]:
         """Return the results of formulas that need no state, and forget that they were known."""

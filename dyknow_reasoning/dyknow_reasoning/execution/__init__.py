@@ -36,6 +36,7 @@ from dyknow_reasoning.execution.unknown.possible_formulas import (
     wants_text,
 )
 from dyknow_reasoning.execution.unknown.unknown_features import (
+    ALL_KNOWN,
     ANY_NUMBER,
     Range,
     UnknownFeatures,
@@ -43,6 +44,7 @@ from dyknow_reasoning.execution.unknown.unknown_features import (
 )
 
 __all__ = [
+    'ALL_KNOWN',
     'ANY_NUMBER',
     'KEPT_FAILURES',
     'DecidingMoment',

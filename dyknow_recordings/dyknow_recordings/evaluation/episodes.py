@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from dyknow_common import DyKnowError, ExitCode, Margin, Value, Verdict
 from dyknow_coordinator import with_unit
 from dyknow_reasoning import (
+    ALL_KNOWN,
     FormulaGroup,
     FormulaResult,
     ReasoningError,
+    UnknownFeatures,
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
@@ -95,6 +97,7 @@ class EpisodeGroup:
         formulas: with the same features.
         domains: the objects of each sort.
         observer: receives the states.
+        unknown: the features that may be unknown at a state.
     """
 
     def __init__(
@@ -102,12 +105,13 @@ class EpisodeGroup:
         formulas: Sequence[FormulaEpisodes],
         domains: Mapping[str, tuple[str, ...]],
         observer: EvaluationObserver | None = None,
+        unknown: UnknownFeatures = ALL_KNOWN,
     ) -> None:
         self.formulas = formulas
         self.observer = observer
         self.has_ended = False
         """True if no state can change anything any more."""
-        self._group = FormulaGroup()
+        self._group = FormulaGroup(unknown=unknown)
         self._standing: dict[FormulaEpisodes, StandingEpisodes] = {}
         self._triggers = {
             each.grounded.trigger: _Trigger(each.grounded.trigger, domains)

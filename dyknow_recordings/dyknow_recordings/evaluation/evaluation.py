@@ -109,7 +109,13 @@ class RecordingEvaluation:
         self._recording = recording
         self._keep_signals, self._margins = keep_signals, margins
         self._start = start
-        self._streams = RecordedStreams(recording.contents, files.streams, recording.fault_of)
+        self._unknown = files.unknown
+        self._streams = RecordedStreams(
+            recording.contents,
+            files.streams,
+            recording.fault_of,
+            absent_is_unknown=files.unknown.all_may_be,
+        )
         self._pending: list[StateGroup] = []
         with closing(load_vocabulary(files, recording.contents)) as vocabulary:
             self._vocabulary_notes = tuple(vocabulary.notes)
@@ -252,7 +258,10 @@ class RecordingEvaluation:
             terms = terms_of((grounded.formula for _, grounded in members), domains)
             observer = SignalRecorder(terms, domains)
         episodes = EpisodeGroup(
-            [each.episodes for each, _ in members if each.episodes], domains, observer
+            [each.episodes for each, _ in members if each.episodes],
+            domains,
+            observer,
+            self._unknown,
         )
         group = StateGroup(
             name,

@@ -99,6 +99,8 @@ class Possibilities:
         self.of, self.found, self.wants = of, found, dict(wants)
         self.may_hold = self.may_fail = False
         """True if the instances hold in some case, or one of them fails."""
+        self.asked: set[str] = set()
+        """The unknown features that the latest state asked for."""
         self._registers = needed_registers(of)
         atoms = [*_atoms_of(of.instances.values())]
         atoms += [each for register in self._registers.values() for each in register.atoms]
@@ -171,7 +173,7 @@ class Possibilities:
             known.pop(name, None)
         errors = {name: UnknownValueError(name) for name in unknown if name in self.features}
         found: dict[Hashable, Possibility] = {}
-        asked: set[str] = set()
+        self.asked.clear()
         runs = 0
         for before in self.found:
             for run in all_runs(lambda choices: _Run(self, choices, known, errors)):  # noqa: B023
@@ -179,7 +181,7 @@ class Possibilities:
                 runs += 1
                 if runs > self.of.limits.possibility_limit:
                     raise too_many(self.of.limits.possibility_limit, {**self.wants, **errors})
-                asked |= run.asked
+                self.asked |= run.asked
                 if isinstance(after, bool):
                     self.may_hold, self.may_fail = (
                         self.may_hold or after,
@@ -191,7 +193,7 @@ class Possibilities:
         if len(self.found) + self.may_hold + self.may_fail == 1:
             self.wants = {}
         else:
-            self.wants = dict.fromkeys(sorted(asked), time) | self.wants
+            self.wants = dict.fromkeys(sorted(self.asked), time) | self.wants
 
     def truth(self, atom: Atom) -> Predicate:
         """Return the predicate of an atom."""

@@ -12,8 +12,15 @@ import numpy as np
 
 from dyknow_common import format_time, listed
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.aggregation import Outcome
 from dyknow_reasoning.execution.automata.configurations import Template
-from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
+from dyknow_reasoning.execution.automata.instance_states import (
+    DecidingMoment,
+    FormulaInstance,
+    InstanceState,
+    InstanceVerdict,
+)
+from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.histories import PastRegister
 from dyknow_reasoning.execution.unknown.possibilities import (
     Instances,
@@ -51,9 +58,8 @@ class PossibleVerdict:
     def __str__(self) -> str:
         """The reason of the verdict."""
         holds = str(self.holds).lower()
-        if not self.wants:
-            return f'what remained is {holds}, whatever the unknown values were'
-        return f'it is {holds} whatever {wants_text(self.wants)} was'
+        was = f'{wants_text(self.wants)} was' if self.wants else 'the unknown values were'
+        return f'it is {holds} whatever {was}'
 
 
 class PossibleFormula:
@@ -112,7 +118,7 @@ class PossibleFormula:
         """Record that states may be missing before the next one."""
         self._gap_follows = self._latest is not None
 
-    def progress(self, time: int, values: Values) -> PossibleVerdict | None:
+    def progress(self, time: int, values: Values) -> PossibleVerdict | InstanceVerdict | None:
         """Progress over a state; return the verdict, if there is one.
 
         Raises:
@@ -120,23 +126,25 @@ class PossibleFormula:
         """
         if self._gap_follows and self._latest is not None:
             raise unknowable(Gap(self._latest, time))
-        self._latest = time
+        previous, self._latest = self._latest, time
         unknown = self._unknown.among(self._names, values)
         for name in unknown:
             self._join(name)
         parts: list[Possibilities] = []
         for part in self._parts:
-            wants = part.wants
+            wants, before = part.wants, part.found
             if part.is_open:
                 part.step(time, values, unknown)
-            if part.verdict is False or (part.verdict and len(self._parts) == 1):
-                return _verdict(part, wants)
+            if part.verdict is not None:
+                decided = part, wants, before
+            if part.verdict is False:
+                parts = []
+                break
             if part.verdict is None:
                 parts += part.parts()
-            last = part
         self._parts = parts
         if not parts:
-            return _verdict(last, wants)
+            return self._verdict(*decided, time, previous, values)
         self._limit_memory()
         return None
 
@@ -172,6 +180,31 @@ class PossibleFormula:
             for possibility in part.found
             for location, _ in possibility.places.values()
         )
+
+    def _verdict(
+        self,
+        part: Possibilities,
+        wants: Mapping[str, int],
+        before: Sequence[Possibility],
+        time: int,
+        previous: int | None,
+        values: Values,
+    ) -> PossibleVerdict | InstanceVerdict:
+        """Return the verdict of a part; with its moment if no unknown value had a part in it."""
+        holds = part.verdict is True
+        if not (wants or part.asked or part.registers):
+            for number, place in before[0].places.items():
+                instance, template = part.of.instances[number], self._templates[number]
+                state = InstanceState(instance, template, *place, {})
+                read = quick_reader(instance.atoms, instance.kinds, state.node.mask)
+                symbol = read(values)
+                move = template.automaton.move(state.location, symbol, (*state.times, time))
+                if move.target.verdict is holds:
+                    since = time if previous is None else previous
+                    moment = DecidingMoment(state, symbol, time, since)
+                    return InstanceVerdict(instance, holds, moment)
+        instance = min(part.of.instances.values(), key=lambda each: each.order)
+        return PossibleVerdict(instance, holds, wants)
 
     def _join(self, name: str) -> None:
         """Join the parts that depend on an unknown feature, if they do not become too many."""
@@ -269,9 +302,9 @@ class PossibleFormulas:
         self.formulas.pop(formula_id, None)
         self._waiting.pop(formula_id, None)
 
-    def progress(self, time: int, values: Values) -> dict[int, PossibleVerdict | ReasoningError]:
+    def progress(self, time: int, values: Values) -> dict[int, Outcome | PossibleVerdict]:
         """Progress all formulas over a state; return those that end."""
-        found: dict[int, PossibleVerdict | ReasoningError] = {}
+        found: dict[int, Outcome | PossibleVerdict] = {}
         for formula_id, each in self.formulas.items():
             try:
                 verdict = each.progress(time, values)
@@ -294,8 +327,3 @@ def wants_text(wants: Mapping[str, int]) -> str:
     found = [f'{name} since {format_time(since)}' for name, since in wants.items()]
     more = [f'{len(found) - _MAX_NAMES} more'] if len(found) > _MAX_NAMES else []
     return listed([*found[:_MAX_NAMES], *more])
-
-
-def _verdict(part: Possibilities, wants: Mapping[str, int]) -> PossibleVerdict:
-    instance = min(part.of.instances.values(), key=lambda each: each.order)
-    return PossibleVerdict(instance, part.verdict is True, wants)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.progression.atoms import Values
@@ -43,6 +43,9 @@ class UnknownFeatures:
     def among(self, names: Iterable[str], values: Values) -> list[str]:
         """Return the ground features that are unknown at a state."""
         return [name for name in names if is_unknown(values.get(name)) and self.may_be(name)]
+
+
+ALL_KNOWN: Final = UnknownFeatures()
 
 
 class UnknownValueError(ReasoningError):
