@@ -78,13 +78,9 @@ class FormulaGroup:
         limits: a formula that exceeds one is refused before any work is done, but for
             `node_limit`: a formula with more nodes for a choice of objects is refused after its
             simplification, and one that grows to more by progression fails.
-        unknown: the features that may be unknown at a state: absent, None or not a number. A
-            verdict holds whatever they are then. Of others, such a value is an error.
     """
 
-    def __init__(
-        self, limits: FormulaLimits = DEFAULT_LIMITS, unknown: UnknownFeatures = ALL_KNOWN
-    ) -> None:
+    def __init__(self, limits: FormulaLimits = DEFAULT_LIMITS) -> None:
         self._limits = limits
         # For each formula, the number of its parts: in its text, and for all objects after `begin`.
         self._sizes: dict[int, int] = {}
@@ -95,7 +91,7 @@ class FormulaGroup:
         self._counts: dict[str, int] = {}
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
-        self._possible = PossibleFormulas(unknown, limits)
+        self._possible = PossibleFormulas(limits)
         self._undecided: set[int] = set()
         # The verdicts of formulas that need no state, until they are reported.
         self._known: dict[int, Verdict] = {}
@@ -198,8 +194,13 @@ class FormulaGroup:
         """
         return sum(self._sizes_for(object_counts(domains, self._limits)).values())
 
-    def begin(self, domains: Domains) -> None:
+    def begin(self, domains: Domains, unknown: UnknownFeatures = ALL_KNOWN) -> None:
         """Fix the objects of each sort.
+
+        Args:
+            domains: these.
+            unknown: the features that may be unknown at a state: absent, None or not a number. A
+                verdict holds whatever they are then. Of others, such a value is an error.
 
         Raises:
             ReasoningError: for a sort without a domain, for a formula that is too large for the
@@ -215,6 +216,7 @@ class FormulaGroup:
         }
         self._margins.begin(domains)
         self._domains, self._sizes = domains, sizes
+        self._possible.unknown = unknown
         self._counts.update(counts)
         self._monitor = InstanceMonitor(self._limits.node_limit)
         self._remainders = Remainders(self._monitor)
@@ -252,7 +254,8 @@ class FormulaGroup:
         """Progress all undecided formulas over a state; return the new results.
 
         A formula fails if the state lacks a field that the formula still depends on, or holds an
-        unusable value there, unless the feature may be unknown. All formulas fail if the valid time is not later than the previous.
+        unusable value there, unless the feature may be unknown. All formulas fail if the valid time
+        is not later than the previous.
 
         Args:
             valid_time: the valid time of the state, in nanoseconds.
@@ -453,7 +456,7 @@ class FormulaGroup:
                 self._margins.forget(formula_id)
 
     def _possible_text(self, formula: PossibleFormula) -> str:
-        """Return what remains in one case of unknown values, and for want of what there are more."""
+        """Return what remains in one case, and for want of which values there are others."""
         states = formula.states()
         text = text_of(states, self._begun().latest or 0) if states else ''
         if not (wants := formula.wants):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds, random_cases
 
 from dyknow_common import Value, Verdict
-from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, UnknownFeatures
+from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures
 from dyknow_reasoning.language.formula import Comparison, Formula, Interval
 from dyknow_reasoning.language.terms import Arithmetic, Feature, Number, StateCount, ValueBefore
 
@@ -22,9 +22,9 @@ PartialTrace = list[tuple[int, State]]
 
 
 def started(text: str, objects: Iterable[str] = (), unknown: UnknownFeatures = ANY) -> FormulaGroup:
-    group = FormulaGroup(FormulaLimits(possibility_limit=100_000), unknown)
+    group = FormulaGroup(FormulaLimits(possibility_limit=100_000))
     group.add_formula('f', text)
-    group.begin({'S': tuple(objects)})
+    group.begin({'S': tuple(objects)}, unknown)
     return group
 
 
@@ -133,7 +133,9 @@ def test_orders_of_numbers_are_exact(formula: Formula, trace: PartialTrace) -> N
     traces = list(completions(trace, GRID))
     for length in range(1, len(trace) + 1):
         if expected := told(formula, traces, length):
-            assert found and found[0] < length and found[1] is expected, (str(formula), trace)
+            assert found, (str(formula), trace)
+            assert found[0] < length, (str(formula), trace)
+            assert found[1] is expected, (str(formula), trace)
             return
     told_apart = {holds(formula, each, 0) for each in traces}
     assert found is None or told_apart <= {found[1] is Verdict.TRUE, None}, (str(formula), trace)

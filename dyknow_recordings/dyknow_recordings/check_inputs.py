@@ -12,7 +12,7 @@ from dyknow_configuration import (
     read_robot,
     warn_of_notes,
 )
-from dyknow_reasoning import UnknownFeatures, add_domain_option, read_domains
+from dyknow_reasoning import add_domain_option, read_domains
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.reading.opening import ENDINGS, add_reading_options
@@ -58,8 +58,8 @@ def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) 
         '--missing',
         choices=('error', 'unknown'),
         default='error',
-        help='what NaN, an empty cell or an absent field is: an error, or an unknown value, so that '
-        'formulas are decided that do not depend on it (default: error)',
+        help='what NaN, an empty cell or an absent field is: an error, or an unknown value, on '
+        'which no verdict depends (default: error)',
     )
     add_reading_options(parser)
 
@@ -87,7 +87,7 @@ def read_configuration(
         streams=(*robot.streams, *options.streams),
         bridges=(*robot.bridges, *options.bridges),
         domains={**robot.domains, **read_domains(options.domain)},
-        unknown=UnknownFeatures(all_may_be=options.missing == 'unknown'),
+        missing_is_unknown=options.missing == 'unknown',
     )
     read = (formula for path in options.formulas for formula in read_formulas(path))
     formulas = (*robot.formulas, *read, *map(RequestedFormula, options.formula))

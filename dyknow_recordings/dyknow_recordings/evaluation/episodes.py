@@ -111,7 +111,7 @@ class EpisodeGroup:
         self.observer = observer
         self.has_ended = False
         """True if no state can change anything any more."""
-        self._group = FormulaGroup(unknown=unknown)
+        self._group = FormulaGroup()
         self._standing: dict[FormulaEpisodes, StandingEpisodes] = {}
         self._triggers = {
             each.grounded.trigger: _Trigger(each.grounded.trigger, domains)
@@ -127,7 +127,7 @@ class EpisodeGroup:
         for each in formulas:
             if each.every is Every.FIRST:
                 self._open(each)
-        self._group.begin(domains)
+        self._group.begin(domains, unknown)
         for each in formulas:
             try:
                 if each.every is Every.STATE:

@@ -21,6 +21,7 @@ from typing import Final
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode, one_line
 from dyknow_configuration import RequestedFormula
+from dyknow_reasoning import Range, UnknownFeatures
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.column_states import ColumnStates
 from dyknow_recordings.evaluation.episodes import (
@@ -109,12 +110,12 @@ class RecordingEvaluation:
         self._recording = recording
         self._keep_signals, self._margins = keep_signals, margins
         self._start = start
-        self._unknown = files.unknown
+        self._missing_is_unknown = files.missing_is_unknown
         self._streams = RecordedStreams(
             recording.contents,
             files.streams,
             recording.fault_of,
-            absent_is_unknown=files.unknown.all_may_be,
+            absent_is_unknown=files.missing_is_unknown,
         )
         self._pending: list[StateGroup] = []
         with closing(load_vocabulary(files, recording.contents)) as vocabulary:
@@ -248,8 +249,10 @@ class RecordingEvaluation:
         self, name: str, members: Sequence[tuple[_Request, GroundedFormula]]
     ) -> StateGroup:
         domains: dict[str, tuple[str, ...]] = {}
+        ranges: dict[str, Range] = {}
         for request, grounded in members:
             domains |= grounded.inputs.domains
+            ranges |= grounded.inputs.unknown
             is_asked_again = self._start.every is Every.FIRST and request.requested.every_state
             every = Every.STATE if is_asked_again else self._start.every
             request.episodes = FormulaEpisodes(grounded, every)
@@ -261,7 +264,7 @@ class RecordingEvaluation:
             [each.episodes for each, _ in members if each.episodes],
             domains,
             observer,
-            self._unknown,
+            UnknownFeatures(ranges, all_may_be=self._missing_is_unknown),
         )
         group = StateGroup(
             name,

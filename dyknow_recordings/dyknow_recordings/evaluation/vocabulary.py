@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
 from dyknow_configuration import TextSource
-from dyknow_reasoning import UnknownFeatures
 from dyknow_recordings.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -27,7 +26,8 @@ class MonitoringFiles:
         domains: the objects of sorts, which take precedence over the ontologies.
         states: the specification of the states of the only formula; empty: it is grounded.
         constraints: of the states of all formulas.
-        unknown: the features that may be unknown at a state.
+        missing_is_unknown: True if NaN or an absent field is an unknown value of any feature, not
+            only of those that the ontologies let be unknown.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -37,7 +37,7 @@ class MonitoringFiles:
     domains: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     states: str = ''
     constraints: StreamConstraints = NO_CONSTRAINTS
-    unknown: UnknownFeatures = field(default_factory=UnknownFeatures)
+    missing_is_unknown: bool = False
 
 
 NO_FILES: Final = MonitoringFiles()

@@ -176,7 +176,7 @@ class Possibilities:
         self.asked.clear()
         runs = 0
         for before in self.found:
-            for run in all_runs(lambda choices: _Run(self, choices, known, errors)):  # noqa: B023
+            for run in all_runs(lambda choices: _Run(self, choices, known, errors)):
                 after = run.step(before, time)
                 runs += 1
                 if runs > self.of.limits.possibility_limit:

@@ -29,7 +29,11 @@ from dyknow_reasoning.execution.unknown.possibilities import (
     Possibility,
     needed_registers,
 )
-from dyknow_reasoning.execution.unknown.unknown_features import UnknownFeatures, is_unknown
+from dyknow_reasoning.execution.unknown.unknown_features import (
+    ALL_KNOWN,
+    UnknownFeatures,
+    is_unknown,
+)
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
@@ -236,13 +240,13 @@ class PossibleFormulas:
     """The formulas of a group that have met unknown values, by their ids.
 
     Args:
-        unknown: the features that may be unknown.
         limits: of formulas.
     """
 
-    def __init__(self, unknown: UnknownFeatures, limits: FormulaLimits) -> None:
+    def __init__(self, limits: FormulaLimits) -> None:
         self.formulas: dict[int, PossibleFormula] = {}
-        self.unknown = unknown
+        self.unknown = ALL_KNOWN
+        """The features that may be unknown."""
         self._limits = limits
         # Of the formulas that have met none yet, the features that may be unknown.
         self._waiting: dict[int, list[str]] = {}
