@@ -26,10 +26,11 @@ from dyknow_reasoning.execution.automata.automaton import Automaton, Location, T
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
 from dyknow_reasoning.execution.past.histories import PastRegister
 from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.unknown.bounds import bounded_truth
 from dyknow_reasoning.execution.unknown.choices import Choices, all_runs
 from dyknow_reasoning.execution.unknown.completions import Completions, is_exact
 from dyknow_reasoning.execution.unknown.unknown_features import UnknownFeatures, UnknownValueError
-from dyknow_reasoning.language.formula import Atom, PastAtom
+from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
 from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
 from dyknow_reasoning.progression.nodes import slots
 from dyknow_reasoning.progression.residual import growth_error
@@ -99,8 +100,6 @@ class Possibilities:
         self.of, self.found, self.wants = of, found, dict(wants)
         self.may_hold = self.may_fail = False
         """True if the instances hold in some case, or one of them fails."""
-        self.asked: set[str] = set()
-        """The unknown features that the latest state asked for."""
         self._registers = needed_registers(of)
         atoms = [*_atoms_of(of.instances.values())]
         atoms += [each for register in self._registers.values() for each in register.atoms]
@@ -173,7 +172,7 @@ class Possibilities:
             known.pop(name, None)
         errors = {name: UnknownValueError(name) for name in unknown if name in self.features}
         found: dict[Hashable, Possibility] = {}
-        self.asked.clear()
+        asked: set[str] = set()
         runs = 0
         for before in self.found:
             for run in all_runs(lambda choices: _Run(self, choices, known, errors)):
@@ -181,7 +180,7 @@ class Possibilities:
                 runs += 1
                 if runs > self.of.limits.possibility_limit:
                     raise too_many(self.of.limits.possibility_limit, {**self.wants, **errors})
-                self.asked |= run.asked
+                asked |= run.asked
                 if isinstance(after, bool):
                     self.may_hold, self.may_fail = (
                         self.may_hold or after,
@@ -193,7 +192,7 @@ class Possibilities:
         if len(self.found) + self.may_hold + self.may_fail == 1:
             self.wants = {}
         else:
-            self.wants = dict.fromkeys(sorted(self.asked), time) | self.wants
+            self.wants = dict.fromkeys(sorted(asked), time) | self.wants
 
     def truth(self, atom: Atom) -> Predicate:
         """Return the predicate of an atom."""
@@ -204,6 +203,12 @@ class Possibilities:
     def is_exact(self, atom: Atom) -> bool:
         """Return True if representatives of unknown values tell the truth of an atom."""
         return self._exact[atom]
+
+    def bounded(self, atom: Atom, values: Mapping[str, Any]) -> bool | None:
+        """Return the truth of an atom if it is the same for all unknown values."""
+        if not isinstance(atom, Comparison):
+            return None
+        return bounded_truth(atom, values, self.of.unknown.range_of, self._kinds)
 
     def options(self, name: str, values: Mapping[str, Any]) -> Sequence[Any]:
         """Return representatives of an unknown feature, given values of the others."""
@@ -237,7 +242,7 @@ class _Run:
         self._incomplete: dict[str, Any] = {**known, **errors}
         self._truths: dict[Atom, bool] = {}
         self.asked: set[str] = set()
-        """The unknown features that were asked for."""
+        """The unknown features whose values were chosen."""
 
     def step(self, before: Possibility, time: int) -> Possibility | bool:
         """Return what remains of a possibility after a state; its verdict if it is decided."""
@@ -295,7 +300,8 @@ class _Run:
         try:
             return holds(self._incomplete)
         except UnknownValueError as error:
-            return self._either(error)
+            known = self._of.bounded(atom, self._incomplete)
+            return self._either(error) if known is None else known
 
     def _either(self, error: UnknownValueError) -> bool:
         self.asked.add(error.name)
@@ -305,8 +311,10 @@ class _Run:
     def _chosen(self, name: str) -> Any:
         if name not in self._errors:
             raise KeyError(name)
-        self.asked.add(name)
-        return self._choices.choose(self._of.options(name, self._values))
+        options = self._of.options(name, self._values)
+        if len(options) > 1:
+            self.asked.add(name)
+        return self._choices.choose(options)
 
 
 class _Completed(dict[str, Any]):

@@ -148,7 +148,7 @@ class PossibleFormula:
                 parts += part.parts()
         self._parts = parts
         if not parts:
-            return self._verdict(*decided, time, previous, values)
+            return self._verdict(*decided, time, previous, values, unknown)
         self._limit_memory()
         return None
 
@@ -193,10 +193,11 @@ class PossibleFormula:
         time: int,
         previous: int | None,
         values: Values,
+        unknown: Sequence[str],
     ) -> PossibleVerdict | InstanceVerdict:
         """Return the verdict of a part; with its moment if no unknown value had a part in it."""
         holds = part.verdict is True
-        if not (wants or part.asked or part.registers):
+        if not (wants or part.registers) and part.features.keys().isdisjoint(unknown):
             for number, place in before[0].places.items():
                 instance, template = part.of.instances[number], self._templates[number]
                 state = InstanceState(instance, template, *place, {})
