@@ -450,7 +450,8 @@ class FormulaGroup:
         states = list(monitor.states())
         for formula_id in formulas:
             own = [each for each in states if each.instance.formula_id == formula_id]
-            if self._possible.take(formula_id, own, monitor.histories.registers):
+            registers, gap = monitor.histories.registers, monitor.gap_follows
+            if self._possible.take(formula_id, own, registers, monitor.latest, after_gap=gap):
                 monitor.remove([formula_id])
                 monitor.histories.release([formula_id])
                 self._margins.forget(formula_id)

@@ -282,10 +282,10 @@ def test_objects_are_apart_unless_they_share_what_is_unknown() -> None:
 def test_recordings_give_the_same() -> None:
     nan = float('nan')
     columns = {'x': [2.0, 2.0, nan, 2.0, 0.0, 2.0], 'y': [1.0] * 6}
-    for formulas in (('always x > 1', 'always y > 0'), ('eventually x < 1', 'always x > 1')):
+    for texts in (('always x > 1', 'always y > 0'), ('eventually x < 1', 'always x > 1')):
         alone, many = FormulaGroup(), FormulaGroup()
         for group in (alone, many):
-            for text in formulas:
+            for text in texts:
                 group.add_formula(text, text)
             group.begin({}, ANY)
         one_by_one = [
@@ -302,6 +302,14 @@ def test_a_gap_after_an_unknown_value_is_an_error() -> None:
     group.progress(0, {'x': None})
     group.gap()
     (result,) = group.progress(9, {'x': 2})
+    assert 'depends on states that are missing' in str(result.error)
+
+
+def test_an_unknown_value_after_a_gap_is_an_error() -> None:
+    group = started('eventually x > 1')
+    group.progress(0, {'x': 0})
+    group.gap()
+    (result,) = group.progress(9, {'x': None})
     assert 'depends on states that are missing' in str(result.error)
 
 

@@ -118,16 +118,8 @@ class RecordingEvaluation:
             absent_is_unknown=files.missing_is_unknown,
         )
         self._pending: list[StateGroup] = []
-        with closing(load_vocabulary(files, recording.contents)) as vocabulary:
-            self._vocabulary_notes = tuple(vocabulary.notes)
-            grounder = FormulaGrounder(
-                vocabulary,
-                self._streams,
-                states=files.states,
-                constraints=files.constraints,
-                types=lambda: recording.constants,
-            )
-            self._requests = [self._ground(grounder, each) for each in formulas]
+        self._vocabulary_notes: tuple[str, ...] = ()
+        self._requests = self._ground_all(formulas, files)
         grounded = [each.grounded.inputs for each in self._requests if each.grounded]
         self._fields = self._streams.prepare(
             dict.fromkeys(source for inputs in grounded for source in inputs.candidates.found)
@@ -220,6 +212,20 @@ class RecordingEvaluation:
             self._react(message.log_time)
             if not self._running:
                 return
+
+    def _ground_all(
+        self, formulas: Sequence[RequestedFormula], files: MonitoringFiles
+    ) -> list[_Request]:
+        with closing(load_vocabulary(files, self._recording.contents)) as vocabulary:
+            self._vocabulary_notes = tuple(vocabulary.notes)
+            grounder = FormulaGrounder(
+                vocabulary,
+                self._streams,
+                states=files.states,
+                constraints=files.constraints,
+                types=lambda: self._recording.constants,
+            )
+            return [self._ground(grounder, each) for each in formulas]
 
     def _ground(self, grounder: FormulaGrounder, requested: RequestedFormula) -> _Request:
         try:

@@ -117,14 +117,9 @@ class FormulaGrounder:
         more = tuple(each for each in fields if each is not None and each.feature not in found)
         candidates = replace(candidates, found=(*candidates.found, *more))
         candidates.choose(features)
+        unknown = _finished(unknown_features(symbols, self._query))
         inputs = FormulaInputs(
-            symbols,
-            Grounding.AUTO,
-            features,
-            candidates,
-            domains,
-            self._constraints,
-            _finished(unknown_features(symbols, self._query)),
+            symbols, Grounding.AUTO, features, candidates, domains, self._constraints, unknown
         )
         units = _finished(feature_units(symbols, self._query)) if margin else None
         return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units)

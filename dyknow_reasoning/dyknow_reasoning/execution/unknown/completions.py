@@ -78,13 +78,13 @@ class Completions:
 
     def _add(self, atom: Atom, kinds: Kinds) -> None:
         match atom.formula if isinstance(atom, PastAtom) else atom:
-            case Feature() | FieldReference() as feature:
-                self._kinds[str(feature)] = Kind.BOOLEAN
+            case Feature() | FieldReference() as truth:
+                self._kinds[str(truth)] = Kind.BOOLEAN
             case Comparison(symbol, left, right):
-                left, right = _present(left), _present(right)
+                sides = _present(left), _present(right)
                 for feature, operator, other in (
-                    (left, symbol, right),
-                    (right, MIRRORED_COMPARISONS.get(symbol, symbol), left),
+                    (sides[0], symbol, sides[1]),
+                    (sides[1], MIRRORED_COMPARISONS.get(symbol, symbol), sides[0]),
                 ):
                     if not isinstance(feature, Feature | FieldReference):
                         continue

@@ -38,6 +38,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
 from dyknow_reasoning.progression.instances import Instance, required_features
+from dyknow_reasoning.progression.nodes import Remembering
 from dyknow_reasoning.progression.residual import holds_at_the_end
 from dyknow_reasoning.progression.sizes import FormulaLimits
 
@@ -77,6 +78,7 @@ class PossibleFormula:
         registers: those of the group.
         unknown: the features that may be unknown.
         limits: of formulas.
+        latest: the valid time of the latest state, in nanoseconds.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class PossibleFormula:
         registers: Mapping[str, PastRegister],
         unknown: UnknownFeatures,
         limits: FormulaLimits,
+        latest: int | None,
     ) -> None:
         self._templates: dict[int, Template] = {}
         places: dict[int, Place] = {}
@@ -103,7 +106,7 @@ class PossibleFormula:
             unknown,
             limits,
         )
-        self._latest: int | None = None
+        self._latest = latest
         self._gap_follows = False
         self.is_plain = True
         """False if a gap or an error has an effect on a past operator."""
@@ -151,6 +154,11 @@ class PossibleFormula:
             return self._verdict(*decided, time, previous, values, unknown)
         self._limit_memory()
         return None
+
+    @property
+    def looks_back(self) -> bool:
+        """True if it depends on past operators."""
+        return any(part.registers for part in self._parts)
 
     @property
     def wants(self) -> Mapping[str, int]:
@@ -286,6 +294,9 @@ class PossibleFormulas:
         formula_id: int,
         states: Sequence[InstanceState],
         registers: Mapping[str, PastRegister],
+        latest: int | None,
+        *,
+        after_gap: bool,
     ) -> bool:
         """Progress a formula from now on; return False if a gap or an error still has an effect.
 
@@ -293,11 +304,15 @@ class PossibleFormulas:
             formula_id: the formula.
             states: of its undecided instances.
             registers: those of the group.
+            latest: the valid time of the latest state, in nanoseconds.
+            after_gap: True if states may be missing after it.
         """
         del self._waiting[formula_id]
-        if any(state.instance.half is not Half.WHOLE for state in states):
+        if any(each.instance.half is not Half.WHOLE or _remembers(each) for each in states):
             return False
-        found = PossibleFormula(states, registers, self.unknown, self._limits)
+        found = PossibleFormula(states, registers, self.unknown, self._limits, latest)
+        if after_gap and (found.looks_back or not all(each.is_fresh for each in states)):
+            found.gap()
         if found.is_plain:
             self.formulas[formula_id] = found
         return found.is_plain
@@ -319,6 +334,11 @@ class PossibleFormulas:
                 if verdict is not None:
                     found[formula_id] = verdict
         return found
+
+
+def _remembers(state: InstanceState) -> bool:
+    """Return True for a formula that begins with what was kept of earlier states."""
+    return state.is_fresh and type(state.node) is Remembering
 
 
 def _is_known(column: Array) -> bool:
