@@ -261,8 +261,8 @@ class FormulaGroup:
             valid_time: the valid time of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
-        monitor, given = self._monitor or self._begun(), values
-        if met := self._possible.met(values):
+        monitor, given, possible = self._monitor or self._begun(), values, self._possible
+        if possible.waiting and (met := possible.met(values)):
             self._take_as_possible(met, monitor)
         if self._margins.running:
             self._margins.progress(valid_time, values)
@@ -275,8 +275,8 @@ class FormulaGroup:
         standing = self.standing
         if standing.formulas and (failures := standing.progress(valid_time, values)):
             outcomes = {**outcomes, **failures}
-        if self._possible.formulas:
-            outcomes = {**outcomes, **self._possible.progress(valid_time, given)}
+        if possible.formulas:
+            outcomes = {**outcomes, **possible.progress(valid_time, given)}
         if outcomes or self._known:
             return self._results_of_known() + self._results_of(outcomes, valid_time, values)
         return []

@@ -257,32 +257,38 @@ class PossibleFormulas:
         self.unknown = ALL_KNOWN
         """The features that may be unknown."""
         self._limits = limits
-        # Of the formulas that have met none yet, the features that may be unknown.
-        self._waiting: dict[int, list[str]] = {}
+        self.waiting: dict[int, list[str]] = {}
+        """Of the formulas that have met none yet, the features that may be unknown."""
+        # The features of all these; None if it is to be found out.
+        self._watched: tuple[str, ...] | None = None
 
     def watch(self, formula_id: int, instances: Iterable[Instance]) -> None:
         """Look out for unknown values of the features of a formula."""
         if self.unknown:
             names = (str(each) for each in required_features(instances))
             if found := [name for name in names if self.unknown.may_be(name)]:
-                self._waiting[formula_id] = found
+                self.waiting[formula_id] = found
+                self._watched = None
 
     def met(self, values: Values) -> list[int]:
         """Return the formulas that meet unknown values for the first time."""
-        if not self._waiting:
-            return []
-        names = dict.fromkeys(chain.from_iterable(self._waiting.values()))
-        unknown = {name for name in names if is_unknown(values.get(name))}
+        unknown = [name for name in self._names if is_unknown(values.get(name))]
         if not unknown:
             return []
-        return [each for each, found in self._waiting.items() if not unknown.isdisjoint(found)]
+        met = set(unknown)
+        return [each for each, found in self.waiting.items() if not met.isdisjoint(found)]
 
     def are_known(self, columns: Columns) -> bool:
         """Return True if no formula has met an unknown value or does in a recording."""
         if self.formulas:
             return False
-        names = dict.fromkeys(chain.from_iterable(self._waiting.values()))
-        return all(name in columns and _is_known(columns[name]) for name in names)
+        return all(name in columns and _is_known(columns[name]) for name in self._names)
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        if self._watched is None:
+            self._watched = tuple(dict.fromkeys(chain.from_iterable(self.waiting.values())))
+        return self._watched
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
@@ -307,7 +313,7 @@ class PossibleFormulas:
             latest: the valid time of the latest state, in nanoseconds.
             after_gap: True if states may be missing after it.
         """
-        del self._waiting[formula_id]
+        self.remove(formula_id)
         if any(each.instance.half is not Half.WHOLE or _remembers(each) for each in states):
             return False
         found = PossibleFormula(states, registers, self.unknown, self._limits, latest)
@@ -320,7 +326,8 @@ class PossibleFormulas:
     def remove(self, formula_id: int) -> None:
         """Remove a formula, if it is one of these."""
         self.formulas.pop(formula_id, None)
-        self._waiting.pop(formula_id, None)
+        if self.waiting.pop(formula_id, None):
+            self._watched = None
 
     def progress(self, time: int, values: Values) -> dict[int, Outcome | PossibleVerdict]:
         """Progress all formulas over a state; return those that end."""
