@@ -147,7 +147,7 @@ class Possibilities:
 
     def parts(self) -> Iterator[Possibilities]:
         """Yield the instances one by one, if nothing unknown makes a difference any more."""
-        if len(self.found) > 1 or self.may_hold or self.may_fail:
+        if len(self.of.instances) == 1 or len(self.found) > 1 or self.may_hold or self.may_fail:
             yield self
             return
         for number, place in self.found[0].places.items():
