@@ -225,6 +225,7 @@ def test_the_readme_shows_the_robot_that_is_shipped() -> None:
     + blocks(CONFIGURATION, 'yaml')
     + blocks('docs/guards.md', 'yaml')
     + blocks(MEANING, 'yaml')
+    + blocks('docs/uncertainty.md', 'yaml')
     + blocks('docs/tutorial.md', 'yaml'),
 )
 def test_robots_can_be_read(text: str, tmp_path: Path) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from typing import Any, ClassVar
 
@@ -18,6 +19,7 @@ from dyknow_interfaces.msg import (
     FormulaProgress,
     FormulaResult,
     Sample,
+    UnknownFeature,
 )
 
 from dyknow_common.ros import VIOLATIONS
@@ -105,7 +107,9 @@ class Group:
 
     made: ClassVar[list[int]] = []
 
-    def __init__(self, nodes: Nodes, states: States, *formulas: str) -> None:
+    def __init__(
+        self, nodes: Nodes, states: States, *formulas: str, unknown: Sequence[UnknownFeature] = ()
+    ) -> None:
         self._nodes = nodes
         made = nodes.obtain(ENGINE, srv.FormulaGroupCreate, formula_group_name='power')
         self.number = made.formula_group_id
@@ -114,7 +118,7 @@ class Group:
         self.results: list[Any] = nodes.collect(FormulaResult, self.topic, LATCHED)
         self._progress = nodes.collect(FormulaProgress, f'/{ENGINE}/progress')
         self.formulas = [self.add(formula) for formula in formulas]
-        self.evaluate(states, domains=VEHICLES, result_topic=self.topic)
+        self.evaluate(states, domains=VEHICLES, unknown=list(unknown), result_topic=self.topic)
         self.wait(lambda: states.is_heard, 'the states are heard')
 
     def wait(self, is_so: Callable[[], Any], what: str) -> None:
@@ -439,3 +443,16 @@ def test_a_group_is_no_orphan_while_the_engine_is_stopped(nodes: Nodes) -> None:
     nodes.processes[ENGINE].send_signal(signal.SIGCONT)
     nodes.client.spin_until(added.done, 'the answer')
     assert added.result().exit_status.code == ExitStatus.SUCCESS, added.result().exit_status
+
+
+def test_a_verdict_holds_whatever_an_unknown_power_was(nodes: Nodes) -> None:
+    states = States(nodes)
+    power = UnknownFeature(name='Power', lower=0.0, upper=500.0)
+    group = Group(nodes, states, CALM, unknown=[power])
+    states.publish({10: 100.0, 11: math.nan})
+    report = group.progressed(group.formulas[0], 2)
+    assert 'undecided for want of Power[uav1] since 11.000 s' in report.residual_formula
+    states.publish({12: 160.0})
+    result = group.result()
+    assert result.verdict == FormulaResult.FALSE
+    assert 'whatever Power[uav1] since 11.000 s was' in result.explanation

@@ -61,6 +61,7 @@ def _class(
 
 def _signature(feature: RobotFeature) -> tuple[str, ...]:
     unit = escape(feature.unit, quote=False)
+    bounds = ' '.join(map(str, feature.unknown or ()))
     return (
         *(
             f'<dyknow:argument{number} rdf:resource="#{sort}"/>'
@@ -68,4 +69,5 @@ def _signature(feature: RobotFeature) -> tuple[str, ...]:
         ),
         f'<dyknow:value_type>{feature.value_type}</dyknow:value_type>',
         *([f'<dyknow:unit>{unit}</dyknow:unit>'] if unit else []),
+        *([f'<dyknow:unknown>{bounds}</dyknow:unknown>'] if bounds else []),
     )

@@ -128,6 +128,8 @@ class RobotFeature:
         value_type: of its values.
         unit: of its values; empty for none.
         description: for people.
+        unknown: if it may be unknown at a state, the least and the greatest value that it may be
+            then; infinite for one without bounds.
     """
 
     name: str
@@ -136,6 +138,7 @@ class RobotFeature:
     value_type: ValueType = ValueType.FLOAT
     unit: str = ''
     description: str = ''
+    unknown: tuple[float, float] | None = None
 
 
 class RobotVocabulary:

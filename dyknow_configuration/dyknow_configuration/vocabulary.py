@@ -18,9 +18,10 @@ from dyknow_common import (
 )
 from dyknow_configuration.documents.yaml_values import YamlValue, texts
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
+from dyknow_reasoning import ANY_NUMBER
 
 SORT_KEYS: Final = ('below', 'description')
-FEATURE_KEYS: Final = ('of', 'type', 'unit', 'below', 'description', 'from')
+FEATURE_KEYS: Final = ('of', 'type', 'unit', 'below', 'description', 'missing', 'range', 'from')
 
 MAX_OBJECTS: Final = 10_000
 """The number of objects of a file, as many as a formula may have by default (`object_limit`)."""
@@ -122,6 +123,7 @@ class _VocabularyReader:
             value_type,
             unit,
             stated['description'].line() if 'description' in stated else '',
+            _unknown(stated, value_type),
         )
 
     def _arguments(self, value: YamlValue) -> dict[str, str]:
@@ -172,6 +174,29 @@ class _VocabularyReader:
         if other != kind:
             raise value.error(f"'{name}' is the name of a {other} already; choose another name")
         return name
+
+
+def _unknown(stated: Mapping[str, YamlValue], value_type: ValueType) -> tuple[float, float] | None:
+    """Return the bounds of a feature that may be unknown; None for one that may not."""
+    is_unknown = (
+        'missing' in stated
+        and stated['missing'].choice('answer', ['error', 'unknown']) == 'unknown'
+    )
+    bounds = ANY_NUMBER
+    if 'range' in stated:
+        value = stated['range']
+        if value_type in {ValueType.STRING, ValueType.BOOLEAN}:
+            raise value.error(f'values of type {value_type} have no range; remove it')
+        if not is_unknown:
+            raise value.error(
+                "only 'missing: unknown' needs a range: the values that are possible; add it, or "
+                'remove the range'
+            )
+        found = [each.number() for each in value.items('a list of two numbers')]
+        if len(found) != len(bounds) or not found[0] <= found[1]:
+            raise value.error('give the least and the greatest value, such as [0, 1]')
+        bounds = found[0], found[1]
+    return bounds if is_unknown else None
 
 
 def _check_below(

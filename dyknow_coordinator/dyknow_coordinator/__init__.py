@@ -32,6 +32,7 @@ from dyknow_coordinator.grounding.state_specification import FormulaInputs, stat
 from dyknow_coordinator.grounding.stream_fields import field_names
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
 from dyknow_coordinator.grounding.units import find_units, has_units, with_units
+from dyknow_coordinator.grounding.unknown_features import unknown_features
 from dyknow_coordinator.plans.plan import (
     Event,
     FormulaPosition,
@@ -98,6 +99,7 @@ __all__ = [
     'sort_names',
     'state_specification',
     'stream_topic',
+    'unknown_features',
     'verdict_token',
     'with_sorts',
     'with_unit',

@@ -2,6 +2,7 @@
 
 from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, read_domains
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution import ALL_KNOWN, ANY_NUMBER, Range, UnknownFeatures, is_unknown
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants, literal_of
@@ -53,6 +54,8 @@ from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_tria
 from dyknow_reasoning.uncertain import UncertainFormula
 
 __all__ = [
+    'ALL_KNOWN',
+    'ANY_NUMBER',
     'CALCULATE',
     'NO_CONSTANTS',
     'Always',
@@ -85,6 +88,7 @@ __all__ = [
     'PastTerm',
     'Previous',
     'Quantifier',
+    'Range',
     'ReasoningError',
     'RecordedState',
     'Since',
@@ -92,6 +96,7 @@ __all__ = [
     'Term',
     'TrialFormula',
     'UncertainFormula',
+    'UnknownFeatures',
     'Until',
     'Values',
     'Variable',
@@ -105,6 +110,7 @@ __all__ = [
     'compares_past',
     'continue_from',
     'ground_atoms',
+    'is_unknown',
     'literal_of',
     'notes_on',
     'objects_text',

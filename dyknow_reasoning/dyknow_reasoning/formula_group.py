@@ -14,9 +14,27 @@ from typing import Any
 
 from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, amount, round_time
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import InstanceMonitor, Outcomes, PastValues, Recording
-from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
-from dyknow_reasoning.explanation.remainders import Remainders
+from dyknow_reasoning.execution import (
+    ALL_KNOWN,
+    InstanceMonitor,
+    InstanceVerdict,
+    Outcome,
+    Outcomes,
+    PastValues,
+    PossibleFormula,
+    PossibleFormulas,
+    PossibleVerdict,
+    Recording,
+    UnknownFeatures,
+    wants_text,
+)
+from dyknow_reasoning.explanation.explanation import (
+    VerdictReasons,
+    explain,
+    objects_text,
+    scope_text,
+)
+from dyknow_reasoning.explanation.remainders import Remainders, text_of
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.parsing import parse_formula
@@ -73,6 +91,7 @@ class FormulaGroup:
         self._counts: dict[str, int] = {}
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
+        self._possible = PossibleFormulas(limits)
         self._undecided: set[int] = set()
         # The verdicts of formulas that need no state, until they are reported.
         self._known: dict[int, Verdict] = {}
@@ -151,6 +170,7 @@ class FormulaGroup:
         self._release(formula_id)
         self._margins.remove(formula_id)
         self.standing.remove(formula_id)
+        self._possible.remove(formula_id)
         for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
 
@@ -174,8 +194,13 @@ class FormulaGroup:
         """
         return sum(self._sizes_for(object_counts(domains, self._limits)).values())
 
-    def begin(self, domains: Domains) -> None:
+    def begin(self, domains: Domains, unknown: UnknownFeatures = ALL_KNOWN) -> None:
         """Fix the objects of each sort.
+
+        Args:
+            domains: these.
+            unknown: the features that may be unknown at a state: absent, None or not a number. A
+                verdict holds whatever they are then. Of others, such a value is an error.
 
         Raises:
             ReasoningError: for a sort without a domain, for a formula that is too large for the
@@ -191,6 +216,7 @@ class FormulaGroup:
         }
         self._margins.begin(domains)
         self._domains, self._sizes = domains, sizes
+        self._possible.unknown = unknown
         self._counts.update(counts)
         self._monitor = InstanceMonitor(self._limits.node_limit)
         self._remainders = Remainders(self._monitor)
@@ -228,24 +254,29 @@ class FormulaGroup:
         """Progress all undecided formulas over a state; return the new results.
 
         A formula fails if the state lacks a field that the formula still depends on, or holds an
-        unusable value there. All formulas fail if the valid time is not later than the previous.
+        unusable value there, unless the feature may be unknown. All formulas fail if the valid time
+        is not later than the previous.
 
         Args:
             valid_time: the valid time of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
-        monitor = self._monitor or self._begun()
+        monitor, given, possible = self._monitor or self._begun(), values, self._possible
+        if possible.waiting and (met := possible.met(values)):
+            self._take_as_possible(met, monitor)
         if self._margins.running:
             self._margins.progress(valid_time, values)
         if monitor.histories.registers or monitor.histories.memories:
             values = monitor.histories.extended(valid_time, values)
         try:
-            outcomes = monitor.progress(valid_time, values)
+            outcomes: Mapping[int, Outcome | PossibleVerdict] = monitor.progress(valid_time, values)
         except ReasoningError as error:
             return self.fail(error, valid_time)
         standing = self.standing
         if standing.formulas and (failures := standing.progress(valid_time, values)):
             outcomes = {**outcomes, **failures}
+        if possible.formulas:
+            outcomes = {**outcomes, **possible.progress(valid_time, given)}
         if outcomes or self._known:
             return self._results_of_known() + self._results_of(outcomes, valid_time, values)
         return []
@@ -264,6 +295,12 @@ class FormulaGroup:
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
+        if not self._possible.are_known(recording.columns):
+            return [
+                result
+                for time, values in recording.rows(recording.columns.keys())
+                for result in self.progress(time, values)
+            ]
         usable = recording.increasing(monitor.latest)
         if monitor.histories.registers or monitor.histories.memories:
             usable = monitor.histories.extended_recording(usable)
@@ -293,6 +330,7 @@ class FormulaGroup:
         nor false fails. Formulas that have seen no state are not affected.
         """
         self._begun().gap()
+        self._possible.gap()
         self._margins.gap()
         self.standing.gap()
 
@@ -317,6 +355,8 @@ class FormulaGroup:
         formula = self._find(formula_id)
         if formula_id in self._ends:
             return self._ends[formula_id]
+        if possible := self._possible.formulas.get(formula_id):
+            return self._possible_text(possible)
         if self._remainders is None or formula_id in self._known or formula.every_state:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)
@@ -341,6 +381,8 @@ class FormulaGroup:
             return self._ends[formula_id] == 'false'
         if formula_id in self.standing.formulas:
             return self.standing.formulas[formula_id].monitor.is_violated
+        if possible := self._possible.formulas.get(formula_id):
+            return not possible.holds_at_the_end()
         if formula_id in self._known or self._remainders is None:
             return self._known.get(formula_id) is Verdict.FALSE
         return not self._remainders.holds_at_the_end(formula_id)
@@ -400,7 +442,28 @@ class FormulaGroup:
         elif verdict := verdict_of(instances):
             self._known[formula_id] = verdict
         else:
+            self._possible.watch(formula_id, instances)
             monitor.add(formula_id, instances, named.kinds)
+
+    def _take_as_possible(self, formulas: Iterable[int], monitor: InstanceMonitor) -> None:
+        """Take formulas that meet unknown values from the monitor, before the state."""
+        states = list(monitor.states())
+        for formula_id in formulas:
+            own = [each for each in states if each.instance.formula_id == formula_id]
+            registers, gap = monitor.histories.registers, monitor.gap_follows
+            if self._possible.take(formula_id, own, registers, monitor.latest, after_gap=gap):
+                monitor.remove([formula_id])
+                monitor.histories.release([formula_id])
+                self._margins.forget(formula_id)
+
+    def _possible_text(self, formula: PossibleFormula) -> str:
+        """Return what remains in one case, and for want of which values there are others."""
+        states = formula.states()
+        text = text_of(states, self._begun().latest or 0) if states else ''
+        if not (wants := formula.wants):
+            return text
+        want = f'undecided for want of {wants_text(wants)}'
+        return f'{text} (in one of {amount(formula.cases)} cases; {want})' if text else want
 
     def _results_of_known(self) -> list[FormulaResult]:
         """Return the results of formulas that need no state, and forget that they were known."""
@@ -412,7 +475,10 @@ class FormulaGroup:
         ]
 
     def _results_of(
-        self, outcomes: Outcomes, valid_time: int, values: Values
+        self,
+        outcomes: Mapping[int, Outcome | PossibleVerdict],
+        valid_time: int,
+        values: Values,
     ) -> list[FormulaResult]:
         """Return the results of the formulas that a state decides, or that fail with it."""
         results = []
@@ -423,10 +489,19 @@ class FormulaGroup:
                 error = ReasoningError(f'at {round_time(valid_time)}: {outcome}', outcome.code)
             else:
                 verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
-                formula, histories = self._formulas[formula_id].formula, self._begun().histories
-                why = explain(formula, self._counts, outcome, values, histories)
+                why = self._reasons(formula_id, outcome, values)
             results.append(self._end(formula_id, verdict, valid_time, why, error))
         return results
+
+    def _reasons(
+        self, formula_id: int, outcome: InstanceVerdict | PossibleVerdict, values: Values
+    ) -> VerdictReasons:
+        formula = self._formulas[formula_id].formula
+        if isinstance(outcome, InstanceVerdict):
+            return explain(formula, self._counts, outcome, values, self._begun().histories)
+        binding = outcome.instance.binding
+        scope = scope_text(formula, self._counts, binding, holds=outcome.holds)
+        return VerdictReasons(f'{scope}{outcome}', objects_text(binding))
 
     def _end(
         self,
@@ -455,6 +530,7 @@ class FormulaGroup:
 
     def _release(self, formula_id: int) -> None:
         self._undecided.discard(formula_id)
+        self._possible.remove(formula_id)
         if self._monitor:
             self._monitor.histories.release([formula_id])
 

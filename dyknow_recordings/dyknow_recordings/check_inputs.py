@@ -54,7 +54,18 @@ def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) 
         '--formula', action='append', default=[], metavar='TEXT', help='a formula; repeatable'
     )
     add_domain_option(parser)
+    _add_missing_option(parser)
     add_reading_options(parser)
+
+
+def _add_missing_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--missing',
+        choices=('error', 'unknown'),
+        default='error',
+        help='what NaN, an empty cell or an absent field is: an error, or an unknown value, on '
+        'which no verdict depends (default: error)',
+    )
 
 
 def given_robot(options: argparse.Namespace) -> RobotConfiguration:
@@ -80,6 +91,7 @@ def read_configuration(
         streams=(*robot.streams, *options.streams),
         bridges=(*robot.bridges, *options.bridges),
         domains={**robot.domains, **read_domains(options.domain)},
+        missing_is_unknown=options.missing == 'unknown',
     )
     read = (formula for path in options.formulas for formula in read_formulas(path))
     formulas = (*robot.formulas, *read, *map(RequestedFormula, options.formula))

@@ -226,6 +226,13 @@ class YamlValue:
             raise self.expected('true or false')
         return found
 
+    def number(self) -> float:
+        """Return a number."""
+        found = self.plain()
+        if isinstance(found, bool) or not isinstance(found, int | float):
+            raise self.expected('a number')
+        return float(found)
+
     def choice(self, kind: str, known: Collection[str]) -> str:
         """Return one of some texts of a kind."""
         text = self.text(f'a {kind}').strip()

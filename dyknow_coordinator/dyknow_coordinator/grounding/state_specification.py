@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain, count
 
 from dyknow_common import StreamConstraints, Symbol
@@ -20,6 +20,7 @@ class FormulaInputs:
         candidates: the sources found for them.
         domains: the objects of each sort.
         constraints: of the state stream.
+        unknown: the features that may be unknown, with the bounds of their values.
     """
 
     symbols: tuple[Symbol, ...]
@@ -28,6 +29,7 @@ class FormulaInputs:
     candidates: Candidates
     domains: Mapping[str, tuple[str, ...]]
     constraints: StreamConstraints
+    unknown: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def state_specification(sources: Iterable[FeatureSource]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
-from dyknow_interfaces.msg import Domain, StreamSpec
+from dyknow_interfaces.msg import Domain, StreamSpec, UnknownFeature
 from dyknow_interfaces.srv import (
     ConceptGetInstances,
     FindAllMatchingStreams,
@@ -49,6 +49,7 @@ _SERVICES: Final = {
     ),
 }
 
+_ALL_KNOWN: Final[Mapping[str, tuple[float, float]]] = {}
 
 _LONG_TEXT: Final = 5000
 """The characters of a specification that takes tens of milliseconds to parse."""
@@ -138,11 +139,13 @@ class ServiceClients:
         state_stream: str,
         result_topic: str,
         *,
+        unknown: Mapping[str, tuple[float, float]] = _ALL_KNOWN,
         gap: bool = False,
         doubtful_from: int = 0,
     ) -> None:
         """Start the evaluation of a group, or switch it to another topic of states.
 
+        At its start, `unknown` has the features that may be unknown, with their bounds.
         If there is a gap, states may be missing between the two topics; if the other one is the
         standby, states from the valid time `doubtful_from` (in nanoseconds) on may be wrong.
         """
@@ -150,6 +153,10 @@ class ServiceClients:
             FormulaGroupEvaluate,
             group_id,
             domains=[Domain(sort=sort, objects=list(found)) for sort, found in domains.items()],
+            unknown=[
+                UnknownFeature(name=name, lower=lower, upper=upper)
+                for name, (lower, upper) in unknown.items()
+            ],
             state_stream=state_stream,
             result_topic=result_topic,
             gap=gap,

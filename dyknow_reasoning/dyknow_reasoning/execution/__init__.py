@@ -11,9 +11,10 @@ ways to progress give identical results; the monitor chooses the fastest one:
 - `past`: the registers of past operators, whose values are atoms of the states.
 - `uncertain_instance`: individual instances, over states of which several may be the true ones.
 - `standing`: formulas that are asked at every state.
+- `unknown`: formulas that have met unknown values.
 """
 
-from dyknow_reasoning.execution.aggregation import Outcomes
+from dyknow_reasoning.execution.aggregation import Outcome, Outcomes
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
     FormulaInstance,
@@ -28,8 +29,23 @@ from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
 from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
 from dyknow_reasoning.execution.uncertain_instance import UncertainInstance
+from dyknow_reasoning.execution.unknown.possible_formulas import (
+    PossibleFormula,
+    PossibleFormulas,
+    PossibleVerdict,
+    wants_text,
+)
+from dyknow_reasoning.execution.unknown.unknown_features import (
+    ALL_KNOWN,
+    ANY_NUMBER,
+    Range,
+    UnknownFeatures,
+    is_unknown,
+)
 
 __all__ = [
+    'ALL_KNOWN',
+    'ANY_NUMBER',
     'KEPT_FAILURES',
     'DecidingMoment',
     'Failure',
@@ -38,13 +54,21 @@ __all__ = [
     'InstanceMonitor',
     'InstanceState',
     'InstanceVerdict',
+    'Outcome',
     'Outcomes',
     'PastValues',
+    'PossibleFormula',
+    'PossibleFormulas',
+    'PossibleVerdict',
+    'Range',
     'Recording',
     'StandingMonitor',
     'StartCounts',
     'UncertainInstance',
+    'UnknownFeatures',
     'VerdictLog',
+    'is_unknown',
     'past_terms',
     'value_field',
+    'wants_text',
 ]

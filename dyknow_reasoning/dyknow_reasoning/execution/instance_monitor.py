@@ -94,6 +94,11 @@ class InstanceMonitor:
         self._remove(formulas)
         self._aggregation.forget(formulas)
 
+    @property
+    def gap_follows(self) -> bool:
+        """True if states may be missing between the latest one and the next."""
+        return self._gap_follows
+
     def prepare(self) -> None:
         """Form batches of the instances that were added; otherwise the next state does that."""
         new, self._new = self._new, []

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from typing import ClassVar, Final
 
 from dyknow_common import SyntaxNode
@@ -83,9 +83,10 @@ class PastMemory(ABC):
     def needs_lost(self, now: int) -> bool:
         """Return True if the operator at the next state, valid now, depends on a lost state."""
 
+    @property
     @abstractmethod
-    def is_like(self, other: PastMemory) -> bool:
-        """Return True if another memory of the operator will always yield the same truth."""
+    def key(self) -> Hashable:
+        """Equal for memories of one operator that will always yield the same truth."""
 
 
 class SinceMemory(PastMemory):
@@ -236,11 +237,10 @@ class SinceMemory(PastMemory):
         """Return True if the operator at the next state, valid now, depends on a lost state."""
         return self._lost is not None and (self._end is None or now - self._lost <= self._end)
 
-    def is_like(self, other: PastMemory) -> bool:
-        """Return True if another memory of the operator will always yield the same truth."""
-        assert isinstance(other, SinceMemory)  # noqa: S101 - for the type checker
-        mine, others = ((each.holds, each.ends, each.younger) for each in (self, other))
-        return mine == others
+    @property
+    def key(self) -> Hashable:
+        """Equal for memories of one operator that will always yield the same truth."""
+        return self.holds, tuple(self.ends), tuple(self.younger)
 
 
 class PreviousMemory(PastMemory):
@@ -284,10 +284,10 @@ class PreviousMemory(PastMemory):
         """Return True if the operator at the next state depends on a lost state."""
         return self._is_lost
 
-    def is_like(self, other: PastMemory) -> bool:
-        """Return True if another memory of the operator will always yield the same truth."""
-        assert isinstance(other, PreviousMemory)  # noqa: S101 - for the type checker
-        return self.rows == other.rows
+    @property
+    def key(self) -> Hashable:
+        """Equal for memories of one operator that will always yield the same truth."""
+        return self.rows
 
 
 _MEMORIES: Final[Mapping[type[SyntaxNode], type[PastMemory]]] = {

@@ -47,6 +47,7 @@ class FormulaLimits:
         instance_part_limit: the parts of one instance, whose memory grows with their square.
         part_limit: the parts of all instances of a group.
         node_limit: the nodes that a formula may grow to by progression.
+        possibility_limit: what may remain of a formula after a state with unknown values.
     """
 
     object_limit: int = MAX_FORMULA_PARTS
@@ -54,6 +55,7 @@ class FormulaLimits:
     instance_part_limit: int = MAX_FORMULA_PARTS
     part_limit: int = MAX_FORMULA_PARTS
     node_limit: int = 100_000
+    possibility_limit: int = 1000
 
 
 @dataclass(frozen=True, slots=True)

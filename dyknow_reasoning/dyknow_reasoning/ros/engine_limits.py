@@ -16,6 +16,10 @@ _OF_GROUP: Final = {
         100_000,
         'Maximum number of nodes that a formula may grow to by progression before it fails.',
     ),
+    'possibility_limit': (
+        1000,
+        'Cases of unknown values at a state that make a difference to a formula.',
+    ),
 }
 LIMITS: Final = _OF_GROUP | {
     'group_limit': (1000, 'Formula groups.'),

@@ -22,6 +22,7 @@ from dyknow_common.ros import (
     absolute_topic,
 )
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution import UnknownFeatures
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
@@ -176,9 +177,13 @@ class GroupEvaluation:
         )
 
     async def begin(
-        self, domains: Mapping[str, Sequence[str]], state_stream: str, result_topic: str
+        self,
+        domains: Mapping[str, Sequence[str]],
+        state_stream: str,
+        result_topic: str,
+        unknown: UnknownFeatures,
     ) -> None:
-        """Fix the domains and subscribe to the states.
+        """Fix the domains and the features that may be unknown, and subscribe to the states.
 
         Raises:
             ReasoningError: for an invalid topic name, a sort without a domain, or a formula that
@@ -189,7 +194,7 @@ class GroupEvaluation:
             raise ReasoningError(f"'{shortened(states)}' cannot be both states and results")
         self._reserved_parts = self.group.parts_for(domains)
         try:
-            await self._work.run(lambda: self.group.begin(domains), self._is_large)
+            await self._work.run(lambda: self.group.begin(domains, unknown), self._is_large)
         finally:
             self._reserved_parts = 0
         if self._is_destroyed:

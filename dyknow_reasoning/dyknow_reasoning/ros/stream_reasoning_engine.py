@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import count
 from time import monotonic, perf_counter
 from typing import Any
 
-from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress
+from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress, UnknownFeature
 from dyknow_interfaces.srv import (
     FormulaGroupAddFormula,
     FormulaGroupCreate,
@@ -28,6 +29,7 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution import UnknownFeatures
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.notes import notes_on
 from dyknow_reasoning.ros.engine_limits import LIMITS, limits_of_group
@@ -156,7 +158,7 @@ class StreamReasoningEngine(DyKnowNode):
             )
         else:
             self._check_parts(evaluation.group.parts_for(domains))
-            await evaluation.begin(*arguments)
+            await evaluation.begin(*arguments, _unknown_features(request.unknown))
 
     def _check_parts(self, more: int) -> None:
         parts = sum(each.parts for each in self._groups.values()) + more
@@ -222,6 +224,17 @@ def _first_id(started_at: int) -> int:
     """
     seconds = started_at // SECOND_NS
     return seconds % 1_000_000 * 1_000 + 1
+
+
+def _unknown_features(messages: Sequence[UnknownFeature]) -> UnknownFeatures:
+    """Return the features that may be unknown; raise ReasoningError for bounds that are none."""
+    for each in messages:
+        if not each.lower <= each.upper:
+            raise ReasoningError(
+                f"unknown: the bounds of '{each.name}' are {each.lower:g} and {each.upper:g}; give "
+                'the least value first'
+            )
+    return UnknownFeatures({each.name: (each.lower, each.upper) for each in messages})
 
 
 def main() -> int:

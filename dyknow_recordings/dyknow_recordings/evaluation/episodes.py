@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from dyknow_common import DyKnowError, ExitCode, Margin, Value, Verdict
 from dyknow_coordinator import with_unit
 from dyknow_reasoning import (
+    ALL_KNOWN,
     FormulaGroup,
     FormulaResult,
     ReasoningError,
+    UnknownFeatures,
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
@@ -95,6 +97,7 @@ class EpisodeGroup:
         formulas: with the same features.
         domains: the objects of each sort.
         observer: receives the states.
+        unknown: the features that may be unknown at a state.
     """
 
     def __init__(
@@ -102,6 +105,7 @@ class EpisodeGroup:
         formulas: Sequence[FormulaEpisodes],
         domains: Mapping[str, tuple[str, ...]],
         observer: EvaluationObserver | None = None,
+        unknown: UnknownFeatures = ALL_KNOWN,
     ) -> None:
         self.formulas = formulas
         self.observer = observer
@@ -123,7 +127,7 @@ class EpisodeGroup:
         for each in formulas:
             if each.every is Every.FIRST:
                 self._open(each)
-        self._group.begin(domains)
+        self._group.begin(domains, unknown)
         for each in formulas:
             try:
                 if each.every is Every.STATE:

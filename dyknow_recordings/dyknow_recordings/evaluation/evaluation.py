@@ -21,6 +21,7 @@ from typing import Final
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode, one_line
 from dyknow_configuration import RequestedFormula
+from dyknow_reasoning import Range, UnknownFeatures
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.column_states import ColumnStates
 from dyknow_recordings.evaluation.episodes import (
@@ -109,18 +110,16 @@ class RecordingEvaluation:
         self._recording = recording
         self._keep_signals, self._margins = keep_signals, margins
         self._start = start
-        self._streams = RecordedStreams(recording.contents, files.streams, recording.fault_of)
+        self._missing_is_unknown = files.missing_is_unknown
+        self._streams = RecordedStreams(
+            recording.contents,
+            files.streams,
+            recording.fault_of,
+            absent_is_unknown=files.missing_is_unknown,
+        )
         self._pending: list[StateGroup] = []
-        with closing(load_vocabulary(files, recording.contents)) as vocabulary:
-            self._vocabulary_notes = tuple(vocabulary.notes)
-            grounder = FormulaGrounder(
-                vocabulary,
-                self._streams,
-                states=files.states,
-                constraints=files.constraints,
-                types=lambda: recording.constants,
-            )
-            self._requests = [self._ground(grounder, each) for each in formulas]
+        self._vocabulary_notes: tuple[str, ...] = ()
+        self._requests = self._ground_all(formulas, files)
         grounded = [each.grounded.inputs for each in self._requests if each.grounded]
         self._fields = self._streams.prepare(
             dict.fromkeys(source for inputs in grounded for source in inputs.candidates.found)
@@ -214,6 +213,20 @@ class RecordingEvaluation:
             if not self._running:
                 return
 
+    def _ground_all(
+        self, formulas: Sequence[RequestedFormula], files: MonitoringFiles
+    ) -> list[_Request]:
+        with closing(load_vocabulary(files, self._recording.contents)) as vocabulary:
+            self._vocabulary_notes = tuple(vocabulary.notes)
+            grounder = FormulaGrounder(
+                vocabulary,
+                self._streams,
+                states=files.states,
+                constraints=files.constraints,
+                types=lambda: self._recording.constants,
+            )
+            return [self._ground(grounder, each) for each in formulas]
+
     def _ground(self, grounder: FormulaGrounder, requested: RequestedFormula) -> _Request:
         try:
             grounded = grounder.ground(
@@ -242,8 +255,10 @@ class RecordingEvaluation:
         self, name: str, members: Sequence[tuple[_Request, GroundedFormula]]
     ) -> StateGroup:
         domains: dict[str, tuple[str, ...]] = {}
+        ranges: dict[str, Range] = {}
         for request, grounded in members:
             domains |= grounded.inputs.domains
+            ranges |= grounded.inputs.unknown
             is_asked_again = self._start.every is Every.FIRST and request.requested.every_state
             every = Every.STATE if is_asked_again else self._start.every
             request.episodes = FormulaEpisodes(grounded, every)
@@ -252,7 +267,10 @@ class RecordingEvaluation:
             terms = terms_of((grounded.formula for _, grounded in members), domains)
             observer = SignalRecorder(terms, domains)
         episodes = EpisodeGroup(
-            [each.episodes for each, _ in members if each.episodes], domains, observer
+            [each.episodes for each, _ in members if each.episodes],
+            domains,
+            observer,
+            UnknownFeatures(ranges, all_may_be=self._missing_is_unknown),
         )
         group = StateGroup(
             name,

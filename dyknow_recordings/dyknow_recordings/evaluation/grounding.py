@@ -29,6 +29,7 @@ from dyknow_coordinator import (
     infer_sorts,
     parse_sources,
     sort_names,
+    unknown_features,
     with_sorts,
     with_units,
 )
@@ -116,8 +117,9 @@ class FormulaGrounder:
         more = tuple(each for each in fields if each is not None and each.feature not in found)
         candidates = replace(candidates, found=(*candidates.found, *more))
         candidates.choose(features)
+        unknown = _finished(unknown_features(symbols, self._query))
         inputs = FormulaInputs(
-            symbols, Grounding.AUTO, features, candidates, domains, self._constraints
+            symbols, Grounding.AUTO, features, candidates, domains, self._constraints, unknown
         )
         units = _finished(feature_units(symbols, self._query)) if margin else None
         return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units)

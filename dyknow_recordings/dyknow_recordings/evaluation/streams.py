@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +53,7 @@ class RecordedStreams:
         topics: the recorded topics by absolute name.
         files: in the stream language; each sink in them is a stream.
         fault_of: returns a fault of the messages of a topic; empty if there is none.
+        absent_is_unknown: True to take the fields that a message lacks for NaN.
 
     Raises:
         StreamError: naming a file that cannot be read or parsed.
@@ -62,9 +64,11 @@ class RecordedStreams:
         topics: Mapping[str, TopicContent],
         files: Iterable[TextSource],
         fault_of: Callable[[str], str] = lambda _: '',
+        *,
+        absent_is_unknown: bool = False,
     ) -> None:
         self._topics = topics
-        self._fault_of = fault_of
+        self._fault_of, self._absent_is_unknown = fault_of, absent_is_unknown
         self._units = load_units()
         self._requested = {each.name: each for each in read_streams(files)}
         self.dataflow = self._new_dataflow()
@@ -211,9 +215,12 @@ class RecordedStreams:
         valid_time = now if recorded.stamp is None else recorded.stamp
         fields, fault = recorded.values, ''
         rows = {name: each for name, each in fields.items() if isinstance(each, list)}
-        if recorded.absent or rows:
+        absent = recorded.absent
+        if absent and self._absent_is_unknown:
+            fields, absent = {**fields, **dict.fromkeys(absent, nan)}, {}
+        if absent or rows:
             others = {name: each for name, each in fields.items() if name not in rows}
-            fields = PartialFields(others, recorded.absent, rows)
+            fields = PartialFields(others, absent, rows)
         if WHOLE in recorded.values:
             fields = WholeMessage(fields, recorded.values[WHOLE])
         if recorded.message_type != content.message_type:

@@ -26,6 +26,8 @@ class MonitoringFiles:
         domains: the objects of sorts, which take precedence over the ontologies.
         states: the specification of the states of the only formula; empty: it is grounded.
         constraints: of the states of all formulas.
+        missing_is_unknown: True if NaN or an absent field is an unknown value of any feature, not
+            only of those that the ontologies let be unknown.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -35,6 +37,7 @@ class MonitoringFiles:
     domains: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     states: str = ''
     constraints: StreamConstraints = NO_CONSTRAINTS
+    missing_is_unknown: bool = False
 
 
 NO_FILES: Final = MonitoringFiles()

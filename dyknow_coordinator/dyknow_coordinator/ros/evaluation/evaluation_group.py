@@ -85,6 +85,7 @@ class EvaluationGroup:
             and self._error is None
             and inputs.constraints == own.constraints
             and inputs.domains.items() <= own.domains.items()
+            and inputs.unknown == own.unknown
             and sorted(inputs.features) == sorted(own.features)
             and self.states.would_choose_from(inputs.candidates)
         )

@@ -31,6 +31,7 @@ from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
 from dyknow_coordinator.grounding.units import find_units, has_units, with_units
+from dyknow_coordinator.grounding.unknown_features import unknown_features
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.coordinator_limits import check_domains
@@ -311,19 +312,23 @@ class FormulaEvaluation(Evaluation):
             domains = await clients.domains(sort_names(symbols))
             check_domains(self._context.limits, symbols, domains)
             await check_compared_objects(self.canonical_formula, domains, clients.query)
+            unknown: dict[str, tuple[float, float]] = {}
+            if request.grounding is not Grounding.SYNTACTIC:
+                unknown = await unknown_features(symbols, clients.query)
             # Step 5: the streams that match each feature.
             candidates = await find_candidates(self._context, symbols, request.grounding)
             # Step 7: the reasoning engine subscribes before the first state is published. Given
             # the domains, it knows the ground features that each state must hold.
             topic = self._context.state_topic(name)
-            await clients.evaluate_group(group_id, domains, topic, self._context.results.topic)
+            results = self._context.results.topic
+            await clients.evaluate_group(group_id, domains, topic, results, unknown=unknown)
             features = tuple(map(str, feature_symbols(await clients.symbols(group_id))))
             candidates.choose(features)
         except BaseException:
             self._context.cleanup.destroy_group(group_id)
             raise
         inputs = FormulaInputs(
-            symbols, request.grounding, features, candidates, domains, request.constraints
+            symbols, request.grounding, features, candidates, domains, request.constraints, unknown
         )
         return PreparedFormula(name, group_id, formula_id, inputs)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
 from itertools import count
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory, reach
@@ -30,8 +30,10 @@ from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import slots
 
-_Register = Register | ComparisonRegister
-_History = dict[tuple[PastFormula | Comparison, Hashable], _Register]
+PastRegister: TypeAlias = Register | ComparisonRegister
+"""The register of a past operator, or of a comparison with values of the past."""
+
+_History = dict[tuple[PastFormula | Comparison, Hashable], PastRegister]
 
 
 class Histories:
@@ -48,13 +50,13 @@ class Histories:
         self._store = NodeStore(Chronology())
         self._numbers = count(1)
         # By their fields; inner operators precede outer ones.
-        self.registers: dict[str, _Register] = {}
+        self.registers: dict[str, PastRegister] = {}
         # Of the instances of kept formulas that look back on operators of the future.
         self.memories: dict[Instance, OperandHistory] = {}
         self.refused: dict[int, ReasoningError] = {}
         """The errors of formulas that begin now, and look back to states that are not known."""
         # What takes the states, in this order.
-        self._units: list[_Register | RegisterGroup | OperandHistory] = []
+        self._units: list[PastRegister | RegisterGroup | OperandHistory] = []
         self._has_groups = False
         # True if something begins or ends with the next state.
         self._is_changed = False
@@ -65,7 +67,7 @@ class Histories:
         self._remembering: dict[Formula, list[Instance]] = {}
         # What the formulas that begin with the next state remember.
         self._beginning: dict[int, list[OperandHistory]] = {}
-        self._used: dict[int, list[_Register]] = {}
+        self._used: dict[int, list[PastRegister]] = {}
         self._latest: int | None = None
         self._gap_follows = False
 
@@ -210,9 +212,9 @@ class Histories:
 
     def _with_fields(
         self, instances: Iterable[Instance], history: _History, kinds: Kinds
-    ) -> tuple[list[Instance], list[_Register]]:
+    ) -> tuple[list[Instance], list[PastRegister]]:
         """Return instances with fields for their past operators, and the registers of these."""
-        used: dict[_Register, None] = {}
+        used: dict[PastRegister, None] = {}
         found = []
         for each in instances:
             mask = each.node.mask
@@ -226,7 +228,7 @@ class Histories:
         return found, list(used)
 
     def _field_of(
-        self, atom: Atom, history: _History, kinds: Kinds, used: dict[_Register, None]
+        self, atom: Atom, history: _History, kinds: Kinds, used: dict[PastRegister, None]
     ) -> Atom:
         """Return an atom; a past operator with its field, and a register if there is none."""
         if not isinstance(atom, PastAtom):

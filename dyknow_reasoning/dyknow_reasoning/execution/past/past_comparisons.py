@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import ChainMap, deque
-from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, MutableMapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import Any, Final, cast
@@ -84,7 +84,7 @@ class ComparisonRegister:
         kinds: Kinds,
     ) -> None:
         comparison = cast('Comparison', atom.formula)
-        self.field, self.users = atom.field, 0
+        self.atom, self.field, self.users = atom, atom.field, 0
         self.gap: Gap | None = None
         self.first_state: int | None = None
         self.depth: int = 1 + max((each.depth for each in inner), default=0)
@@ -99,13 +99,19 @@ class ComparisonRegister:
             for each in terms
         }
         self.memory = TermMemories([_memory_of(each) for each in terms])
-        atoms = [each for operand in operands for each in operand.atoms]
-        names = (name for each in atoms for name in field_names(each))
+        self.atoms = [each for operand in operands for each in operand.atoms]
+        """The atoms of its counts."""
+        names = (name for each in self.atoms for name in field_names(each))
         self._names = {*map(field_name, fields(comparison)), *names}
         bounds = ('', '-', '+')
         self._bounds = [f'{self.field}{each}' for each in bounds]
         self._terms = [value_field(atom, each) for each in terms]
         self._has_gaps = False
+
+    @property
+    def is_plain(self) -> bool:
+        """True unless a gap has an effect."""
+        return not self._has_gaps
 
     @property
     def fields(self) -> list[str]:
@@ -185,6 +191,11 @@ class TermMemories:
 
     memories: Sequence[_TermMemory]
 
+    @property
+    def key(self) -> Hashable:
+        """Equal for memories that will always yield the same values."""
+        return tuple(each.key for each in self.memories)
+
     def of_row(self, _row: int) -> TermMemories:
         """Return a copy."""
         return TermMemories([each.copied() for each in self.memories])
@@ -217,6 +228,11 @@ class _TermMemory(ABC):
     def is_known(self, time: int) -> bool:
         """Return True if no value after a state depends on states that are missing."""
 
+    @property
+    @abstractmethod
+    def key(self) -> Hashable:
+        """Equal for memories that will always yield the same values."""
+
     def copied(self) -> _TermMemory:
         """Return a copy, which steps by itself."""
         return copy(self)
@@ -237,6 +253,11 @@ class _ValueMemory(_TermMemory):
 
     def is_known(self, time: int) -> bool:  # noqa: ARG002
         return not isinstance(self._value, UnknowableError)
+
+    @property
+    def key(self) -> Hashable:
+        value = self._value
+        return str(value) if isinstance(value, ReasoningError) else (type(value), value)
 
 
 class _CountMemory(_TermMemory):
@@ -271,6 +292,10 @@ class _CountMemory(_TermMemory):
     def is_known(self, time: int) -> bool:
         is_unknown = self._lost is not None and isinstance(self._lost[0], UnknowableError)
         return not (is_unknown and self._lost and self._lost[1] > time - self._window)
+
+    @property
+    def key(self) -> Hashable:
+        return tuple(self._times), self._lost and self._lost[1]
 
     def copied(self) -> _CountMemory:
         found = copy(self)

@@ -90,7 +90,7 @@ class Register:
         kinds: Kinds,
         store: NodeStore,
     ) -> None:
-        self.field = atom.field
+        self.atom, self.field = atom, atom.field
         self.users = 0
         """The number of formulas that depend on it."""
         self.gap: Gap | None = None
@@ -110,6 +110,11 @@ class Register:
         self._branches: tuple[tuple[Sides, PastMemory], ...] = ((self.sides, self.memory),)
         # The latest error of an operand, while the operator depends on it.
         self._error: ReasoningError | None = None
+
+    @property
+    def atoms(self) -> list[Atom]:
+        """The atoms of the operands."""
+        return [self.operands.atoms[slot] for slot in slots(self.mask)]
 
     @property
     def mask(self) -> int:
@@ -211,7 +216,7 @@ class Register:
         # The operands are known from now on, and the memory is the same whatever was missing.
         if self.gap and all(each.gap is None for each in self._inner):
             (_, first), (_, last) = self._branches
-            self.gap = None if first.is_like(last) else self.gap
+            self.gap = None if first.key == last.key else self.gap
 
     def _lose(self, error: ReasoningError, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state whose operands have no truth."""

@@ -1,0 +1,1 @@
+"""Progression over states with unknown values: over all that these values may be."""

@@ -1,0 +1,140 @@
+"""Bounds of what is calculated with unknown numbers, by interval arithmetic.
+
+Rounding is monotone, so the results at the ends of intervals bound all others as floats, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from math import hypot, inf, isnan, nextafter, sqrt
+from typing import Any, Final, TypeAlias
+
+from dyknow_reasoning.execution.unknown.unknown_features import (
+    ANY_NUMBER,
+    Range,
+    UnknownValueError,
+)
+from dyknow_reasoning.language.formula import Comparison
+from dyknow_reasoning.language.terms import Arithmetic, Feature, FieldReference, Function, Term
+from dyknow_reasoning.language.type_checking import Kind, Kinds
+from dyknow_reasoning.progression.atoms import (
+    CALCULATE,
+    MIRRORED_COMPARISONS,
+    kind_of,
+    predicate,
+    term_reader,
+)
+
+Values: TypeAlias = Mapping[str, Any]
+RangeOf: TypeAlias = Callable[[str], Range]
+
+
+def bounded_truth(atom: Comparison, values: Values, range_of: RangeOf, kinds: Kinds) -> bool | None:
+    """Return the truth of a comparison of numbers for all unknown values; None if it differs.
+
+    Args:
+        atom: the comparison.
+        values: of the features; an UnknownValueError for one that is unknown.
+        range_of: returns the bounds of an unknown feature.
+        kinds: of the features.
+
+    Raises:
+        ReasoningError: for a value that is unusable.
+    """
+    if atom.operator not in MIRRORED_COMPARISONS or not _are_numbers(atom, kinds):
+        return None
+    (low, high), (least, most) = (
+        _bounds(each, values, range_of, kinds) for each in (atom.left, atom.right)
+    )
+    match atom.operator:
+        case '<':
+            return True if high < least else False if low >= most else None
+        case '<=':
+            return True if high <= least else False if low > most else None
+        case '>':
+            return True if low > most else False if high <= least else None
+        case '>=':
+            return True if low >= most else False if high < least else None
+    is_equal = True if low == high == least == most else None
+    is_equal = False if high < least or low > most else is_equal
+    return is_equal if atom.operator == '=' or is_equal is None else not is_equal
+
+
+def _are_numbers(atom: Comparison, kinds: Kinds) -> bool:
+    return all(
+        isinstance(each, Arithmetic | Function)
+        or (isinstance(each, Feature | FieldReference) and kind_of(each, kinds) is Kind.NUMBER)
+        for each in (atom.left, atom.right)
+    ) or any(isinstance(each, Arithmetic | Function) for each in (atom.left, atom.right))
+
+
+def _bounds(term: Term | Comparison, values: Values, range_of: RangeOf, kinds: Kinds) -> Range:
+    try:
+        found = term_reader(term, kinds)(values)
+    except UnknownValueError:
+        pass
+    else:
+        return found, found
+    match term:
+        case Feature() | FieldReference():
+            return range_of(str(term))
+        case Arithmetic(operator, left, right):
+            sides = [_bounds(each, values, range_of, kinds) for each in (left, right)]
+            return _calculated(operator, *sides)
+        case Function('count', atoms):
+            return _counted(atoms, values, range_of, kinds)
+        case Function(name, arguments):
+            return _called(name, [_bounds(each, values, range_of, kinds) for each in arguments])
+        case _:
+            return ANY_NUMBER
+
+
+def _calculated(operator: str, left: Range, right: Range) -> Range:
+    if operator == '/' and right[0] <= 0 <= right[1]:
+        return ANY_NUMBER
+    try:
+        corners = [CALCULATE[operator](*pair) for pair in product(left, right)]
+    except OverflowError:
+        return ANY_NUMBER
+    return ANY_NUMBER if any(map(isnan, corners)) else (min(corners), max(corners))
+
+
+def _counted(atoms: Sequence[Any], values: Values, range_of: RangeOf, kinds: Kinds) -> Range:
+    least = most = 0
+    for atom in atoms:
+        truth: bool | None
+        try:
+            truth = predicate(atom, kinds)(values)
+        except UnknownValueError:
+            is_comparison = isinstance(atom, Comparison)
+            truth = bounded_truth(atom, values, range_of, kinds) if is_comparison else None
+        least, most = least + (truth is True), most + (truth is not False)
+    return least, most
+
+
+def _called(name: str, ranges: Sequence[Range]) -> Range:
+    lows, highs = zip(*ranges, strict=True)
+    match name:
+        case 'min' | 'max' | 'sum':
+            ends = _MONOTONE[name](lows), _MONOTONE[name](highs)
+            return ANY_NUMBER if any(map(isnan, ends)) else ends
+        case 'abs':
+            return _absolute(ranges[0])
+        case 'sqrt':
+            return (sqrt(lows[0]), sqrt(highs[0])) if lows[0] >= 0 else ANY_NUMBER
+        case 'hypot':
+            least, most = zip(*map(_absolute, ranges), strict=True)
+            return nextafter(hypot(*least), 0), nextafter(hypot(*most), inf)
+        case 'sin' | 'cos':
+            return -1, 1
+        case _:
+            return ANY_NUMBER
+
+
+def _absolute(bounds: Range) -> Range:
+    low, high = bounds
+    return (0 if low <= 0 <= high else min(abs(low), abs(high))), max(abs(low), abs(high))
+
+
+_MONOTONE: Final[Mapping[str, Callable[[Any], float]]] = {'min': min, 'max': max, 'sum': sum}

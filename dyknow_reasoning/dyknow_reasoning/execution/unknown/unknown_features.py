@@ -1,0 +1,69 @@
+"""Which features may be unknown at a state, and between which bounds they lie then."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any, Final, TypeAlias
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.progression.atoms import Values
+
+Range: TypeAlias = tuple[float, float]
+"""The least and the greatest value of a number."""
+
+ANY_NUMBER: Range = -inf, inf
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownFeatures:
+    """The features that may be unknown: absent from a state, None, or not a number.
+
+    Args:
+        ranges: the least and the greatest value of those that are numbers, by their names,
+            `Charge`; `ANY_NUMBER` for one without bounds, or of another kind.
+        all_may_be: True if features that are not in `ranges` may be unknown, too.
+    """
+
+    ranges: Mapping[str, Range] = field(default_factory=dict)
+    all_may_be: bool = False
+
+    def __bool__(self) -> bool:
+        return self.all_may_be or bool(self.ranges)
+
+    def range_of(self, name: str) -> Range:
+        """Return the bounds of a ground feature."""
+        return self.ranges.get(_feature(name), ANY_NUMBER)
+
+    def may_be(self, name: str) -> bool:
+        """Return True if a ground feature may be unknown."""
+        return self.all_may_be or _feature(name) in self.ranges
+
+    def among(self, names: Iterable[str], values: Values) -> list[str]:
+        """Return the ground features that are unknown at a state."""
+        return [name for name in names if is_unknown(values.get(name)) and self.may_be(name)]
+
+
+ALL_KNOWN: Final = UnknownFeatures()
+
+
+class UnknownValueError(ReasoningError):
+    """A value that is asked for, and unknown.
+
+    Args:
+        name: the ground feature.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(f"the value of '{name}' is unknown")
+        self.name = name
+
+
+def is_unknown(value: Any) -> bool:
+    """Return True for None and for what is not a number; only that differs from itself."""
+    return value is None or bool(value != value)  # noqa: PLR0124
+
+
+def _feature(name: str) -> str:
+    return name if name.startswith('"') else name.partition('[')[0]

@@ -1,0 +1,324 @@
+"""A verdict is one for all that unknown values may be, and comes as early as that is so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import accumulate, product
+from typing import cast
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds, random_cases
+
+from dyknow_common import Value, Verdict
+from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures
+from dyknow_reasoning.language.formula import Comparison, Formula, Interval
+from dyknow_reasoning.language.terms import Arithmetic, Feature, Number, StateCount, ValueBefore
+
+ANY = UnknownFeatures(all_may_be=True)
+State = Mapping[str, Value | None]
+PartialTrace = list[tuple[int, State]]
+
+
+def started(text: str, objects: Iterable[str] = (), unknown: UnknownFeatures = ANY) -> FormulaGroup:
+    group = FormulaGroup(FormulaLimits(possibility_limit=100_000))
+    group.add_formula('f', text)
+    group.begin({'S': tuple(objects)}, unknown)
+    return group
+
+
+def decided(group: FormulaGroup, states: Iterable[tuple[int, State]]) -> tuple[int, Verdict] | None:
+    """The number of the deciding state, and the verdict."""
+    for number, (time, values) in enumerate(states):
+        for result in group.progress(time, values):
+            assert result.error is None, result.error
+            return number, result.verdict
+    return None
+
+
+def verdict(text: str, *states: State, **ranges: tuple[float, float]) -> Verdict | None:
+    """The verdict over states a second apart."""
+    group = started(text, ('a', 'b'), UnknownFeatures(ranges, all_may_be=True))
+    found = decided(group, ((number * 10**9, each) for number, each in enumerate(states)))
+    return found and found[1]
+
+
+@st.composite
+def partial_traces(
+    draw: st.DrawFn, values: Sequence[Value], names: Sequence[str], most: int
+) -> PartialTrace:
+    """Up to six states, a third of whose values are unknown, but not too many of them."""
+    steps = draw(st.lists(st.integers(1, 4), min_size=1, max_size=6))
+    trace: PartialTrace = []
+    for time in accumulate(steps):
+        state: dict[str, Value | None] = {}
+        for name in names:
+            is_unknown = most > 0 and draw(st.integers(0, 2)) == 0
+            most -= is_unknown
+            state[name] = None if is_unknown else draw(st.sampled_from(values))
+        trace.append((time, state))
+    return trace
+
+
+def completions(trace: PartialTrace, values: Sequence[Value]) -> Iterable[Trace]:
+    """The traces that a partial trace may be."""
+    unknown = [
+        (i, name) for i, (_, state) in enumerate(trace) for name in state if state[name] is None
+    ]
+    for chosen in product(values, repeat=len(unknown)):
+        completed = [dict(state) for _, state in trace]
+        for (i, name), value in zip(unknown, chosen, strict=True):
+            completed[i][name] = value
+        times = (time for time, _ in trace)
+        yield [(t, cast('dict[str, Value]', s)) for t, s in zip(times, completed, strict=True)]
+
+
+@pytest.mark.timeout(3600)
+@settings(max_examples=random_cases(60), deadline=None, suppress_health_check=list(HealthCheck))
+@given(formulas(), partial_traces((False, True), NAMES, 7))
+def test_verdicts_are_those_of_all_completions(formula: Formula, trace: PartialTrace) -> None:
+    found = decided(started(str(formula)), trace)
+    alone = [decided(started(str(formula)), each) for each in completions(trace, (False, True))]
+    first = alone[0]
+    expected = None
+    if first and all(each and each[1] is first[1] for each in alone):
+        expected = max(each[0] for each in alone if each), first[1]
+    assert found == expected, (str(formula), trace)
+
+
+X, Y = Feature('x'), Feature('y')
+ORDERS = tuple(COMPARISONS)
+EXACT = st.one_of(
+    st.builds(
+        Comparison,
+        st.sampled_from(ORDERS),
+        st.sampled_from((X, Y)),
+        numbers := st.sampled_from((Number(1), Number(2))),
+    ),
+    st.builds(Comparison, st.sampled_from(ORDERS), st.just(X), st.just(Y)),
+    st.builds(Comparison, st.sampled_from(ORDERS), st.just(ValueBefore(X)), numbers),
+    st.builds(
+        lambda operator, body, end, number: Comparison(
+            operator, StateCount(body, Interval(0, end)), number
+        ),
+        st.sampled_from(ORDERS),
+        st.builds(Comparison, st.sampled_from(ORDERS), st.just(X), numbers),
+        st.integers(1, 6),
+        numbers,
+    ),
+)
+SOUND = st.builds(
+    Comparison,
+    st.sampled_from(ORDERS),
+    st.sampled_from((Arithmetic('-', X, Y), Arithmetic('-', X, ValueBefore(X)), ValueBefore(Y))),
+    st.sampled_from((X, Number(1))),
+)
+GRID = tuple(number / 4 for number in range(13))
+"""Numbers from 0 to 3, with as many between constants as there are unknown values."""
+RANGES = UnknownFeatures({'x': (0.0, 3.0), 'y': (0.0, 3.0)})
+
+
+def told(formula: Formula, traces: Sequence[Trace], length: int) -> Verdict | None:
+    """The verdict that all completions have after some states."""
+    found = {holds(formula, trace[:length], 0) for trace in traces}
+    return {(True,): Verdict.TRUE, (False,): Verdict.FALSE}.get(tuple(found))
+
+
+@pytest.mark.timeout(3600)
+@settings(max_examples=random_cases(40), deadline=None, suppress_health_check=list(HealthCheck))
+@given(formulas(2, EXACT), partial_traces((0, 1, 1.5, 2, 3), ('x', 'y'), 2))
+def test_orders_of_numbers_are_exact(formula: Formula, trace: PartialTrace) -> None:
+    found = decided(started(str(formula), (), RANGES), trace)
+    traces = list(completions(trace, GRID))
+    for length in range(1, len(trace) + 1):
+        if expected := told(formula, traces, length):
+            assert found, (str(formula), trace)
+            assert found[0] < length, (str(formula), trace)
+            assert found[1] is expected, (str(formula), trace)
+            return
+    told_apart = {holds(formula, each, 0) for each in traces}
+    assert found is None or told_apart <= {found[1] is Verdict.TRUE, None}, (str(formula), trace)
+
+
+@pytest.mark.timeout(3600)
+@settings(max_examples=random_cases(40), deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    formulas(2, st.one_of(EXACT, SOUND)),
+    partial_traces((0, 1, 1.5, 2, 3), ('x', 'y'), 2),
+)
+def test_calculations_are_sound(formula: Formula, trace: PartialTrace) -> None:
+    found = decided(started(str(formula), (), RANGES), trace)
+    if found:
+        truths = {holds(formula, each, 0) for each in completions(trace, GRID)}
+        assert truths <= {found[1] is Verdict.TRUE, None}, (str(formula), trace)
+
+
+@pytest.mark.parametrize(
+    ('text', 'states', 'expected'),
+    [
+        ('x > 1 or x < 1 or y > 0', [{'x': None, 'y': 1}], Verdict.TRUE),
+        ('x < y and y < z -> x < z', [{'x': None, 'y': None, 'z': None}], Verdict.TRUE),
+        ('x > y', [{'x': None, 'y': float('inf')}], Verdict.FALSE),
+        ('always[0, 1 s] x < 2', [{'x': 1}, {}], None),
+        ('eventually[0, 1 s] x < 2', [{'x': float('nan')}, {'x': 1}], Verdict.TRUE),
+        ('x - y > 1 or x - y <= 1', [{'x': None, 'y': 1}], Verdict.TRUE),
+        ('always[0, 1 s] (prev(x) > 1 or prev(x) <= 1)', [{'x': None}, {'x': 0}], Verdict.FALSE),
+        (
+            'eventually[1 s, 1 s] (prev(x) > 1 or prev(x) <= 1)',
+            [{'x': None}, {'x': 0}],
+            Verdict.TRUE,
+        ),
+        ('eventually[1 s, 1 s] count(x > 1, 5 s) <= 2', [{'x': None}, {'x': None}], Verdict.TRUE),
+        ('eventually[1 s, 1 s] (x > prev(x) or x <= prev(x))', [{'x': None}, {'x': 0}], None),
+        ('not (m starts with "ab" and m starts with "ac")', [{'m': None}], Verdict.TRUE),
+        ('m contains "ab" -> m contains "a"', [{'m': None}], Verdict.TRUE),
+        ('m = "abc" -> m contains "b" and m starts with "a"', [{'m': None}], Verdict.TRUE),
+        ('m contains "b" -> m starts with "a"', [{'m': None}], None),
+        ('m = n and m != "a" -> n != "a"', [{'m': None, 'n': None}], Verdict.TRUE),
+        ('p = q or p = r or q = r', [{'p': None, 'q': None, 'r': True}], None),
+        ('p or q or p = q', [{'p': None, 'q': None}], Verdict.TRUE),
+        ('at least 1 of (x > 1, x <= 1, y > 5)', [{'x': None, 'y': 0}], Verdict.TRUE),
+        ('forall u in S: C[u] > 1', [{'C[a]': None, 'C[b]': 0}], Verdict.FALSE),
+        ('forall u in S: (u = a and x > 1) or (u = b and x < 1)', [{'x': None}], Verdict.FALSE),
+        ('exists u in S: C[u] > 1', [{'C[a]': None, 'C[b]': 2}], Verdict.TRUE),
+        ('max(C[u] for u in S) > 1', [{'C[a]': None, 'C[b]': 2}], Verdict.TRUE),
+        ('max(C[u] for u in S) > 2', [{'C[a]': None, 'C[b]': 2}], None),
+        ('count(C[u] > 1 for u in S) >= 1', [{'C[a]': None, 'C[b]': 2}], Verdict.TRUE),
+        ('1 / x > 0', [{'x': None}], None),
+        ('abs(x) + y * y >= 0', [{'x': None, 'y': 3}], Verdict.TRUE),
+        ('x - x = 0', [{'x': None}], None),
+    ],
+)
+def test_what_follows(text: str, states: list[State], expected: Verdict | None) -> None:
+    assert verdict(text, *states) is expected
+
+
+def test_values_outside_of_their_range_do_not_count() -> None:
+    assert verdict('x < 2', {'x': None}, x=(0, 1)) is Verdict.TRUE
+    assert verdict('x < 1', {'x': None}, x=(0, 1)) is None
+    assert (
+        verdict('forall u in S: C[u] >= 0', {'C[a]': None, 'C[b]': None}, C=(0, 1)) is Verdict.TRUE
+    )
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [
+        ('x + y >= 0', Verdict.TRUE),
+        ('x + y < 2', None),
+        ('x - y <= 1', Verdict.TRUE),
+        ('2 - x > 0.5 * y', Verdict.TRUE),
+        ('hypot(x, y) < 1.5', Verdict.TRUE),
+        ('hypot(x, y) < 1.4', None),
+        ('sqrt(x) > 1', Verdict.FALSE),
+        ('sum(C[u] for u in S) = 3', Verdict.FALSE),
+        ('min(x, y) > 1', Verdict.FALSE),
+        ('cos(x) != 2', Verdict.TRUE),
+    ],
+)
+def test_calculations_have_bounds(text: str, expected: Verdict | None) -> None:
+    state = dict.fromkeys(('x', 'y', 'C[a]', 'C[b]'))
+    assert verdict(text, state, x=(0, 1), y=(0, 1), C=(0, 1)) is expected
+
+
+def test_an_undecided_formula_names_what_is_unknown() -> None:
+    group = started('always x > 1')
+    group.progress(0, {'x': 2})
+    assert group.residual(1) == 'always (x > 1)'
+    group.progress(10**9, {'x': None})
+    group.progress(2 * 10**9, {'x': 2})
+    want = 'undecided for want of x since 1.000 s'
+    assert group.residual(1) == f'always (x > 1) (in one of 2 cases; {want})'
+    assert group.presumably_false(1)
+
+
+def test_a_verdict_names_what_made_no_difference() -> None:
+    group = started('eventually x > 1')
+    group.progress(0, {'x': None})
+    (result,) = group.progress(10**9, {'x': 2})
+    assert result.explanation == 'it is true whatever x since 0.000 s was'
+
+
+def test_what_was_unknown_and_makes_no_difference_is_not_named() -> None:
+    group = started('always (x > 1 -> eventually[0, 1 s] p)')
+    group.progress(0, {'x': None, 'p': False})
+    group.progress(10**9, {'x': 0, 'p': True})
+    assert group.residual(1) == 'always ((x <= 1) or (eventually[0 s, 1 s] p))'
+    group.progress(2 * 10**9, {'x': 2, 'p': False})
+    (result,) = group.progress(4 * 10**9, {'x': 0, 'p': False})
+    assert 'held at no state' in result.explanation
+
+
+def test_features_that_may_not_be_unknown_are_errors() -> None:
+    group = FormulaGroup()
+    for text in ('always x > 1', 'always y > 1'):
+        group.add_formula(text, text)
+    group.begin({}, UnknownFeatures({'x': (0.0, 9.0)}))
+    (result,) = group.progress(0, {'x': None, 'y': None})
+    assert result.name == 'always y > 1'
+    assert "'y' holds a value of type NoneType" in str(result.error)
+
+
+def test_a_limit_of_cases() -> None:
+    text = 'exists u in S: always C[u] > 1'
+    group = FormulaGroup(FormulaLimits(possibility_limit=100))
+    group.add_formula('f', text)
+    names = [f'o{number}' for number in range(10)]
+    group.begin({'S': names}, ANY)
+    (result,) = group.progress(0, {f'C[{name}]': None for name in names})
+    assert "more than 100 possibilities (the limit 'possibility_limit')" in str(result.error)
+
+
+def test_objects_are_apart_unless_they_share_what_is_unknown() -> None:
+    names = [f'o{number}' for number in range(50)]
+    group = started('forall u in S: eventually[0, 2 s] C[u] > 1', names)
+    for second in range(2):
+        assert not group.progress(second * 10**9, {f'C[{name}]': None for name in names})
+    (result,) = group.progress(2 * 10**9, {f'C[{name}]': 2 for name in names})
+    assert result.verdict is Verdict.TRUE
+
+
+def test_recordings_give_the_same() -> None:
+    nan = float('nan')
+    columns = {'x': [2.0, 2.0, nan, 2.0, 0.0, 2.0], 'y': [1.0] * 6}
+    for texts in (('always x > 1', 'always y > 0'), ('eventually x < 1', 'always x > 1')):
+        alone, many = FormulaGroup(), FormulaGroup()
+        for group in (alone, many):
+            for text in texts:
+                group.add_formula(text, text)
+            group.begin({}, ANY)
+        one_by_one = [
+            result
+            for number, row in enumerate(zip(*columns.values(), strict=True))
+            for result in alone.progress(number, dict(zip(columns, row, strict=True)))
+        ]
+        assert many.progress_many(range(6), columns) == one_by_one
+        assert [many.residual(each) for each in (1, 2)] == [alone.residual(each) for each in (1, 2)]
+
+
+def test_a_gap_after_an_unknown_value_is_an_error() -> None:
+    group = started('always x > 1')
+    group.progress(0, {'x': None})
+    group.gap()
+    (result,) = group.progress(9, {'x': 2})
+    assert 'depends on states that are missing' in str(result.error)
+
+
+def test_an_unknown_value_after_a_gap_is_an_error() -> None:
+    group = started('eventually x > 1')
+    group.progress(0, {'x': 0})
+    group.gap()
+    (result,) = group.progress(9, {'x': None})
+    assert 'depends on states that are missing' in str(result.error)
+
+
+def test_the_margin_of_a_formula_that_met_an_unknown_value_is_unknown() -> None:
+    group = FormulaGroup()
+    group.add_formula('f', 'always x > 1', margin=True)
+    group.begin({}, ANY)
+    group.progress(0, {'x': 3})
+    group.progress(1, {'x': None})
+    margin = group.margin(1)
+    assert margin
+    assert (margin.lower, margin.upper) == (-float('inf'), float('inf'))

@@ -1,0 +1,85 @@
+"""Values that are missing in a recording are unknown where a feature or the command says so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dyknow_recordings.check import main
+
+TRACE = """\
+time_s, charge: float, docked: boolean
+0,      0.9,           false
+1,      nan,           false
+2,      0.7,
+3,      0.6,           true
+"""
+ROBOT = """\
+objects: {Robot: [r1]}
+features:
+  Charge:
+    of: Robot
+    missing: unknown
+    range: [0, 1]
+    from: {topic: /trace, field: charge, only: {Robot: r1}}
+  Load:
+    of: Robot
+    from: {topic: /trace, field: charge, only: {Robot: r1}}
+formulas:
+  - {name: emptied, formula: 'forall r in Robot: eventually Charge[r] < 0.65'}
+  - {name: possible, formula: 'always[0 s, 2 s] Charge[r1] <= 1'}
+  - {name: open, formula: 'always[0 s, 2 s] Charge[r1] > 0.5'}
+  - {name: known, formula: 'always Load[r1] > 0.5'}
+"""
+
+
+@pytest.fixture
+def trace(tmp_path: Path) -> str:
+    path = tmp_path / 'trace.csv'
+    path.write_text(TRACE)
+    return str(path)
+
+
+def checked(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    main([*arguments, '--json'])
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('formula', 'outcome'),
+    [
+        ('eventually (charge < 0.65 and docked)', '"verdict": "true"'),
+        ('always charge > 0.65', '"verdict": "false"'),
+        ('always charge > 0.5', 'undecided for want of charge since 1.000 s'),
+        ('eventually[2 s, 2 s] docked', 'undecided for want of docked since 2.000 s'),
+    ],
+)
+def test_the_command_takes_what_is_missing_for_unknown(
+    trace: str, capsys: pytest.CaptureFixture[str], formula: str, outcome: str
+) -> None:
+    assert outcome in checked(capsys, trace, '--missing', 'unknown', '--formula', formula)
+
+
+def test_what_is_missing_is_an_error_without_the_option(
+    trace: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert 'holds the number nan' in checked(capsys, trace, '--formula', 'always charge > 0.5')
+    assert 'is empty' in checked(capsys, trace, '--formula', 'eventually docked')
+
+
+def test_a_robot_says_what_may_be_unknown(
+    trace: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = tmp_path / 'robot.yaml'
+    robot.write_text(ROBOT)
+    assert main([trace, '--config', str(robot)]) == 2
+    output = capsys.readouterr().out
+    for name, outcome in (
+        ('emptied', 'true'),
+        ('possible', 'true'),
+        ('open', 'undecided'),
+        ('known', 'error'),
+    ):
+        (row,) = (line for line in output.splitlines() if f'│ {name} ' in line)
+        assert f'│ {outcome} ' in row
