@@ -225,7 +225,8 @@ def test_the_readme_shows_the_robot_that_is_shipped() -> None:
     + blocks(CONFIGURATION, 'yaml')
     + blocks('docs/guards.md', 'yaml')
     + blocks(MEANING, 'yaml')
-    + blocks('docs/tutorial.md', 'yaml'),
+    + blocks('docs/tutorial.md', 'yaml')
+    + blocks('docs/uncertainty.md', 'yaml'),
 )
 def test_robots_can_be_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'

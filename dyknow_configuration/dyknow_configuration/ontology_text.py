@@ -61,6 +61,7 @@ def _class(
 
 def _signature(feature: RobotFeature) -> tuple[str, ...]:
     unit = escape(feature.unit, quote=False)
+    uncertainty = feature.uncertainty
     return (
         *(
             f'<dyknow:argument{number} rdf:resource="#{sort}"/>'
@@ -68,4 +69,5 @@ def _signature(feature: RobotFeature) -> tuple[str, ...]:
         ),
         f'<dyknow:value_type>{feature.value_type}</dyknow:value_type>',
         *([f'<dyknow:unit>{unit}</dyknow:unit>'] if unit else []),
+        *([f'<dyknow:uncertainty>{uncertainty}</dyknow:uncertainty>'] if uncertainty else []),
     )

@@ -128,6 +128,7 @@ class RobotFeature:
         value_type: of its values.
         unit: of its values; empty for none.
         description: for people.
+        uncertainty: what is known of its values, `normal(Height, 0.2)`; empty if they are exact.
     """
 
     name: str
@@ -136,6 +137,7 @@ class RobotFeature:
     value_type: ValueType = ValueType.FLOAT
     unit: str = ''
     description: str = ''
+    uncertainty: str = ''
 
 
 class RobotVocabulary:
