@@ -37,6 +37,7 @@ SCHEDULE = (
         'test_monitor_formula',
         'test_cancel_evaluation',
         'test_margins',
+        'test_probabilities',
         'test_verdict_topics',
         'test_monitor_plan',
         'test_behaviour_trees',

@@ -58,8 +58,8 @@ UNIMPORTED = {'python3-pytest-timeout', 'ros2launch'}
 """Dependencies that are used without an import."""
 
 OPTIONAL = {
-    'compression', 'dask', 'distributed', 'mypy', 'opentelemetry', 'ros2cli', 'sentil', 'sros2',
-    'zenoh',
+    'compression', 'dask', 'distributed', 'mypy', 'opentelemetry', 'ros2cli', 'scipy', 'sentil',
+    'sros2', 'zenoh',
 }  # fmt: skip
 """Imports that are skipped where the package is missing."""
 

@@ -106,7 +106,7 @@ from dyknow_common.text_files import (
 )
 from dyknow_common.units import UnitConversion, check_unit, unit_conversion
 from dyknow_common.values import COMPARISONS, TEXT_COMPARISONS, Value, ValueType
-from dyknow_common.verdict import Margin, Verdict
+from dyknow_common.verdict import Margin, ProbabilityInterval, Verdict
 
 __all__ = [
     'AGGREGATES',
@@ -153,6 +153,7 @@ __all__ = [
     'MessagePath',
     'PathStep',
     'PositionedError',
+    'ProbabilityInterval',
     'StreamConstraints',
     'Symbol',
     'SymbolKind',

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from math import inf, isfinite
-from typing import Any
+from math import ceil, floor, inf, isfinite
+from typing import Any, Final
+
+_SHOWN: Final = 1_000_000
+"""Bounds of probabilities are shown in multiples of its inverse."""
+
+_SAME: Final = 1e-9
 
 
 class Verdict(IntEnum):
@@ -52,3 +57,40 @@ class Margin:
         if self.upper == inf:
             return f'at least {self.lower:.6g}{unit}{atom}'
         return f'{self.lower:.6g} to {self.upper:.6g}{unit}{atom}'
+
+
+@dataclass(frozen=True, slots=True)
+class ProbabilityInterval:
+    """Bounds of the probability of a formula, with what they assume.
+
+    `str` is for people: `at least 0.987, assuming nothing about correlation`.
+
+    Args:
+        lower: the least probability that is possible.
+        upper: the greatest one.
+        assumption: of the bounds, in words.
+    """
+
+    lower: float
+    upper: float
+    assumption: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The interval for JSON."""
+        return {'lower': self.lower, 'upper': self.upper, 'assumption': self.assumption}
+
+    def __str__(self) -> str:
+        return f'{self.bounds}, {self.assumption}'
+
+    @property
+    def bounds(self) -> str:
+        """The bounds for people, without the assumption."""
+        # Bounds are rounded outwards: 0.9999996 is not 1.
+        if self.upper - self.lower < _SAME:
+            shown = f'{self.lower:.6g}'
+            return f'{self.lower:.10g}' if shown == '1' else shown
+        lower, upper = floor(self.lower * _SHOWN) / _SHOWN, ceil(self.upper * _SHOWN) / _SHOWN
+        if lower <= 0:
+            return 'unknown' if upper >= 1 else f'at most {upper:g}'
+        return f'at least {lower:g}' if upper >= 1 else f'{lower:g} to {upper:g}'

@@ -34,6 +34,9 @@ MAX_FAULTS: Final = 20
 _TEXTS: Final = ('ontology', 'annotations', 'streams', 'bridges')
 """The sections whose parts declare names that are not known if they are removed."""
 
+_INDIVISIBLE: Final = (*_TEXTS, 'federation')
+"""The sections that are removed as a whole."""
+
 _FORMULAS: Final = ('formulas', 'guards')
 
 _DECLARATIONS: Final = ('sorts', 'objects', 'features', 'constants', 'triggers')
@@ -130,7 +133,7 @@ def _remove_within(section: str, value: yaml.Node, place: tuple[int, int]) -> se
         is_found = len(kept) < len(value.value)
         value.value = kept
         return set() if is_found else None
-    if not isinstance(value, yaml.MappingNode) or section in _TEXTS:
+    if not isinstance(value, yaml.MappingNode) or section in _INDIVISIBLE:
         return None
     for index, (key, entry) in enumerate(value.value):
         if _is_in(key, place) or _is_in(entry, place):

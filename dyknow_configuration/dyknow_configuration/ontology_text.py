@@ -62,6 +62,7 @@ def _class(
 def _signature(feature: RobotFeature) -> tuple[str, ...]:
     unit = escape(feature.unit, quote=False)
     bounds = ' '.join(map(str, feature.unknown or ()))
+    uncertainty = feature.uncertainty
     return (
         *(
             f'<dyknow:argument{number} rdf:resource="#{sort}"/>'
@@ -70,4 +71,5 @@ def _signature(feature: RobotFeature) -> tuple[str, ...]:
         f'<dyknow:value_type>{feature.value_type}</dyknow:value_type>',
         *([f'<dyknow:unit>{unit}</dyknow:unit>'] if unit else []),
         *([f'<dyknow:unknown>{bounds}</dyknow:unknown>'] if bounds else []),
+        *([f'<dyknow:uncertainty>{uncertainty}</dyknow:uncertainty>'] if uncertainty else []),
     )

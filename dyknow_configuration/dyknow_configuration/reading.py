@@ -30,7 +30,7 @@ from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
 from dyknow_configuration.triggers.reading import NO_TRIGGERS, read_triggers
-from dyknow_configuration.vocabulary import read_vocabulary
+from dyknow_configuration.vocabulary import FEATURE_KEYS, read_uncertainty, read_vocabulary
 from dyknow_reasoning import NO_CONSTANTS
 
 KEYS: Final = (
@@ -115,9 +115,14 @@ def _annotations(values: Mapping[str, YamlValue], vocabulary: RobotVocabulary) -
     found: list[InlineText] = []
     for name, value in values['features'].entries('a mapping from features'):
         feature = vocabulary.features[name.text().strip()]
-        for key, source in value.entries('the description of a feature'):
-            if key.text() == 'from':
-                found += read_topics(feature, source, vocabulary)
+        stated = value.mapping(FEATURE_KEYS)
+        if 'from' in stated:
+            found += read_topics(feature, stated['from'], vocabulary)
+        if 'from' in stated and 'uncertainty' in stated:
+            uncertainty = read_uncertainty(feature, stated['uncertainty'])
+            if uncertainty.measured is not None:
+                measured, field = uncertainty.measured, uncertainty.field
+                found += read_topics(measured, stated['from'], vocabulary, field)
         if len(found) > MAX_TEXTS:
             raise name.error(f'the file makes more than {MAX_TEXTS} annotations; split it')
     return found

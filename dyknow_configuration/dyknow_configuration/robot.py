@@ -130,6 +130,7 @@ class RobotFeature:
         description: for people.
         unknown: if it may be unknown at a state, the least and the greatest value that it may be
             then; infinite for one without bounds.
+        uncertainty: what is known of its values, `normal(Height, 0.2)`; empty if they are exact.
     """
 
     name: str
@@ -139,6 +140,7 @@ class RobotFeature:
     unit: str = ''
     description: str = ''
     unknown: tuple[float, float] | None = None
+    uncertainty: str = ''
 
 
 class RobotVocabulary:

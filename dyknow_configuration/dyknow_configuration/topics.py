@@ -43,14 +43,28 @@ MAX_TEXTS: Final = 10_000
 
 
 def read_topics(
-    feature: RobotFeature, value: YamlValue, vocabulary: RobotVocabulary
+    feature: RobotFeature,
+    value: YamlValue,
+    vocabulary: RobotVocabulary,
+    uncertainty: YamlValue | None = None,
 ) -> list[InlineText]:
     """Return the annotations of a feature, given the value of its key `from`.
+
+    Args:
+        feature: the feature.
+        value: of the key.
+        vocabulary: of the robot.
+        uncertainty: for the uncertainty of a feature that this is about, the field that holds it.
 
     Raises:
         ConfigurationError: with the place of the fault.
     """
-    sources = [_FeatureSource(feature, each, vocabulary) for each in value.one_or_more()]
+    found = value.one_or_more()
+    if uncertainty is not None and len(found) > 1:
+        raise uncertainty.error(
+            'it would not be known of which topic the uncertainty is; give the feature one topic'
+        )
+    sources = [_FeatureSource(feature, each, vocabulary, uncertainty) for each in found]
     return [annotation for each in sources for annotation in each.annotations()]
 
 
@@ -58,11 +72,20 @@ class _FeatureSource:
     """A topic or stream with the field that holds a feature."""
 
     def __init__(
-        self, feature: RobotFeature, value: YamlValue, vocabulary: RobotVocabulary
+        self,
+        feature: RobotFeature,
+        value: YamlValue,
+        vocabulary: RobotVocabulary,
+        uncertainty: YamlValue | None,
     ) -> None:
         self._feature = feature
         self._value = value
         self._stated = value.mapping(SOURCE_KEYS, ('field',))
+        if uncertainty is not None:
+            if 'unit' in self._stated:
+                message = 'the uncertainty is in the unit of the field; give that to the feature'
+                raise self._stated['unit'].error(message)
+            self._stated = {**self._stated, 'field': uncertainty}
         if ('topic' in self._stated) == ('stream' in self._stated):
             raise value.error("give either 'topic' or 'stream'")
         self._stream = self._stated['topic' if 'topic' in self._stated else 'stream']

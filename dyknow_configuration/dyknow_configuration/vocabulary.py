@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from math import inf
 from typing import Final
 
 from dyknow_common import (
@@ -13,6 +14,7 @@ from dyknow_common import (
     SSL_WORDS,
     ValueType,
     check_unit,
+    format_duration,
     unit_conversion,
     unknown,
 )
@@ -21,7 +23,18 @@ from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 from dyknow_reasoning import ANY_NUMBER
 
 SORT_KEYS: Final = ('below', 'description')
-FEATURE_KEYS: Final = ('of', 'type', 'unit', 'below', 'description', 'missing', 'range', 'from')
+FEATURE_KEYS: Final = (
+    'of',
+    'type',
+    'unit',
+    'uncertainty',
+    'below',
+    'description',
+    'missing',
+    'range',
+    'from',
+)
+UNCERTAINTY_KEYS: Final = ('variance', 'deviation', 'time_constant')
 
 MAX_OBJECTS: Final = 10_000
 """The number of objects of a file, as many as a formula may have by default (`object_limit`)."""
@@ -116,15 +129,29 @@ class _VocabularyReader:
         if below:
             _check_below(stated, above, value_type, unit)
         name = self._name(key, 'feature')
-        self._features[name] = RobotFeature(
-            name,
-            arguments,
-            below,
-            value_type,
-            unit,
-            stated['description'].line() if 'description' in stated else '',
-            _unknown(stated, value_type),
+        description = stated['description'].line() if 'description' in stated else ''
+        found = RobotFeature(
+            name, arguments, below, value_type, unit, description, _unknown(stated, value_type)
         )
+        self._features[name] = found
+        if self._features.get(below, found).uncertainty:
+            message = 'a feature with an uncertainty has one topic, so none is below it'
+            raise stated['below'].error(message)
+        if 'uncertainty' in stated:
+            self._add_uncertainty(found, stated['uncertainty'])
+
+    def _add_uncertainty(self, feature: RobotFeature, value: YamlValue) -> None:
+        """Add the uncertainty of a feature, and the feature that measures it."""
+        if feature.value_type in {ValueType.STRING, ValueType.BOOLEAN}:
+            raise value.error(f'values of type {feature.value_type} have no uncertainty; remove it')
+        uncertainty = read_uncertainty(feature, value)
+        self._features[feature.name] = replace(feature, uncertainty=uncertainty.text)
+        if uncertainty.measured is not None and uncertainty.field is not None:
+            name = uncertainty.measured.name
+            if name in self._kinds:
+                raise value.error(f"the feature '{name}' is made of this; rename the other")
+            self._kinds[name] = 'feature'
+            self._features[name] = uncertainty.measured
 
     def _arguments(self, value: YamlValue) -> dict[str, str]:
         if not value.is_mapping:
@@ -197,6 +224,52 @@ def _unknown(stated: Mapping[str, YamlValue], value_type: ValueType) -> tuple[fl
             raise value.error('give the least and the greatest value, such as [0, 1]')
         bounds = found[0], found[1]
     return bounds if is_unknown else None
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureUncertainty:
+    """The uncertainty of a feature.
+
+    Args:
+        text: what is known of its values, `normal(Height, sqrt(Height_variance), 2 s)`.
+        measured: the feature `Height_variance`, if messages hold it.
+        field: the field of these messages.
+    """
+
+    text: str
+    measured: RobotFeature | None = None
+    field: YamlValue | None = None
+
+
+def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertainty:
+    """Return the uncertainty of a feature.
+
+    Args:
+        feature: the feature.
+        value: of its key `uncertainty`.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    stated = value.mapping(UNCERTAINTY_KEYS)
+    kinds = [each for each in ('variance', 'deviation') if each in stated]
+    if len(kinds) != 1:
+        raise value.error("give either 'variance' or 'deviation', a field or a number")
+    (kind,) = kinds
+    amount = stated[kind]
+    number = amount.plain()
+    is_number = isinstance(number, int | float) and not isinstance(number, bool)
+    if is_number and not 0 <= number < inf:
+        raise amount.error(f'a {kind} is finite, and not negative')
+    given = repr(number) if is_number else f'{feature.name}_{kind}'
+    text = f'{feature.name}, sqrt({given})' if kind == 'variance' else f'{feature.name}, {given}'
+    if 'time_constant' in stated:
+        text += f', {format_duration(stated["time_constant"].duration())}'
+    if is_number:
+        return FeatureUncertainty(f'normal({text})')
+    description = f'The {kind} of {feature.name}.'
+    measured = RobotFeature(given, feature.arguments, description=description)
+    return FeatureUncertainty(f'normal({text})', measured, amount)
 
 
 def _check_below(

@@ -31,7 +31,12 @@ from dyknow_coordinator.grounding.source_choice import (
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
 from dyknow_coordinator.grounding.stream_fields import field_names
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
-from dyknow_coordinator.grounding.units import find_units, has_units, with_units
+from dyknow_coordinator.grounding.units import (
+    find_uncertainties,
+    find_units,
+    has_units,
+    with_units,
+)
 from dyknow_coordinator.grounding.unknown_features import unknown_features
 from dyknow_coordinator.plans.plan import (
     Event,
@@ -89,6 +94,7 @@ __all__ = [
     'feature_symbols',
     'feature_units',
     'field_names',
+    'find_uncertainties',
     'find_units',
     'has_loaded',
     'has_units',

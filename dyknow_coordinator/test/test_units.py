@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dyknow_coordinator import CoordinationError, has_units, with_units
+from dyknow_common import Symbol, SymbolKind
+from dyknow_coordinator import CoordinationError, find_uncertainties, has_units, with_units
 from dyknow_coordinator.grounding.units import only_unit
 
 
@@ -37,3 +38,31 @@ def test_units_are_stated_before_the_formula() -> None:
     found = with_units('P[u] > 1 "kW"', {'P': 'W', 'Ratio': ''})
     assert found == 'let P: "W", Ratio: "" in (P[u] > 1 "kW")'
     assert with_units('1 "m" > 2 "ft"', {}) == '1 "m" > 2 "ft"'
+
+
+def test_uncertainties_are_stated_before_the_formula() -> None:
+    uncertainties = {'Height': 'normal(Height, 0.5, 2 s)'}
+    found = with_units('P(Height > 1 "km") > 0.9', {'Height': 'm'}, uncertainties)
+    stated = 'Height: "m", Height ~ normal(Height, 0.5, 2 s)'
+    assert found == f'let {stated} in (P(Height > 1 "km") > 0.9)'
+
+
+def test_only_probabilities_need_uncertainties() -> None:
+    asked: list[str] = []
+
+    async def query(sparql: str) -> list[tuple[str, ...]]:
+        asked.append(sparql)
+        # A feature below another one has its own errors.
+        return [('r:Height', 'normal(Height, 1)'), ('r:Position', 'normal(Position, 2)')]
+
+    def uncertainties(formula: str) -> dict[str, str]:
+        found = find_uncertainties(formula, [Symbol(SymbolKind.FEATURE, 'Height')], query)
+        with pytest.raises(StopIteration) as end:
+            found.send(None)
+        value: dict[str, str] = end.value.value
+        return value
+
+    assert uncertainties('always Height > 1') == {}
+    assert not asked
+    assert uncertainties('always (P(Height > 1) > 0.9)') == {'Height': 'normal(Height, 1)'}
+    assert '#uncertainty>' in asked[0]

@@ -2,7 +2,15 @@
 
 from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, read_domains
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import ALL_KNOWN, ANY_NUMBER, Range, UnknownFeatures, is_unknown
+from dyknow_reasoning.execution import (
+    ALL_KNOWN,
+    ANY_NUMBER,
+    FormulaProbability,
+    Range,
+    UnknownFeatures,
+    is_unknown,
+    probability_of,
+)
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants, literal_of
@@ -41,6 +49,7 @@ from dyknow_reasoning.language.terms import (
     Variable,
 )
 from dyknow_reasoning.language.type_checking import Kind, check_types
+from dyknow_reasoning.language.uncertain_features import asks_for_probability, is_uncertain
 from dyknow_reasoning.notes import FormulaNote, notes_on
 from dyknow_reasoning.progression.atoms import CALCULATE, Values
 from dyknow_reasoning.progression.functions import call_function_on_vectors
@@ -77,6 +86,7 @@ __all__ = [
     'FormulaGroup',
     'FormulaLimits',
     'FormulaNote',
+    'FormulaProbability',
     'FormulaResult',
     'Function',
     'Historically',
@@ -103,6 +113,7 @@ __all__ = [
     'add_domain_option',
     'as_written',
     'asked_of_each_state',
+    'asks_for_probability',
     'call_function_on_vectors',
     'check_trace',
     'check_trial',
@@ -110,6 +121,7 @@ __all__ = [
     'compares_past',
     'continue_from',
     'ground_atoms',
+    'is_uncertain',
     'is_unknown',
     'literal_of',
     'notes_on',
@@ -117,6 +129,7 @@ __all__ = [
     'parse_constants',
     'parse_formula',
     'parts',
+    'probability_of',
     'read_domains',
     'read_trace',
     'start_verdicts',

@@ -41,6 +41,7 @@ from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import check_types
+from dyknow_reasoning.language.uncertain_features import check_asked_once
 from dyknow_reasoning.margins.group_margins import GroupMargins
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.bounds import Chronology
@@ -233,6 +234,7 @@ class FormulaGroup:
             DyKnowError: as `add_formula`; also before `begin`.
         """
         histories, formula = self._begun().histories, parse_formula(text)
+        check_asked_once(formula)
         check_size(formula_size(formula, self._counts), self._limits)
         instances = self._instances_of(formula, self._domains)
         histories.keep(formula, instances, check_types(formula, text))

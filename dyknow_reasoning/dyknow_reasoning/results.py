@@ -8,6 +8,7 @@ from dyknow_common import Margin, Verdict
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.language.uncertain_features import check_asked_once
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +20,19 @@ class NamedFormula:
         formula: its abstract syntax.
         kinds: the kinds of its features.
         every_state: True if it is asked at every state.
+
+    Raises:
+        ReasoningError: for a formula that can be asked of one state alone.
     """
 
     name: str
     formula: Formula
     kinds: Kinds
     every_state: bool = False
+
+    def __post_init__(self) -> None:
+        if self.every_state:
+            check_asked_once(self.formula)
 
     def __str__(self) -> str:
         return str(self.formula)

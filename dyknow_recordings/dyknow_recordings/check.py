@@ -71,11 +71,7 @@ def add_check_options(parser: argparse.ArgumentParser) -> None:
     add_input_options(parser)
     _add_descriptions(parser)
     _add_times(parser)
-    parser.add_argument(
-        '--margins',
-        action='store_true',
-        help='also compute how far each formula is from the change of its verdict',
-    )
+    _add_measures(parser)
     parser.add_argument(
         '--undecided',
         type=Judgement,
@@ -113,6 +109,20 @@ def _add_times(parser: argparse.ArgumentParser) -> None:
         metavar='state|FORMULA',
         help='evaluate from every state on, or from every state at which a formula begins to hold '
         '(default: from the first state on)',
+    )
+
+
+def _add_measures(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--margins',
+        action='store_true',
+        help='also compute how far each formula is from the change of its verdict',
+    )
+    parser.add_argument(
+        '--probability',
+        action='store_true',
+        help='also compute bounds of the probability of each formula with uncertain features, from '
+        'the first state on',
     )
 
 
@@ -227,6 +237,10 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
         boxes = {path: box for path in options.recording if (box := read_black_box(path))}
         if len(boxes) == len(set(options.recording)):
             return tuple(_box_job(options, path, boxes[path]) for path in options.recording)
+    if options.probability and options.every != Every.FIRST:
+        raise RecordingError(
+            '--probability is about the first state on; leave it out, or leave out --every'
+        )
     robot = given_robot(options)
     files, formulas = read_configuration(options, robot)
     types = message_types(options)
@@ -240,6 +254,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
             options.every,
             keep_signals=_draws(options),
             margins=options.margins,
+            probabilities=options.probability,
             types=types,
             expectations=robot.topics,
         )

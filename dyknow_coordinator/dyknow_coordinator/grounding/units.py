@@ -1,8 +1,11 @@
-"""Units of features, for formulas that have numbers with units.
+"""Units and uncertainties of features, for formulas that need them.
 
 In the canonical text of a formula, the unit of a number is in double quotes: `Power[u] > 1 "kW"`.
 If the ontology says that `Power` is in W, the formula is `let Power: "W" in (Power[u] > 1 "kW")`,
 from which the reasoning engine makes `Power[u] > 1000.0`.
+
+If the ontology says how uncertain `Height` is, the formula `P(always Height[u] > 3) > 0.9` is
+`let Height ~ normal(Height, sqrt(Height_variance)) in (P(always Height[u] > 3) > 0.9)`.
 """
 
 from __future__ import annotations
@@ -24,6 +27,9 @@ from dyknow_coordinator.grounding.symbols import feature_symbols
 
 # The unit of a number, or another text in quotes.
 _QUOTED: Final = re.compile(r'(?P<unit>(?<=[0-9]) )?"(?:\\.|[^"\\])*"')
+
+
+_PROBABILITY: Final = re.compile(r'\bP\(')
 
 
 def has_units(formula: str) -> bool:
@@ -67,8 +73,38 @@ async def stated_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[
 
     Arguments and errors as in `find_units`.
     """
+    return await _stated('unit', symbols, query)
+
+
+async def _stated(name: str, symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, Rows]:
+    """Return the concepts that state a property of each feature, with its values."""
     names = [each.name for each in feature_symbols(symbols) if not each.is_reference]
-    return {name: await query(property_query(name, 'unit')) for name in dict.fromkeys(names)}
+    return {each: await query(property_query(each, name)) for each in dict.fromkeys(names)}
+
+
+async def find_uncertainties(
+    formula: str, symbols: Iterable[Symbol], query: QueryFunction
+) -> dict[str, str]:
+    """Return what is known of the values of each feature, `normal(Height, 0.5)`, by name.
+
+    Args:
+        formula: the canonical text; one that asks for no probability needs none.
+        symbols: of the formula.
+        query: returns the solutions of a SPARQL query of the ontology.
+
+    Raises:
+        DyKnowError: if the query fails.
+    """
+    if not _PROBABILITY.search(formula):
+        return {}
+    rows = await _stated('uncertainty', symbols, query)
+    found = {}
+    for feature, stated in rows.items():
+        # Features above it are measured otherwise.
+        for concept, uncertainty in stated:
+            if concept.rpartition(':')[2] == feature:
+                found[feature] = uncertainty
+    return found
 
 
 def only_unit(feature: str, rows: Rows) -> str:
@@ -89,7 +125,10 @@ def only_unit(feature: str, rows: Rows) -> str:
     return next(iter(found), '')
 
 
-def with_units(formula: str, units: Mapping[str, str]) -> str:
-    """Return a text that states the units of features before a formula."""
-    stated = ', '.join(f'{name}: {quoted(unit)}' for name, unit in units.items())
-    return f'let {stated} in ({formula})' if stated else formula
+def with_units(
+    formula: str, units: Mapping[str, str], uncertainties: Mapping[str, str] | None = None
+) -> str:
+    """Return a text that states the units and the uncertainties of features before a formula."""
+    stated = [f'{name}: {quoted(unit)}' for name, unit in units.items()]
+    stated += [f'{name} ~ {text}' for name, text in (uncertainties or {}).items()]
+    return f'let {", ".join(stated)} in ({formula})' if stated else formula

@@ -10,6 +10,7 @@ ways to progress give identical results; the monitor chooses the fastest one:
 - `recorded_symbols`: the atoms of many states at once.
 - `past`: the registers of past operators, whose values are atoms of the states.
 - `uncertain_instance`: individual instances, over states of which several may be the true ones.
+- `probability`: probabilities of formulas over uncertain numbers; they are registers, too.
 - `standing`: formulas that are asked at every state.
 - `unknown`: formulas that have met unknown values.
 """
@@ -25,6 +26,10 @@ from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.past.past_comparisons import past_terms, value_field
 from dyknow_reasoning.execution.past.past_values import PastValues
+from dyknow_reasoning.execution.probability.formula_probability import (
+    FormulaProbability,
+    probability_of,
+)
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
 from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
@@ -50,6 +55,7 @@ __all__ = [
     'DecidingMoment',
     'Failure',
     'FormulaInstance',
+    'FormulaProbability',
     'Histories',
     'InstanceMonitor',
     'InstanceState',
@@ -69,6 +75,7 @@ __all__ = [
     'VerdictLog',
     'is_unknown',
     'past_terms',
+    'probability_of',
     'value_field',
     'wants_text',
 ]

@@ -66,6 +66,7 @@ from dyknow_reasoning.progression.nodes import (
 )
 from dyknow_reasoning.progression.progression import Progression
 from dyknow_reasoning.progression.residual import (
+    awaited_comparison,
     interval_of,
     parts_in_order,
     remaining_text,
@@ -242,6 +243,8 @@ class _Explainer:
             node: a running window.
             after: True if only states after the start of its interval matter.
         """
+        if awaited_comparison(node, self._written_atoms):
+            return ''
         starts = {interval.start for interval in self._intervals_of(node)}
         origin = self._origin(node)
         if origin is None or len(starts) != 1:

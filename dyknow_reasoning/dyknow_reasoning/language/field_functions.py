@@ -37,6 +37,7 @@ from dyknow_reasoning.language.terms import (
     Term,
     TextLiteral,
     Truth,
+    Uncertain,
     ValueBefore,
 )
 
@@ -94,7 +95,7 @@ def with_numbers(node: Any) -> Any:
             return node
         case Comparison(operator) if operator in TEXT_COMPARISONS:
             return node
-        case Comparison() | Arithmetic() | Function():
+        case Comparison() | Arithmetic() | Function() | Uncertain():
             return with_changed_parts(node, _as_number)
         case _:
             return node

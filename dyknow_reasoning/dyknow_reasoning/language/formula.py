@@ -27,6 +27,7 @@ from dyknow_reasoning.language.terms import (
     ShownQuantity,
     Term,
     Truth,
+    Uncertain,
     operand_text,
 )
 
@@ -235,11 +236,13 @@ class Let(SyntaxNode):
         constants: the values by their names.
         units: the unit of each feature, by its name, or of a reference, by its text.
         body: the formula.
+        uncertainties: what is known of the values of features, by name.
     """
 
     constants: tuple[tuple[Object, Term], ...]
     units: tuple[tuple[Object, str], ...]
     body: Formula
+    uncertainties: tuple[tuple[Object, Uncertain], ...] = ()
 
 
 FutureFormula: TypeAlias = Always | Eventually | Until
@@ -275,7 +278,9 @@ Formula: TypeAlias = (
 """A formula, which is true or false of a sequence of states."""
 
 
-def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
+def parts(  # noqa: PLR0911 - one for each kind
+    node: Formula | Term,
+) -> tuple[Formula | Term, ...]:
     """Return the formulas and terms that a node directly consists of, from left to right."""
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
@@ -286,6 +291,8 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
             return (node.formula,)
         case Feature() | Function():
             return node.arguments
+        case Uncertain():
+            return (node.mean, node.deviation)
         case CountOf():
             return node.members
         case _:
@@ -301,6 +308,8 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
             return replace(node, body=change(node.body))
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))
+        case Uncertain():
+            return replace(node, mean=change(node.mean), deviation=change(node.deviation))
         case CountOf():
             return replace(node, members=tuple(map(change, node.members)))
         case _:

@@ -52,6 +52,10 @@ from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
 from dyknow_reasoning.language.quantities import with_converted_numbers
 from dyknow_reasoning.language.terms import Term
+from dyknow_reasoning.language.uncertain_features import (
+    stated_uncertainties,
+    with_uncertain_features,
+)
 
 _MAX_KEPT: Final = 1000
 """The length of a text whose abstract syntax is kept: one formula is often asked for again."""
@@ -95,7 +99,9 @@ def _parse(text: str, constants: Constants) -> Formula:
     with LANGUAGE.errors_in(text):
         formula = _formula(LANGUAGE.parse(text, _FormulaBuilder(constants)))
         LANGUAGE.check_depth(formula, syntax.parts)
+        uncertainties = stated_uncertainties(formula)
         formula, units = without_lets(formula, constants)
+        formula = with_uncertain_features(formula, uncertainties)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
         return resolved
 
@@ -148,10 +154,15 @@ def _state_count(body: Formula | Term, window: Formula | Term) -> terms.StateCou
             f"'{_shown(formula)}' looks into the future; 'count' counts states so far",
             formula.position,
         )
+    return terms.StateCount(formula, Interval(0, _time_of('count', window)))
+
+
+def _time_of(name: str, window: Formula | Term) -> int:
+    """Return the time that is an operand of a function, in nanoseconds."""
     match window:
         case terms.Number(value):
             raise PositionedError(
-                f"the time {value} of 'count' has no unit; write {value} s if it is in seconds",
+                f"the time {value} of '{name}' has no unit; write {value} s if it is in seconds",
                 window.position,
             )
         case terms.Quantity(value, unit):
@@ -159,10 +170,9 @@ def _state_count(body: Formula | Term, window: Formula | Term) -> terms.StateCou
         case _:
             text = _shown(window)
     try:
-        interval = Interval(0, parse_duration(text))
+        return parse_duration(text)
     except ValueError as error:
         raise PositionedError(str(error), window.position) from None
-    return terms.StateCount(formula, interval)
 
 
 def _whole(token: Token) -> int:
@@ -278,8 +288,17 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def let(self, *children: Any) -> Formula:
         *bindings, body = children
         units = tuple(each for each in bindings if isinstance(each[1], str))
-        constants = tuple(each for each in bindings if not isinstance(each[1], str))
-        return syntax.Let(constants, units, _formula(body))
+        uncertain = tuple(each for each in bindings if isinstance(each[1], terms.Uncertain))
+        constants = tuple(each for each in bindings if each not in units + uncertain)
+        return syntax.Let(constants, units, _formula(body), uncertain)
+
+    def uncertainty(
+        self, name: Token, value: Formula | Term
+    ) -> tuple[terms.Object, terms.Uncertain]:
+        if not isinstance(value, terms.Uncertain):
+            message = f"what is known of '{name}' is written as normal({name}, DEVIATION)"
+            raise PositionedError(message, value.position)
+        return terms.Object(str(name), position=TextPosition.of(name)), value
 
     def not_(self, _word: Token, body: Formula | Term) -> Formula:
         return syntax.Not(_formula(body))
@@ -312,6 +331,12 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         if name == 'count' and len(arguments) == 2:  # noqa: PLR2004 - a formula and a time
             return _state_count(*arguments)
         check_call(name, len(arguments))
+        if name == 'P':
+            return terms.Probability(_formula(arguments[0]))
+        if name == 'normal':
+            mean, deviation, *time = arguments
+            constant = _time_of(name, *time) if time else None
+            return terms.Uncertain(_term(mean), _term(deviation), constant)
         if name == 'prev':
             return terms.ValueBefore(_term(arguments[0]))
         return terms.Function(str(name), tuple(map(_term, arguments)))

@@ -36,9 +36,11 @@ from dyknow_reasoning.language.terms import (
     FieldReference,
     Function,
     Number,
+    Probability,
     Quantity,
     StateCount,
     Term,
+    Uncertain,
     ValueBefore,
 )
 
@@ -173,11 +175,16 @@ class _Conversion:
                 return self._product(term)
             case Function():
                 return self._function(term)
-            case Aggregate(function='count') | StateCount():
+            case Aggregate(function='count') | StateCount() | Probability():
                 return with_changed_parts(term, lambda body: _converted(body, self)), None
             case Aggregate() | ValueBefore():
                 ((body, unit),) = self.alike((term.body,))
                 return replace(term, body=body), unit
+            case Uncertain(mean, deviation):
+                mean, unit = self._measured(mean)
+                if isinstance(deviation, Quantity):  # Another one is in the unit of the mean.
+                    ((deviation, _),) = self.alike((deviation,), unit, is_sum=True)
+                return replace(term, mean=mean, deviation=deviation), unit
             case _:
                 return term, None
 

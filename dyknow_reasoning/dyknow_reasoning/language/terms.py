@@ -230,7 +230,38 @@ class StateCount(PastTerm):
         return f'count({self.body}, {format_duration(self.interval.end or 0)})'
 
 
-NumericTerm: TypeAlias = Number | Quantity | Arithmetic | Function | Aggregate | StateCount
+@dataclass(frozen=True, slots=True)
+class Uncertain(SyntaxNode):
+    """A number that is known up to a normal error; it stands in `P(...)` only.
+
+    Args:
+        mean: the best estimate.
+        deviation: the standard deviation of the error, in the unit of the estimate.
+        time_constant: of the error as a first-order Gauss-Markov process, in nanoseconds; 0: the
+            errors at different states are independent. With one, errors of different numbers are
+            independent, too. None: nothing is known about correlation.
+    """
+
+    mean: Any
+    deviation: Any
+    time_constant: int | None = None
+
+    def __str__(self) -> str:
+        time = '' if self.time_constant is None else f', {format_duration(self.time_constant)}'
+        return f'normal({self.mean}, {self.deviation}{time})'
+
+
+@dataclass(frozen=True, slots=True)
+class Probability(PastTerm):
+    """The probability that a formula holds from this state on; see `execution.probability`."""
+
+    def __str__(self) -> str:
+        return f'P({self.body})'
+
+
+NumericTerm: TypeAlias = (
+    Number | Quantity | Arithmetic | Function | Aggregate | StateCount | Uncertain | Probability
+)
 """The terms that are numbers, whatever their parts are."""
 
 Term: TypeAlias = (
@@ -242,7 +273,7 @@ Term: TypeAlias = (
 def holds_terms(node: Any) -> bool:
     """Return True if the parts of a node are terms, not formulas."""
     is_aggregate = isinstance(node, Aggregate) and node.function != 'count'
-    return is_aggregate or isinstance(node, Operation | Function | ValueBefore)
+    return is_aggregate or isinstance(node, Operation | Function | ValueBefore | Uncertain)
 
 
 def operand_text(node: Any) -> str:

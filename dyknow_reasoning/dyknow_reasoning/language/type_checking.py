@@ -92,6 +92,7 @@ class _TypeChecker:
                 _check_object(node, variables, sorts)
             elif isinstance(node, terms.ValueBefore):
                 _check_before(node)
+        _check_probabilities(formula)
 
     def check_variables(self, node: Formula | Term, bound: Mapping[str, TextPosition]) -> None:
         """Check that no quantifier binds a variable again."""
@@ -149,9 +150,15 @@ class _TypeChecker:
                 operands: tuple[Term, ...] = (left, right)
             case terms.Function(symbol, operands):
                 pass
-            case terms.Aggregate(function='count', body=body) | terms.StateCount(body):
+            case (
+                terms.Aggregate(function='count', body=body)
+                | terms.StateCount(body)
+                | terms.Probability(body)
+            ):
                 self._infer_use(body)
                 return
+            case terms.Uncertain(mean, deviation):
+                symbol, operands = 'normal', (mean, deviation)
             case terms.ValueBefore(body):
                 self._infer_numbers(body)
                 return
@@ -272,6 +279,48 @@ def _check_before(node: terms.ValueBefore) -> None:
     if isinstance(_valued(node), terms.Object | terms.Variable):
         message = f"'{node.body}' is an object, which is the same at every state"
         raise PositionedError(f'{message}; leave out the prev()', node.position)
+
+
+def _check_probabilities(
+    node: Formula | Term, outer: Formula | Term | None = None, *, is_within: bool = False
+) -> None:
+    """Check where `P(...)` and `normal(...)` stand.
+
+    Args:
+        node: the part to check.
+        outer: a temporal operator or a `P(...)` that it is within.
+        is_within: True if it is within a `P(...)`.
+    """
+    match node:
+        case terms.Uncertain() if not is_within:
+            message = f"'{node}' is not known exactly; compare it within P(...), and that with"
+            raise PositionedError(f'{message} a probability', node.position)
+        case _ if is_within and isinstance(node, syntax.PastFormula | terms.PastTerm):
+            message = f"'{node}' has no probability; leave it out of P(...)"
+            raise PositionedError(message, node.position)
+        case syntax.Comparison('=' | '!=') if _holds_probability(node):
+            message = 'probabilities are bounds, not equal to a number; write <, <=, > or >='
+            raise PositionedError(message, node.position)
+        case terms.Arithmetic() | terms.Function() | terms.Aggregate() | terms.ValueBefore():
+            if _holds_probability(node):
+                message = f"'{node}' calculates with a probability; compare that with a number"
+                raise PositionedError(message, node.position)
+        case terms.Probability(body):
+            if outer is not None and syntax.looks_forward(body):
+                raise PositionedError(
+                    f"'{node}' looks into the future, so it is asked of the first state alone; "
+                    f"move it out of '{outer}'",
+                    node.position,
+                )
+            outer, is_within = node, True
+        case _ if isinstance(node, syntax.FutureFormula | syntax.PastFormula | terms.PastTerm):
+            outer = node
+    for part in parts(node):
+        _check_probabilities(part, outer, is_within=is_within)
+
+
+def _holds_probability(node: Formula | Term) -> bool:
+    return any(isinstance(each, terms.Probability) for each in parts(node))
 
 
 def _counted(feature: terms.Feature) -> str:

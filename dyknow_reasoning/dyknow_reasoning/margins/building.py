@@ -37,6 +37,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature, FieldReference, Truth
 from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.language.uncertain_features import asks_for_probability
 from dyknow_reasoning.margins.comparisons import AtomMargins
 from dyknow_reasoning.margins.operators import (
     JunctionMargin,
@@ -72,7 +73,9 @@ _LEAST_OBJECTS = 16
 
 def check_margin(formula: Formula) -> None:
     """Raise ReasoningError for a formula with a part that has no margin."""
-    if not isinstance(formula, _DEFINED):
+    if not isinstance(formula, _DEFINED) or (
+        isinstance(formula, Comparison) and asks_for_probability(formula)
+    ):
         raise ReasoningError(
             f"no margin is defined for '{formula}'; leave out the margin, or this part of the "
             'formula'

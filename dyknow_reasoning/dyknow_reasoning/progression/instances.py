@@ -37,6 +37,7 @@ from dyknow_reasoning.language.formula import (
     compares_past,
     looks_forward,
     parts,
+    walk,
     with_changed_parts,
 )
 from dyknow_reasoning.language.symbols import feature_symbol
@@ -48,9 +49,11 @@ from dyknow_reasoning.language.terms import (
     Function,
     Number,
     Object,
+    Probability,
     StateCount,
     Term,
     Truth,
+    Uncertain,
     ValueBefore,
     Variable,
 )
@@ -64,6 +67,7 @@ from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
 from dyknow_reasoning.progression.past_operators import is_dual, memory_of
+from dyknow_reasoning.progression.residual import holds_at_the_end
 from dyknow_reasoning.progression.thresholds import Thresholds
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
@@ -287,7 +291,8 @@ class _Translator:
         if not isinstance(found, Comparison):
             return self._literal(found, positive=True)
         if compares_past(found):  # At the first state, opposite comparisons are both false.
-            return self._literal(PastAtom(found), positive=True)
+            literal = self._literal(PastAtom(found), positive=True)
+            return self._awaited(found, literal) if looks_forward(found) else literal
         left, right = found.left, found.right
         if isinstance(left, Object) and isinstance(right, Object):
             return constant(value=(left == right) == (found.operator == '='))
@@ -299,6 +304,25 @@ class _Translator:
         if known is not None:
             return constant(value=known is not negative)
         return self._literal(atom, positive=not negative)
+
+    def _awaited(self, comparison: Comparison, known: Node) -> Node:
+        """Return a comparison of a probability that becomes known, true or false, later.
+
+        If no further state comes, it counts as true if more is likely and the formula counts as
+        true then, or if less is likely and it does not.
+        """
+        opposite = replace(comparison, operator=NEGATED_COMPARISONS[comparison.operator])
+        is_open = self._literal(PastAtom(opposite), positive=False)
+        is_left = isinstance(comparison.left, Probability)
+        asked = comparison.left if is_left else comparison.right
+        body = _Translator(self._store, {}).node(cast('Probability', asked).body, {})
+        wants_more = (comparison.operator in {'>', '>='}) is is_left
+        if holds_at_the_end(body) is wants_more:
+            later = self._store.window(None, None, known, is_open, universal=True)
+        else:
+            later = self._store.window(None, None, is_open, known, universal=False)
+        waiting = self._store.junction((is_open, later), universal=True)
+        return self._store.junction((known, waiting), universal=False)
 
     def _literal(self, atom: Atom, *, positive: bool) -> Node:
         slot = self.slots.setdefault(atom, len(self.slots))
@@ -368,7 +392,7 @@ def _joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
 
 def _value_without_state(atom: Comparison) -> bool | None:
     """Return the truth of a comparison of constants; None if it needs a state, or has no value."""
-    if next(fields(atom), None) is not None:
+    if any(isinstance(each, Feature | FieldReference | Uncertain) for each in walk(atom)):
         return None
     try:
         return predicate(atom, {})({})
@@ -398,6 +422,10 @@ def _substitute(  # noqa: PLR0911 - one for each kind
             return ValueBefore(_substitute(body, binding, domains))
         case StateCount(body, interval):
             return StateCount(ground(body, binding, domains), interval)
+        case Probability(body):
+            return Probability(ground(body, binding, domains))
+        case Uncertain():
+            return with_changed_parts(node, lambda part: _substitute(part, binding, domains))
         case _:
             return node
 

@@ -9,7 +9,14 @@ from operator import attrgetter
 
 from dyknow_common import ExitCode, shortened
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import Atom, Comparison, Formula, Not
+from dyknow_reasoning.language.formula import (
+    Atom,
+    Comparison,
+    Formula,
+    Not,
+    PastAtom,
+    looks_forward,
+)
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.terms import operand_text
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
@@ -81,6 +88,20 @@ def growth_error(size: int, limit: int, node: Node, atoms: Sequence[Atom]) -> Re
         'bound its intervals, lengthen the sample period, or raise the limit',
         ExitCode.UNAVAILABLE,
     )
+
+
+def awaited_comparison(node: Window, atoms: Sequence[Atom]) -> Comparison | None:
+    """Return the comparison that a window stands for whose probability depends on later states.
+
+    Either side of it is one that may become known to be true, or that the opposite is not.
+    """
+    for side in (node.left, node.right):
+        if type(side) is Literal and side.positive:
+            atom = atoms[side.slot]
+            found = atom.formula if isinstance(atom, PastAtom) else atom
+            if isinstance(found, Comparison) and looks_forward(found):
+                return found
+    return None
 
 
 def holds_at_the_end(node: Node) -> bool:
@@ -160,6 +181,8 @@ def _window_text(
     texts: Mapping[Node, str],
     atoms: Sequence[Atom],
 ) -> str:
+    if isinstance(node, Window) and (awaited := awaited_comparison(node, atoms)):
+        return str(awaited)
     every, some, joined = (f'{word}{interval.suffix}' for word in words)
     right = _operand(node.right, texts, atoms)
     if node.left is FALSE and node.universal:

@@ -16,9 +16,11 @@ from dyknow_coordinator import with_unit
 from dyknow_reasoning import (
     ALL_KNOWN,
     FormulaGroup,
+    FormulaProbability,
     FormulaResult,
     ReasoningError,
     UnknownFeatures,
+    probability_of,
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
@@ -82,12 +84,17 @@ class FormulaEpisodes:
     events: list[str] = field(default_factory=list)
     open_episodes: dict[int, int] = field(default_factory=dict)
     """The index in `episodes` of those that are not decided, by the id of the formula."""
+    probability: FormulaProbability | None = None
+    """The probability of the formula, if it is asked for."""
 
     @property
     def has_ended(self) -> bool:
         """True if no state can change anything any more."""
-        is_asked_again = self.every is not Every.FIRST and self.error is None
-        return not (is_asked_again or self.open_episodes)
+        if self.error is not None:
+            return not self.open_episodes
+        is_asked_again = self.every is not Every.FIRST
+        awaits = self.probability is not None and not self.probability.is_final
+        return not (is_asked_again or self.open_episodes or awaits)
 
 
 class EpisodeGroup:
@@ -130,13 +137,14 @@ class EpisodeGroup:
         self._group.begin(domains, unknown)
         for each in formulas:
             try:
+                grounded, asked = each.grounded, each.grounded.probability
+                each.probability = probability_of(asked, domains) if asked else None
                 if each.every is Every.STATE:
-                    self._standing[each] = StandingEpisodes(
-                        each.grounded.formula, domains, each.grounded.units
-                    )
+                    given = grounded.formula, domains, grounded.units
+                    self._standing[each] = StandingEpisodes(*given)
                 elif each.every is Every.TRIGGER:
                     # What past operators look back to is the same from every state.
-                    self._group.keep_history(each.grounded.formula)
+                    self._group.keep_history(grounded.formula)
             except DyKnowError as error:
                 self._fail(each, error)
         self._close(self._group.decided_at_once())
@@ -158,6 +166,20 @@ class EpisodeGroup:
         self._fresh.clear()
         if self._group.undecided or self._group.keeps_history:
             self._close(self._group.progress(valid_time, values))
+        if any(each.probability for each in self.formulas):
+            self._step_probabilities(valid_time, values)
+
+    def _step_probabilities(self, valid_time: int, values: Mapping[str, Value]) -> None:
+        for each in self._running:
+            if each.probability is None or each.probability.is_final:
+                continue
+            try:
+                each.probability.step(valid_time, values)
+            except ReasoningError as error:
+                self._fail(each, error)
+                continue
+            if each.has_ended:
+                self._end(each)
 
     def progress_many(
         self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
@@ -169,7 +191,8 @@ class EpisodeGroup:
             columns: the values of each feature at these states; of shape (n,).
         """
         start = 0
-        if self._is_asked_again or not all(map(_is_plain, columns.values())):
+        is_single = self._is_asked_again or any(each.probability for each in self.formulas)
+        if is_single or not all(map(_is_plain, columns.values())):
             start = len(valid_times)
         elif self._fresh:
             start = 1
@@ -221,6 +244,10 @@ class EpisodeGroup:
             self.observer.gap()
         for each in self._running:
             each.gaps.append(StateGap(after, None))
+            if each.probability is not None:
+                each.probability.gap()
+                if each.has_ended:
+                    self._end(each)
 
     def end_gap(self, before: int) -> None:
         """Record the valid time of the first state after a gap, in nanoseconds."""

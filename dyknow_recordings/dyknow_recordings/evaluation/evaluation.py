@@ -74,6 +74,7 @@ def evaluate_recording(
     *,
     keep_signals: bool = False,
     margins: bool = False,
+    probabilities: bool = False,
 ) -> RecordingReport:
     """Evaluate formulas over a recording.
 
@@ -85,12 +86,19 @@ def evaluate_recording(
             unless this begins other episodes.
         keep_signals: True to keep the signals of the states, for pictures.
         margins: True to compute the margins of all formulas, also of those that do not say so.
+        probabilities: True to compute the probabilities of formulas from the first state on.
 
     Raises:
         DyKnowError: naming a file that cannot be read, or a recording that cannot be read.
     """
     return RecordingEvaluation(
-        recording, formulas, files, start, keep_signals=keep_signals, margins=margins
+        recording,
+        formulas,
+        files,
+        start,
+        keep_signals=keep_signals,
+        margins=margins,
+        probabilities=probabilities,
     ).run()
 
 
@@ -106,10 +114,11 @@ class RecordingEvaluation:
         *,
         keep_signals: bool = False,
         margins: bool = False,
+        probabilities: bool = False,
     ) -> None:
         self._recording = recording
-        self._keep_signals, self._margins = keep_signals, margins
-        self._start = start
+        self._keep_signals, self._start = keep_signals, start
+        self._margins, self._probabilities = margins, probabilities
         self._missing_is_unknown = files.missing_is_unknown
         self._streams = RecordedStreams(
             recording.contents,
@@ -120,10 +129,9 @@ class RecordingEvaluation:
         self._pending: list[StateGroup] = []
         self._vocabulary_notes: tuple[str, ...] = ()
         self._requests = self._ground_all(formulas, files)
-        grounded = [each.grounded.inputs for each in self._requests if each.grounded]
-        self._fields = self._streams.prepare(
-            dict.fromkeys(source for inputs in grounded for source in inputs.candidates.found)
-        )
+        inputs = [each.grounded.inputs for each in self._requests if each.grounded]
+        sources = dict.fromkeys(source for each in inputs for source in each.candidates.found)
+        self._fields = self._streams.prepare(sources)
         self._columns = ColumnStates(self._streams, recording.start_time)
         self._groups = self._make_groups()
         self._running = [group for group in self._groups if not group.has_ended]
@@ -234,6 +242,7 @@ class RecordingEvaluation:
                 self._start.trigger,
                 requested.constants,
                 margin=self._margins or requested.margin,
+                probability=self._probabilities,
             )
             return _Request(requested, grounded)
         except DyKnowError as error:
@@ -331,6 +340,7 @@ class RecordingEvaluation:
             reason = group.waits_for or 'it ends too early'
             error = RecordingError(f'the recording has no state: {reason}', ExitCode.NOT_FOUND)
         formula = episodes.grounded.formula
+        probability = episodes.probability if error is None else None
         return FormulaReport(
             name,
             formula,
@@ -343,4 +353,6 @@ class RecordingEvaluation:
             events=tuple(episodes.events),
             waits_for=group.waits_for,
             signals=observer.result() if (observer := group.episodes.observer) else None,
+            probability=None if probability is None else probability.interval(),
+            probability_so_far=None if probability is None else probability.interval_at_end(),
         )

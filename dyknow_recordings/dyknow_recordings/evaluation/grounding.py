@@ -24,6 +24,7 @@ from dyknow_coordinator import (
     check_symbols,
     feature_symbols,
     feature_units,
+    find_uncertainties,
     find_units,
     has_units,
     infer_sorts,
@@ -33,7 +34,15 @@ from dyknow_coordinator import (
     with_sorts,
     with_units,
 )
-from dyknow_reasoning import NO_CONSTANTS, Constants, FormulaGroup, literal_of
+from dyknow_reasoning import (
+    NO_CONSTANTS,
+    Constants,
+    FormulaGroup,
+    asks_for_probability,
+    is_uncertain,
+    literal_of,
+    parse_formula,
+)
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import Vocabulary
 
@@ -49,12 +58,15 @@ class GroundedFormula:
         trigger: the canonical text of the formula that begins its episodes; empty without one.
         inputs: of the state stream, for both.
         units: of the features of a formula whose margin is computed; else None.
+        probability: the canonical text that asks for its probability; empty if that is not asked
+            for, or nothing in it is uncertain.
     """
 
     formula: str
     trigger: str
     inputs: FormulaInputs
     units: Mapping[str, str] | None = None
+    probability: str = ''
 
 
 class FormulaGrounder:
@@ -90,6 +102,7 @@ class FormulaGrounder:
         constants: Constants = NO_CONSTANTS,
         *,
         margin: bool = False,
+        probability: bool = False,
     ) -> GroundedFormula:
         """Return the inputs of a formula, and of the trigger of its episodes.
 
@@ -98,31 +111,43 @@ class FormulaGrounder:
             trigger: the text of the formula that begins its episodes; empty without one.
             constants: the values of names that the texts do not define.
             margin: True if the margin of the formula is to be computed.
+            probability: True if its probability is to be computed.
 
         Raises:
             DyKnowError: if a text is no formula, or has a sort or a feature that is not found.
         """
         group = FormulaGroup()
         texts = [self._completed(text, constants) for text in filter(None, (formula, trigger))]
-        for text in texts:
+        asked = self._probability(formula, constants) if probability else ''
+        for text in filter(None, (*texts, asked)):
             group.add_formula(text, text, margin=margin and text is texts[0])
         symbols = tuple(group.symbols())
         domains = self._domains(symbols, texts)
         candidates = self._candidates(symbols)
         group.begin(domains)
         features = tuple(map(str, feature_symbols(group.symbols())))
-        # A recording without annotations, such as a table, has features for fields.
-        fields = (self._streams.source_of_field(each) for each in features)
-        found = {each.feature for each in candidates.found}
-        more = tuple(each for each in fields if each is not None and each.feature not in found)
-        candidates = replace(candidates, found=(*candidates.found, *more))
+        candidates = self._with_fields(candidates, features)
         candidates.choose(features)
         unknown = _finished(unknown_features(symbols, self._query))
         inputs = FormulaInputs(
             symbols, Grounding.AUTO, features, candidates, domains, self._constraints, unknown
         )
         units = _finished(feature_units(symbols, self._query)) if margin else None
-        return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units)
+        return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units, asked)
+
+    def _probability(self, formula: str, constants: Constants) -> str:
+        """Return the canonical text that asks for the probability of a formula; may be empty."""
+        if asks_for_probability(parse_formula(formula, constants)):
+            return ''
+        asked = self._completed(f'P({formula}) >= 0', constants)
+        return asked if is_uncertain(parse_formula(asked)) else ''
+
+    def _with_fields(self, candidates: Candidates, features: Sequence[str]) -> Candidates:
+        """Add fields: a recording without annotations, such as a table, has features for them."""
+        fields = (self._streams.source_of_field(each) for each in features)
+        found = {each.feature for each in candidates.found}
+        more = tuple(each for each in fields if each is not None and each.feature not in found)
+        return replace(candidates, found=(*candidates.found, *more))
 
     def _domains(
         self, symbols: Sequence[Symbol], texts: Sequence[str]
@@ -147,10 +172,9 @@ class FormulaGrounder:
         check_symbols(symbols, Grounding.AUTO)
         canonical = str(group.formulas[formula_id])
         formula = with_sorts(canonical, _finished(infer_sorts(symbols, self._query)))
-        if not has_units(canonical):
-            return formula
-        units = _finished(find_units(symbols, self._query))
-        return with_units(formula, units)
+        units = _finished(find_units(symbols, self._query)) if has_units(canonical) else {}
+        uncertainties = _finished(find_uncertainties(canonical, symbols, self._query))
+        return with_units(formula, units, uncertainties)
 
     async def _matching_sources(self, concept: str) -> tuple[FeatureSource, ...]:
         return parse_sources(self._vocabulary.matching_streams(concept))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dyknow_common import DyKnowError, Margin, Verdict
+from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict
 from dyknow_coordinator import SymbolGrounding
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.health.expectations import BrokenExpectation
@@ -91,6 +91,9 @@ class FormulaReport:
         signals: of the states, if they were to be kept.
         last_state: the valid time of its last state in nanoseconds, if neither the episodes nor the
             signals tell it.
+        probability: of the formula from the first state on, for any further states; None if it was
+            not asked for, or if nothing in the formula is uncertain.
+        probability_so_far: the same if no further state came.
     """
 
     name: str
@@ -105,6 +108,8 @@ class FormulaReport:
     waits_for: str = ''
     signals: StateSignals | None = None
     last_state: int | None = None
+    probability: ProbabilityInterval | None = None
+    probability_so_far: ProbabilityInterval | None = None
 
     @property
     def outcome(self) -> Outcome:

@@ -38,6 +38,7 @@ class RecordingJob:
         every: `first`, `state`, or the formula of a trigger.
         keep_signals: True to keep the signals of the states, for pictures.
         margins: True to compute the margins of the formulas.
+        probabilities: True to compute their probabilities.
         black_box: the content of the recording if it is one that is to be checked by itself.
         types: where the definitions of message types are that the recording lacks.
         expectations: about its topics.
@@ -51,6 +52,7 @@ class RecordingJob:
     every: str = Every.FIRST.value
     keep_signals: bool = False
     margins: bool = False
+    probabilities: bool = False
     black_box: BlackBoxContent | None = None
     types: MessageTypes | None = None
     expectations: tuple[TopicExpectation, ...] = ()
@@ -74,6 +76,7 @@ class RecordingJob:
                 start,
                 keep_signals=self.keep_signals,
                 margins=self.margins,
+                probabilities=self.probabilities,
             )
             report = replace(report, broken=broken_in(recording, self.expectations))
             is_suffix = recording.is_suffix and self.black_box is None

@@ -71,6 +71,8 @@ def _formula(report: FormulaReport, judgement: Judgement) -> dict[str, Any]:
         'gaps': [{'after_ns': each.after, 'before_ns': each.before} for each in report.gaps],
         'events': list(report.events),
         'waits_for': report.waits_for,
+        'probability': report.probability and report.probability.document,
+        'probability_so_far': report.probability_so_far and report.probability_so_far.document,
         'error': _error(report.error),
     }
 

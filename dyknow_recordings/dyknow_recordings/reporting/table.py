@@ -51,11 +51,19 @@ class Tables:
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     """Return the results of one recording: a row for each formula."""
     has_margins = any(each.margin is not None for each in report.formulas)
+    has_probabilities = any(each.probability is not None for each in report.formulas)
     margins = [folded('margin')] if has_margins else []
+    margins += [folded('probability')] if has_probabilities else []
     return framed_table(
         [folded('formula'), fixed('outcome'), fixed('at'), *margins, folded('why')],
         (
-            _row(each, judgement, report.start_time, has_margins=has_margins)
+            _row(
+                each,
+                judgement,
+                report.start_time,
+                has_margins=has_margins,
+                has_probabilities=has_probabilities,
+            )
             for each in report.formulas
         ),
         title=_title(report),
@@ -78,7 +86,12 @@ def print_topics(recording: RecordingReader) -> None:
 
 
 def _row(
-    report: FormulaReport, judgement: Judgement, start: int, *, has_margins: bool
+    report: FormulaReport,
+    judgement: Judgement,
+    start: int,
+    *,
+    has_margins: bool,
+    has_probabilities: bool,
 ) -> tuple[Text, ...]:
     style = _STYLES.get(report.outcome, 'green' if judgement.passes(report) else 'red')
     decisive = decisive_episode(report)
@@ -89,5 +102,14 @@ def _row(
         Text(report.outcome, style=style),
         Text(at),
         *([Text('' if report.margin is None else str(report.margin))] if has_margins else []),
+        *([Text(_probability(report))] if has_probabilities else []),
         Text(with_readable_times('\n'.join(reasons(report, decisive)), start)),
     )
+
+
+def _probability(report: FormulaReport) -> str:
+    if report.probability is None or report.probability_so_far is None:
+        return ''
+    if report.probability == report.probability_so_far:
+        return str(report.probability)
+    return f'{report.probability}; so far {report.probability_so_far.bounds}'

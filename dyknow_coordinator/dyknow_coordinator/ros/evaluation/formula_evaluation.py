@@ -30,7 +30,12 @@ from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
-from dyknow_coordinator.grounding.units import find_units, has_units, with_units
+from dyknow_coordinator.grounding.units import (
+    find_uncertainties,
+    find_units,
+    has_units,
+    with_units,
+)
 from dyknow_coordinator.grounding.unknown_features import unknown_features
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
@@ -351,12 +356,13 @@ class FormulaEvaluation(Evaluation):
             self._units = await feature_units(symbols, clients.query)
         sorts = await infer_sorts(symbols, clients.query)
         states_units = has_units(self.canonical_formula)
-        if not sorts and not states_units:
+        uncertainties = await find_uncertainties(self.canonical_formula, symbols, clients.query)
+        if not sorts and not states_units and not uncertainties:
             return formula_id, symbols
         await clients.remove_formula(group_id, formula_id)
         formula = with_sorts(self.canonical_formula, sorts)
-        if states_units:
-            formula = with_units(formula, await find_units(symbols, clients.query))
+        units = await find_units(symbols, clients.query) if states_units else {}
+        formula = with_units(formula, units, uncertainties)
         formula_id, self.canonical_formula = await add_formula(formula)
         return formula_id, await clients.symbols(group_id)
 

@@ -25,6 +25,11 @@ from typing import Any, Final, cast
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.registers import InnerRegister, column_array, field_names
+from dyknow_reasoning.execution.probability.bounds import has_windows
+from dyknow_reasoning.execution.probability.formula_probability import (
+    AskedProbability,
+    FormulaProbability,
+)
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import Columns
 from dyknow_reasoning.language.formula import (
@@ -35,7 +40,7 @@ from dyknow_reasoning.language.formula import (
     Previous,
     parts,
 )
-from dyknow_reasoning.language.terms import PastTerm, StateCount, Term
+from dyknow_reasoning.language.terms import PastTerm, Probability, StateCount, Term
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import (
     NoStateBeforeError,
@@ -58,8 +63,8 @@ def operands_of(formula: PastFormula | Comparison, store: NodeStore) -> list[Pas
     """Return the operands of a ground past operator, or of each count in a comparison."""
     if not isinstance(formula, Comparison):
         return [past_operands(formula, store)]
-    counts = (each for each in past_terms(formula) if isinstance(each, StateCount))
-    return [past_operands(Previous(each.body), store) for each in counts]
+    asked = (each for each in past_terms(formula) if isinstance(each, _OF_FORMULAS))
+    return [past_operands(Previous(each.body), store) for each in asked]
 
 
 class ComparisonRegister:
@@ -67,7 +72,7 @@ class ComparisonRegister:
 
     Args:
         atom: the comparison, with the name of its field.
-        operands: of its counts; their past operators are atoms with fields, too.
+        operands: of its counts and probabilities; past operators are atoms with fields, too.
         inner: the registers of these.
         kinds: the kinds of the features.
 
@@ -91,16 +96,17 @@ class ComparisonRegister:
         self._inner = inner
         self._holds = predicate(comparison, kinds)
         terms = past_terms(comparison)
-        counted = iter(operands)
-        self._readers = {
-            str(each): _truth_reader(next(counted), kinds)
-            if isinstance(each, StateCount)
-            else term_reader(each.body, kinds)
-            for each in terms
-        }
-        self.memory = TermMemories([_memory_of(each) for each in terms])
+        pending = iter(operands)
+        self._readers: dict[str, Callable[[Values], Any]] = {}
+        memories: list[_TermMemory] = []
+        for each in terms:
+            operand = next(pending) if isinstance(each, _OF_FORMULAS) else None
+            read, memory = _reader_and_memory(each, operand, kinds)
+            self._readers[str(each)] = read
+            memories.append(memory)
+        self.memory = TermMemories(memories)
         self.atoms = [each for operand in operands for each in operand.atoms]
-        """The atoms of its counts."""
+        """The atoms of its counts and probabilities."""
         names = (name for each in self.atoms for name in field_names(each))
         self._names = {*map(field_name, fields(comparison)), *names}
         bounds = ('', '-', '+')
@@ -303,8 +309,65 @@ class _CountMemory(_TermMemory):
         return found
 
 
-def _memory_of(term: PastTerm) -> _TermMemory:
-    return _CountMemory(term) if isinstance(term, StateCount) else _ValueMemory()
+class _ProbabilityMemory(_TermMemory):
+    """The probability of a formula, from the first state on if later states decide it.
+
+    Args:
+        term: the probability.
+        operands: of its formula, as `right`.
+        kinds: the kinds of the features.
+    """
+
+    def __init__(self, term: Probability, operands: PastOperands, kinds: Kinds) -> None:
+        self._formula = str(term.body)
+        node = operands.right
+        self._probability = FormulaProbability(node, operands.atoms, kinds)
+        self._is_of_state = not has_windows(node)
+        self._error: ReasoningError | None = None
+
+    def step(self, time: int, now: Any) -> Any:
+        asked = self._probability.copied() if self._is_of_state else self._probability
+        try:
+            if self._error is None:
+                asked.step(time, now)
+        except ReasoningError as error:
+            if self._is_of_state:
+                return error
+            self._error = error
+        if self._error is not None:
+            return self._error
+        return AskedProbability(asked.interval(), self._formula, is_final=asked.is_final)
+
+    def miss_states(self, gap: Gap) -> None:
+        if not (self._is_of_state or self._probability.is_final):
+            self._error = self._error or unknowable(gap)
+
+    def is_known(self, time: int) -> bool:  # noqa: ARG002
+        return not isinstance(self._error, UnknowableError)
+
+    @property
+    def key(self) -> Hashable:
+        return None if self._is_of_state else id(self._probability)
+
+    def copied(self) -> _ProbabilityMemory:
+        found = copy(self)
+        found._probability = self._probability.copied()  # noqa: SLF001 - of the same class
+        return found
+
+
+_OF_FORMULAS: Final = StateCount, Probability
+"""The past terms whose operands are formulas."""
+
+
+def _reader_and_memory(
+    term: PastTerm, operands: PastOperands | None, kinds: Kinds
+) -> tuple[Callable[[Values], Any], _TermMemory]:
+    """Return what reads the operand of a past term, and the memory of the term."""
+    if isinstance(term, Probability) and operands:
+        return lambda values: values, _ProbabilityMemory(term, operands, kinds)
+    if isinstance(term, StateCount) and operands:
+        return _truth_reader(operands, kinds), _CountMemory(term)
+    return term_reader(term.body, kinds), _ValueMemory()
 
 
 def past_terms(comparison: Comparison) -> list[PastTerm]:
@@ -313,7 +376,7 @@ def past_terms(comparison: Comparison) -> list[PastTerm]:
 
 
 def _inner_first(node: Formula | Term) -> Iterator[PastTerm]:
-    if not isinstance(node, StateCount):  # The operand of a count has atoms of its own.
+    if not isinstance(node, _OF_FORMULAS):  # Their operands have atoms of their own.
         for part in parts(node):
             yield from _inner_first(part)
     if isinstance(node, PastTerm):

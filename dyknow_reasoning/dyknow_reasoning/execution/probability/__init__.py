@@ -1,0 +1,1 @@
+"""Probabilities of formulas over uncertain numbers: bounds, exact, or simulated."""

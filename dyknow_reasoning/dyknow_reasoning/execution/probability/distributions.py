@@ -1,0 +1,376 @@
+"""Probabilities of the atoms of a formula at one state.
+
+An atom compares a sum of uncertain numbers with a certain one: with the certain values of the state
+it is `c1*q1 + ... + cn*qn + rest < 0`, where qi are normally distributed. Atoms that share a number
+depend on each other, such as `x > 1` and `x > 2`. They are a *component*. If all of its atoms
+compare one sum, their thresholds divide its values into *cells*, and all atoms have one truth in a
+cell:
+
+    x is normal(1.5, 1)      x <= 1    1 < x <= 2    2 < x
+    x > 1, x > 2             no, no    yes, no       yes, yes
+    probability              0.31      0.38          0.31
+
+Bounds where nothing is known about dependence: `at_least` (Frechet; Rueger 1978 for counts), and
+for the sum of n numbers, P(sum <= 0) is at least 1 - n * Phi(-z) and at most n * Phi(z) with
+z = -(sum of means) / (sum of deviations), as the sum is negative if each number is at most its mean
+and z deviations, and only if one is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from math import erfc, hypot, inf, isfinite, prod, sqrt
+from typing import Any, Final, TypeAlias
+
+from dyknow_common import COMPARISONS
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.language.formula import Atom, Comparison, walk
+from dyknow_reasoning.language.terms import Arithmetic, Number, Term, Uncertain
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression.atoms import MIRRORED_COMPARISONS, Values, predicate, term_reader
+from dyknow_reasoning.progression.nodes import (
+    AtLeast,
+    Constant,
+    Junction,
+    Literal,
+    Node,
+    holds_at,
+    slots,
+)
+
+Chance: TypeAlias = tuple[float, float]
+"""The least and the greatest probability that is possible."""
+
+Moments: TypeAlias = Sequence[tuple[float, float]]
+"""The mean and the deviation of each uncertain number at a state."""
+
+Cells: TypeAlias = Sequence[tuple[int, float]]
+"""The truths of some atoms, as bits, with the probability of each."""
+
+_LESS: Final = {'<', '<='}
+_GREATER: Final = {'>', '>='}
+
+MAX_CELLS: Final = 4096
+"""The most truths of the atoms of a formula that one state may give."""
+
+
+def complement(chance: Chance) -> Chance:
+    """Return the probability that something does not hold."""
+    return 1.0 - chance[1], 1.0 - chance[0]
+
+
+def at_least(count: int, chances: Iterable[Chance]) -> Chance:
+    """Return the probability that at least a number of events occur, whatever their dependence."""
+    known = list(chances)
+    rest = len(known) - count + 1
+    least = 1.0 - _most(rest, [1.0 - lower for lower, _ in known])
+    return max(0.0, least), _most(count, [upper for _, upper in known])
+
+
+def _most(count: int, chances: list[float]) -> float:
+    """Return the greatest probability that at least a number of events occur.
+
+    If so, then without the m most likely ones at least count - m of the others occur (Markov).
+    """
+    if count <= 0:
+        return 1.0
+    chances.sort()
+    found, total = 1.0, sum(chances)
+    for most_likely in range(min(count, len(chances))):
+        found = min(found, total / (count - most_likely))
+        total -= chances[-1 - most_likely]
+    return found if count <= len(chances) else 0.0
+
+
+def _below(deviations: float) -> float:
+    """Return the probability that a standard normal number is less than a value (Phi)."""
+    return 0.5 * erfc(-deviations / sqrt(2))
+
+
+def _between(first: float, last: float) -> float:
+    """Return the probability that it is between two values, precisely also in the tails."""
+    if first > 0:
+        return _below(-first) - _below(-last)
+    return _below(last) - _below(first)
+
+
+@dataclass(frozen=True, slots=True)
+class _Sum:
+    """A sum of uncertain numbers and of certain terms.
+
+    Args:
+        factors: of the uncertain numbers.
+        rest: the certain terms with their factors.
+    """
+
+    factors: Mapping[Uncertain, float]
+    rest: tuple[tuple[float, Callable[[Values], Any]], ...]
+
+    def plus(self, other: _Sum, factor: float) -> _Sum:
+        """Return the sum with a multiple of another."""
+        factors = dict(self.factors)
+        for number, each in other.factors.items():
+            factors[number] = factors.get(number, 0.0) + factor * each
+        rest = (*self.rest, *((factor * each, read) for each, read in other.rest))
+        return _Sum({number: each for number, each in factors.items() if each}, rest)
+
+
+_NOTHING: Final = _Sum({}, ())
+
+
+def _sum_of(term: Term, kinds: Kinds) -> _Sum | None:  # noqa: PLR0911 - one for each kind
+    """Return a term as a sum; None if it is not linear in its uncertain numbers."""
+    if isinstance(term, Uncertain):
+        return _Sum({term: 1.0}, ())
+    if not any(isinstance(each, Uncertain) for each in walk(term)):
+        return _Sum({}, ((1.0, term_reader(term, kinds)),))
+    match term:
+        case Arithmetic('+' | '-' as operator, left, right):
+            sides = _sum_of(left, kinds), _sum_of(right, kinds)
+            if sides[0] is None or sides[1] is None:
+                return None
+            return sides[0].plus(sides[1], 1.0 if operator == '+' else -1.0)
+        case Arithmetic('*', Number(factor), body) | Arithmetic('*', body, Number(factor)):
+            found = _sum_of(body, kinds)
+            return found and _NOTHING.plus(found, factor)
+        case Arithmetic('/', body, Number(factor)) if factor:
+            found = _sum_of(body, kinds)
+            return found and _NOTHING.plus(found, 1 / factor)
+        case _:
+            return None
+
+
+class _UncertainAtom:
+    """A comparison of a sum with zero.
+
+    Args:
+        atom: the comparison.
+        difference: its left side minus its right side.
+        order: the index of each uncertain number.
+    """
+
+    def __init__(self, atom: Comparison, difference: _Sum, order: Sequence[Uncertain]) -> None:
+        factors = sorted((order.index(each), f) for each, f in difference.factors.items())
+        self._scale = factors[0][1]
+        # Atoms with equal directions compare one sum.
+        self.direction = tuple((index, factor / self._scale) for index, factor in factors)
+        is_turned = self._scale < 0
+        self.operator = MIRRORED_COMPARISONS[atom.operator] if is_turned else atom.operator
+        self._atom, self._rest = atom, difference.rest
+
+    def threshold(self, values: Values) -> float:
+        """Return the number that the sum of the direction is compared with.
+
+        Raises:
+            ReasoningError: if it is not a number.
+        """
+        found: float = -sum(factor * read(values) for factor, read in self._rest) / self._scale
+        if found != found:  # noqa: PLR0124 - only NaN differs from itself
+            raise ReasoningError(
+                f"the sides of '{self._atom}' are infinite; compare finite numbers"
+            )
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Component:
+    """Atoms that share uncertain numbers, by their slots."""
+
+    atoms: Mapping[int, _UncertainAtom]
+
+    @property
+    def has_one_sum(self) -> bool:
+        """True if all atoms compare one sum."""
+        return len({each.direction for each in self.atoms.values()}) == 1
+
+    @property
+    def has_one_number(self) -> bool:
+        """True if all atoms compare one uncertain number."""
+        return len({each for atom in self.atoms.values() for each, _ in atom.direction}) == 1
+
+
+class StateDistribution:
+    """The joint distribution of the atoms of a formula at a state.
+
+    Args:
+        atoms: the atom of each slot.
+        kinds: the kinds of the features.
+        mask: the slots of the formula, as bits.
+
+    Attributes:
+        numbers: the uncertain numbers; `moments` are in their order.
+        is_independent: True if their errors are independent of each other.
+        is_linear: True if each atom compares a sum of uncertain numbers.
+        has_cells: True if `cells` are defined.
+    """
+
+    def __init__(self, atoms: Sequence[Atom], kinds: Kinds, mask: int) -> None:
+        self._certain: dict[int, Callable[[Values], bool]] = {}
+        self._uncertain: dict[int, _UncertainAtom] = {}
+        self.is_linear = True
+        self.numbers: list[Uncertain] = []
+        self._readers: list[tuple[Callable[[Values], Any], Callable[[Values], Any]]] = []
+        for slot in slots(mask):
+            self._add(slot, atoms[slot], kinds)
+        self.is_independent = all(each.time_constant is not None for each in self.numbers)
+        self._components: dict[int, list[_Component]] = {}
+        all_have_one_sum = all(each.has_one_sum for each in self._components_of(mask))
+        self.has_cells = self.is_linear and all_have_one_sum
+
+    def _add(self, slot: int, atom: Atom, kinds: Kinds) -> None:
+        found = [each for each in walk(atom) if isinstance(each, Uncertain)]
+        for each in found:
+            if each not in self.numbers:
+                self.numbers.append(each)
+                read_mean, read_deviation = (
+                    term_reader(term, kinds) for term in (each.mean, each.deviation)
+                )
+                self._readers.append((read_mean, read_deviation))
+        if not found or not isinstance(atom, Comparison):
+            self._certain[slot] = predicate(atom, kinds)
+            return
+        left, right = _sum_of(atom.left, kinds), _sum_of(atom.right, kinds)
+        difference = None if left is None or right is None else left.plus(right, -1.0)
+        if difference is None or not difference.factors:
+            self.is_linear = False
+        else:
+            self._uncertain[slot] = _UncertainAtom(atom, difference, self.numbers)
+
+    def _components_of(self, mask: int) -> list[_Component]:
+        """Return the components of the uncertain atoms in a mask."""
+        if mask not in self._components:
+            self._components[mask] = self._joined(mask)
+        return self._components[mask]
+
+    def _joined(self, mask: int) -> list[_Component]:
+        found: list[tuple[set[int], dict[int, _UncertainAtom]]] = []
+        for slot, atom in self._uncertain.items():
+            if not mask >> slot & 1:
+                continue
+            numbers, atoms = {each for each, _ in atom.direction}, {slot: atom}
+            for known in [each for each in found if each[0] & numbers]:
+                numbers |= known[0]
+                atoms |= known[1]
+                found.remove(known)
+            found.append((numbers, atoms))
+        return [_Component(atoms) for _, atoms in found]
+
+    def moments(self, values: Values) -> Moments:
+        """Return the mean and the deviation of each uncertain number at a state.
+
+        Raises:
+            ReasoningError: if one is no usable number.
+        """
+        found = [(mean(values), deviation(values)) for mean, deviation in self._readers]
+        for index, (mean, deviation) in enumerate(found):
+            if not (isfinite(mean) and 0 <= deviation < inf):
+                raise ReasoningError(
+                    f"'{self.numbers[index]}' is normal({mean}, {deviation}); both must be finite, "
+                    'and the deviation not negative'
+                )
+        return found
+
+    def cells(self, mask: int, values: Values, moments: Moments) -> Cells:
+        """Return the possible truths of the atoms in a mask, if errors are independent.
+
+        Raises:
+            ReasoningError: if there are too many, or a value is unusable.
+        """
+        certain = self._certain_bits(mask, values)
+        parts = [self._cells_of(each, values, moments) for each in self._components_of(mask)]
+        if prod(map(len, parts)) > MAX_CELLS:
+            raise ReasoningError(
+                f'the atoms of the formula have more than {MAX_CELLS} truths at a state; ask for '
+                'the probability of fewer at a time'
+            )
+        if len(parts) == 1:
+            return [(certain | bits, chance) for bits, chance in parts[0]]
+        return [
+            (certain | sum(bits for bits, _ in chosen), prod(chance for _, chance in chosen))
+            for chosen in product(*parts)
+        ]
+
+    def chance(self, node: Node, values: Values, moments: Moments) -> Chance:
+        """Return the probability of a formula without temporal operators.
+
+        Raises:
+            ReasoningError: if a value is unusable.
+        """
+        if self.is_independent and self.has_cells:
+            return _known(self._total(node, self.cells(node.mask, values, moments)))
+        components = self._components_of(node.mask)
+        if not components or (len(components) == 1 and components[0].has_one_number):
+            return _known(self._total(node, self.cells(node.mask, values, moments)))
+        match node:
+            case Literal(slot, positive):
+                found = self._marginal(self._uncertain[slot], values, moments)
+                return found if positive else complement(found)
+            case Junction(universal, parts):
+                count = len(parts) if universal else 1
+            case AtLeast(count, parts):
+                pass
+            case _:  # pragma: no cover - there are no others
+                raise AssertionError(node)
+        return at_least(count, [self.chance(each, values, moments) for each in parts])
+
+    def _total(self, node: Node, cells: Cells) -> float:
+        if type(node) is Constant:
+            return float(node.value)
+        return sum(chance for symbol, chance in cells if holds_at(node, symbol))
+
+    def _certain_bits(self, mask: int, values: Values) -> int:
+        bits = 0
+        for slot, holds in self._certain.items():
+            if mask >> slot & 1 and holds(values):
+                bits |= 1 << slot
+        return bits
+
+    def _cells_of(
+        self, component: _Component, values: Values, moments: Moments
+    ) -> list[tuple[int, float]]:
+        """Return the cells of atoms that compare one sum."""
+        atoms = component.atoms
+        direction = next(iter(atoms.values())).direction
+        mean = sum(factor * moments[number][0] for number, factor in direction)
+        deviation = hypot(*(factor * moments[number][1] for number, factor in direction))
+        thresholds = {slot: atom.threshold(values) for slot, atom in atoms.items()}
+        if not deviation:
+            truths = (
+                COMPARISONS[atom.operator](mean, thresholds[slot]) << slot
+                for slot, atom in atoms.items()
+            )
+            return [(sum(truths), 1.0)]
+        found = []
+        for first, last in pairwise((-inf, *sorted(set(thresholds.values())), inf)):
+            chance = _between((first - mean) / deviation, (last - mean) / deviation)
+            if chance:
+                bits = 0
+                for slot, atom in atoms.items():
+                    is_below = last <= thresholds[slot]
+                    if atom.operator in (_LESS if is_below else _GREATER):
+                        bits |= 1 << slot
+                found.append((bits, chance))
+        return found
+
+    def _marginal(self, atom: _UncertainAtom, values: Values, moments: Moments) -> Chance:
+        """Return the probability of an atom, whatever the dependence of its numbers."""
+        terms = [
+            (f * moments[number][0], abs(f) * moments[number][1]) for number, f in atom.direction
+        ]
+        threshold, mean = atom.threshold(values), sum(mean for mean, _ in terms)
+        deviation, count = sum(each for _, each in terms), sum(each > 0 for _, each in terms)
+        if not count:
+            return _known(float(COMPARISONS[atom.operator](mean, threshold)))
+        if atom.operator == '=':
+            # Numbers that depend on each other may differ by a constant.
+            return (0.0, 0.0) if count == 1 else (0.0, 1.0)
+        z = (threshold - mean) / deviation
+        below = (max(0.0, 1.0 - count * _below(-z)), min(1.0, count * _below(z)))
+        return below if atom.operator in _LESS else complement(below)
+
+
+def _known(chance: float) -> Chance:
+    chance = min(1.0, chance)
+    return chance, chance

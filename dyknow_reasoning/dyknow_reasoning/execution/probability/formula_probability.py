@@ -1,0 +1,246 @@
+"""The probability of a formula from its first state on, with what it assumes.
+
+The time constants of the uncertain numbers decide how it is computed:
+
+    missing in one or more    bounds: nothing is known about correlation (`bounds`)
+    0 in all                  exact: errors are independent (`chain`)
+    other                     an interval with a confidence, of simulated runs (`simulation`)
+
+Where independent errors enter one atom in different sums, `x - y < 2` beside `x < 1`, the
+distribution is not exact, and runs are simulated, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy, deepcopy
+from typing import Final, Protocol
+
+from dyknow_common import ProbabilityInterval, shortened
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.probability.bounds import StateChances, has_windows, operator_of
+from dyknow_reasoning.execution.probability.chain import RemainderChain
+from dyknow_reasoning.execution.probability.distributions import Chance, StateDistribution
+from dyknow_reasoning.execution.probability.simulation import RUNS, SimulatedRuns
+from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
+from dyknow_reasoning.language.formula import Atom, Comparison, Previous, walk
+from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.language.terms import Probability, Uncertain
+from dyknow_reasoning.language.type_checking import Kinds, check_types
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.bounds import Chronology
+from dyknow_reasoning.progression.instances import Domains, ground, past_operands
+from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import Node
+
+NOTHING_KNOWN: Final = 'assuming nothing about correlation'
+INDEPENDENT: Final = 'assuming independent errors'
+_ROUNDING: Final = 1e-10
+"""The greatest error of the sums of a long recording."""
+
+SIMULATED: Final = f'with 95 % confidence, of {RUNS} simulated runs'
+
+
+class _Model(Protocol):
+    """A way to compute the probability of a formula."""
+
+    @property
+    def is_final(self) -> bool:
+        """True if no further state changes the bounds."""
+
+    def step(self, time: int, values: Values) -> None:
+        """Take a state; raise ReasoningError if a value is unusable."""
+
+    def chance(self) -> Chance:
+        """Return the bounds, for any states that may come."""
+
+    def chance_at_end(self) -> Chance:
+        """Return the bounds if no further state comes."""
+
+    def copied(self) -> _Model:
+        """Return a copy, which takes states by itself."""
+
+
+class FormulaProbability:
+    """The probability of a formula from its first state on.
+
+    Args:
+        node: the formula, without operators of the past.
+        atoms: the atom of each slot.
+        kinds: the kinds of the features.
+
+    Attributes:
+        assumption: what the probability depends on, in words.
+
+    Raises:
+        ReasoningError: if it has no probability.
+    """
+
+    def __init__(self, node: Node, atoms: Sequence[Atom], kinds: Kinds) -> None:
+        if not any(isinstance(each, Uncertain) for atom in atoms for each in walk(atom)):
+            raise ReasoningError(
+                "nothing in 'P(...)' is uncertain; give a feature an uncertainty, or write "
+                'normal(x, DEVIATION)'
+            )
+        distribution = StateDistribution(atoms, kinds, node.mask)
+        constants = {each.time_constant for each in distribution.numbers}
+        self.assumption = NOTHING_KNOWN
+        self._model: _Model
+        if distribution.has_cells and constants <= {0}:
+            self._model, self.assumption = RemainderChain(node, distribution), INDEPENDENT
+        elif None not in constants and (has_windows(node) or not distribution.has_cells):
+            self._model = SimulatedRuns(node, atoms, kinds, distribution)
+            self.assumption = SIMULATED
+        elif distribution.is_linear:
+            self._model = _BoundsModel(node, distribution)
+            if None not in constants:
+                self.assumption = INDEPENDENT
+        else:
+            raise ReasoningError(
+                'an operand is no sum of uncertain numbers and multiples of these; give each its '
+                'time constant, such as normal(x, s, 0 s), then runs are simulated'
+            )
+        self._is_lost = False
+
+    @property
+    def is_final(self) -> bool:
+        """True if no further state changes the probability."""
+        return self._is_lost or self._model.is_final
+
+    def step(self, time: int, values: Values) -> None:
+        """Take a state; after states that are missing, it has no effect.
+
+        Raises:
+            ReasoningError: if a value is unusable.
+        """
+        if not self._is_lost:
+            self._model.step(time, values)
+
+    def gap(self) -> None:
+        """Record that states are missing: what is open stays undecided."""
+        self._is_lost = True
+
+    def interval(self) -> ProbabilityInterval:
+        """Return the probability, for any states that may come."""
+        return self._interval(self._model.chance())
+
+    def interval_at_end(self) -> ProbabilityInterval:
+        """Return the probability if no further state comes."""
+        chance = self._model.chance() if self._is_lost else self._model.chance_at_end()
+        return self._interval(chance)
+
+    def _interval(self, chance: Chance) -> ProbabilityInterval:
+        """Return the interval of a chance, with the errors of its rounding unless it is certain."""
+        lower = 1.0 if chance[0] == 1.0 else max(0.0, chance[0] - _ROUNDING)
+        upper = 0.0 if chance[1] == 0.0 else min(1.0, chance[1] + _ROUNDING)
+        return ProbabilityInterval(lower, upper, self.assumption)
+
+    def copied(self) -> FormulaProbability:
+        """Return a copy, which takes states by itself."""
+        found = copy(self)
+        found._model = self._model.copied()  # noqa: SLF001 - of the same class
+        return found
+
+
+class _BoundsModel:
+    """Bounds where nothing is known about correlation."""
+
+    def __init__(self, node: Node, distribution: StateDistribution) -> None:
+        self._states = StateChances(node, distribution)
+        self._operator = operator_of(node, self._states.order, first_only=True)
+        self._known: Chance | None = None
+        self._latest: int | None = None
+
+    @property
+    def is_final(self) -> bool:
+        return self._known is not None
+
+    def step(self, time: int, values: Values) -> None:
+        if self._known is None:
+            found = self._operator.step(time, self._states.at(values))
+            self._known, self._latest = next(iter(found), None), time
+
+    def chance(self) -> Chance:
+        return self._bounds(ended=False)
+
+    def chance_at_end(self) -> Chance:
+        return self._bounds(ended=True)
+
+    def copied(self) -> _BoundsModel:
+        found = copy(self)
+        found._operator = deepcopy(self._operator)  # noqa: SLF001 - of the same class
+        return found
+
+    def _bounds(self, *, ended: bool) -> Chance:
+        if self._known is not None:
+            return self._known
+        if self._latest is None:
+            return 0.0, 1.0
+        return next(self._operator.open(self._latest, ended=ended))
+
+
+def probability_of(
+    text: str, domains: Domains, constants: Constants = NO_CONSTANTS
+) -> FormulaProbability:
+    """Return the probability that is asked for.
+
+    Args:
+        text: a comparison of a probability, `P(always normal(x, s) > 0) >= 0`.
+        domains: the objects of each sort.
+        constants: the values of names that the text does not define.
+
+    Raises:
+        LanguageError: for a text that is not a formula.
+        ReasoningError: if it has no probability.
+    """
+    formula = parse_formula(text, constants)
+    kinds = check_types(formula, text)
+    probability = formula.left if isinstance(formula, Comparison) else None
+    if not isinstance(probability, Probability):
+        message = f"'{shortened(formula)}' is no comparison of a probability with a number"
+        raise ReasoningError(f'{message}, such as P(...) >= 0.9')
+    body = ground(probability.body, {}, domains)
+    operands = past_operands(Previous(body), NodeStore(Chronology()))
+    return FormulaProbability(operands.right, operands.atoms, kinds)
+
+
+class AskedProbability:
+    """The probability of a formula at a state, for comparisons with numbers.
+
+    A comparison is true once it is known to be true. It is an error if it will never be known, so
+    the formula has no verdict.
+
+    Args:
+        interval: the probability.
+        formula: its text.
+        is_final: True if no further state changes the interval.
+    """
+
+    def __init__(self, interval: ProbabilityInterval, formula: str, *, is_final: bool) -> None:
+        self._interval, self._formula, self._is_final = interval, formula, is_final
+
+    def __str__(self) -> str:
+        return str(self._interval)
+
+    def __ge__(self, bound: float) -> bool:
+        return self._is_known(bound, self._interval.lower >= bound, self._interval.upper < bound)
+
+    def __gt__(self, bound: float) -> bool:
+        return self._is_known(bound, self._interval.lower > bound, self._interval.upper <= bound)
+
+    def __le__(self, bound: float) -> bool:
+        return self._is_known(bound, self._interval.upper <= bound, self._interval.lower > bound)
+
+    def __lt__(self, bound: float) -> bool:
+        return self._is_known(bound, self._interval.upper < bound, self._interval.lower >= bound)
+
+    def _is_known(self, bound: float, *sides: bool) -> bool:
+        """Return the first side; raise ReasoningError if none of both is known."""
+        if self._is_final and not any(sides):
+            is_bound = self._interval.assumption == NOTHING_KNOWN
+            correction = 'give the errors a time constant, or ' if is_bound else ''
+            raise ReasoningError(
+                f"the probability of '{self._formula}' is {self._interval}, which is not known to "
+                f'be on one side of {bound:g}; {correction}compare with another number'
+            )
+        return sides[0]

@@ -1,0 +1,104 @@
+"""Features whose errors are stated before a formula.
+
+In `let Height ~ normal(Height, sqrt(Variance), 2 s) in P(always Height[u] > 3) > 0.9`, a name after
+`~` stands for the feature of the same objects, so the formula is
+`P(always normal(Height[u], sqrt(Variance[u]), 2 s) > 3) > 0.9`. Outside of `P(...)`, Height is its
+best estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from dyknow_common import PositionedError, shortened
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.language.formula import (
+    Formula,
+    Let,
+    looks_forward,
+    walk,
+    with_changed_parts,
+)
+from dyknow_reasoning.language.terms import (
+    Feature,
+    Object,
+    Probability,
+    Uncertain,
+    Variable,
+    holds_terms,
+)
+
+Uncertainties = Mapping[str, Uncertain]
+"""What is known of the values of features, by name."""
+
+
+def stated_uncertainties(formula: Formula) -> Uncertainties:
+    """Return what a formula states of the values of features.
+
+    Raises:
+        PositionedError: for a feature that has two statements.
+    """
+    found: dict[str, Uncertain] = {}
+    for let in walk(formula):
+        for feature, uncertain in let.uncertainties if isinstance(let, Let) else ():
+            if found.setdefault(feature.name, uncertain) != uncertain:
+                message = f"'{feature}' is uncertain in two ways; state one"
+                raise PositionedError(message, feature.position)
+    return found
+
+
+def with_uncertain_features(formula: Formula, stated: Uncertainties) -> Formula:
+    """Return a formula in which probabilities are of uncertain numbers."""
+    changed: Formula = _changed(formula, stated, is_within=False) if stated else formula
+    return changed
+
+
+def check_asked_once(formula: Formula) -> None:
+    """Check that a formula may be asked from several states on.
+
+    Raises:
+        ReasoningError: for a probability that depends on the states after the first one.
+    """
+    for each in walk(formula):
+        if isinstance(each, Probability) and looks_forward(each.body):
+            raise ReasoningError(
+                f"'{shortened(each)}' looks into the future, so it is asked of the first state "
+                'alone; ask the formula once, or for the probability at each state'
+            )
+
+
+def asks_for_probability(formula: Formula) -> bool:
+    """Return True if a formula has a `P(...)`."""
+    return any(isinstance(each, Probability) for each in walk(formula))
+
+
+def is_uncertain(formula: Formula) -> bool:
+    """Return True if a formula has a number that is not known exactly."""
+    return any(isinstance(each, Uncertain) for each in walk(formula))
+
+
+def _changed(node: Any, stated: Uncertainties, *, is_within: bool) -> Any:
+    """Return a part, which may be within a probability."""
+    match node:
+        case Uncertain():
+            return node
+        case Probability():
+            is_within = True
+        case _ if is_within and holds_terms(node):
+            return with_changed_parts(node, lambda part: _operand(part, stated))
+    return with_changed_parts(node, lambda part: _changed(part, stated, is_within=is_within))
+
+
+def _operand(node: Any, stated: Uncertainties) -> Any:
+    if isinstance(node, Feature) and node.name in stated:
+        found = _of_objects(stated[node.name], node.arguments)
+        return replace(found, position=node.position)
+    return _changed(node, stated, is_within=True)
+
+
+def _of_objects(node: Any, arguments: tuple[Object | Variable, ...]) -> Any:
+    if isinstance(node, Feature) and not node.arguments:
+        return replace(node, arguments=arguments)
+    return with_changed_parts(node, lambda part: _of_objects(part, arguments))

@@ -1,0 +1,103 @@
+"""Probabilities of formulas over recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_bags import messages, write
+
+from dyknow_recordings.check import main
+
+ROBOT = """\
+objects: {Rover: [r1]}
+features:
+  Height:
+    of: {r: Rover}
+    unit: m
+    uncertainty: {variance: 'pose.covariance[14]', time_constant: %s}
+    from: {topic: /odom, field: pose.pose.position.z}
+  Armed: {type: boolean, from: {topic: /armed, field: data}}
+"""
+HEIGHT = 'normal("/odom".pose.pose.position.z, sqrt("/odom".pose.covariance[14]), %s)'
+TRACE = 'time_s,x,var,busy\n0,3,1,true\n1,2,1,true\n2,3,0.5,false\n'
+
+
+def formulas(capsys: pytest.CaptureFixture[str], *options: str) -> list[dict[str, Any]]:
+    main([*options, '--probability', '--json'])
+    document = json.loads(capsys.readouterr().out)
+    found: list[dict[str, Any]] = document['formulas']
+    assert not [each['error'] for each in found if each['error']]
+    return found
+
+
+@pytest.mark.parametrize('constant', ['0 s', '100 ms'])
+def test_a_robot_states_its_uncertainty(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], constant: str
+) -> None:
+    bag, robot = tmp_path / 'bag', tmp_path / 'robot.yaml'
+    write(bag, 'mcap', 'none', messages(60))
+    robot.write_text(ROBOT % constant)
+    found = formulas(
+        capsys,
+        *(str(bag), '--config', str(robot)),
+        *('--formula', 'forall r in Rover: always Height[r] > -900 cm'),
+        *('--formula', f'P(always {HEIGHT % constant} > -9.0) > 0'),
+        *('--formula', 'always P(Height[r1] > 60 m) < 0.5'),
+        *('--formula', 'always Armed'),
+    )
+    stated, written, nested, certain = found
+    # The features give the same as what is written out.
+    assert stated['probability']['assumption']
+    assert stated['probability']['lower'] == 0.0
+    assert 0.01 < stated['probability_so_far']['upper'] < 0.9999
+    assert written['probability'] is None
+    assert written['outcome'] == 'undecided'
+    assert (
+        'normal(Height[r1], sqrt(Height_variance[r1])' in nested['episodes'][0]['residual_formula']
+    )
+    assert certain['probability'] is None
+
+
+def test_bounds_in_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'trace.csv'
+    path.write_text(TRACE)
+    stated = 'let x ~ normal(x, sqrt(var)) in '
+    found = formulas(
+        capsys,
+        *(str(path), '--formula', f'{stated}always[0 s, 2 s] x > 0'),
+        *('--formula', f'{stated}always x > 0'),
+    )
+    bounded, unbounded = found
+    expected = {'assumption': 'assuming nothing about correlation'}
+    expected |= {'lower': pytest.approx(0.975889, abs=1e-6), 'upper': pytest.approx(0.977250)}
+    assert bounded['probability'] == bounded['probability_so_far'] == expected
+    assert unbounded['probability_so_far'] == expected
+    assert unbounded['probability'] == expected | {'lower': 0.0}
+    main([str(path), '--formula', f'{stated}always x > 0', '--probability'])
+    words = ' '.join(capsys.readouterr().out.replace('│', ' ').split())
+    assert 'probability' in words
+    assert 'so far' in words
+
+
+def test_states_are_read_until_the_probability_is_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The verdict on the best estimates may come earlier, and be another one."""
+    path = tmp_path / 'trace.csv'
+    path.write_text(TRACE)
+    text = 'let x ~ normal(x, sqrt(var), 0 s) in always[0 s, 2 s] x > 2.5'
+    (found,) = formulas(capsys, str(path), '--formula', text)
+    assert found['episodes'][0]['decided_at_ns'] == 10**9
+    assert found['probability']['upper'] == pytest.approx(0.69146 * 0.30854 * 0.76025, abs=1e-4)
+    assert found['states'] == 3
+
+
+def test_episodes_have_no_probability(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'trace.csv'
+    path.write_text(TRACE)
+    options = [str(path), '--formula', 'always x > 0', '--probability', '--every', 'state']
+    assert main(options) == 2
+    assert 'leave out --every' in capsys.readouterr().err
