@@ -27,6 +27,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_constants, parse_formula
+from dyknow_reasoning.language.soon import ForecastBound, ForecastFeature
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.terms import (
     Arithmetic,
@@ -36,6 +37,7 @@ from dyknow_reasoning.language.terms import (
     Number,
     PastTerm,
     Quantifier,
+    Quantity,
     Term,
     Variable,
 )
@@ -70,6 +72,8 @@ __all__ = [
     'Feature',
     'FieldReference',
     'Forall',
+    'ForecastBound',
+    'ForecastFeature',
     'Formula',
     'FormulaGroup',
     'FormulaLimits',
@@ -85,6 +89,7 @@ __all__ = [
     'PastTerm',
     'Previous',
     'Quantifier',
+    'Quantity',
     'ReasoningError',
     'RecordedState',
     'Since',
