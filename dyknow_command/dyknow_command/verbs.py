@@ -48,6 +48,11 @@ VERBS: Final[Mapping[str, Verb]] = {
     'check': Verb(
         'dyknow_recordings.check', 'check formulas over recordings, without ROS', needs_ros=False
     ),
+    'calibrate': Verb(
+        'dyknow_recordings.calibrate',
+        'compare forecasts with recordings, and widen them',
+        needs_ros=False,
+    ),
     'cut': Verb('dyknow_recordings.cut', 'cut a recording around failures', needs_ros=False),
     'init': Verb(
         'dyknow_command.init', 'propose a robot.yaml for a robot or a recording', needs_ros=False

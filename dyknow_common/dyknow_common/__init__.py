@@ -94,7 +94,14 @@ from dyknow_common.parsing import (
     quoted,
     text_value,
 )
-from dyknow_common.symbol import FORMULA_WORDS, FUNCTIONS, SSL_WORDS, Symbol, SymbolKind
+from dyknow_common.symbol import (
+    FORMULA_WORDS,
+    FUNCTIONS,
+    NOT_CALIBRATED,
+    SSL_WORDS,
+    Symbol,
+    SymbolKind,
+)
 from dyknow_common.text_files import (
     InlineText,
     open_text,
@@ -128,6 +135,7 @@ __all__ = [
     'MAX_TOPIC_LENGTH',
     'MAX_WORDS',
     'NANOSECONDS',
+    'NOT_CALIBRATED',
     'NOWHERE',
     'NO_CONSTRAINTS',
     'SECOND_NS',

@@ -13,6 +13,9 @@ FORMULA_WORDS: Final = frozenset(
 )
 """The reserved words of formulas; a test compares them with the grammar."""
 
+NOT_CALIBRATED: Final = '_not_calibrated'
+"""The end of the name of a stream that holds a bound of a forecast without a calibration."""
+
 SSL_WORDS: Final = frozenset({'for', 'where', 'with', 'contains'})
 """The reserved words of annotations; a test compares them with the grammar."""
 

@@ -5,6 +5,7 @@ from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
 from dyknow_configuration.federation import RequestedFederation, RequestedShare
+from dyknow_configuration.forecasts import table_text
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES
 from dyknow_configuration.proposals.observations import (
@@ -27,6 +28,8 @@ from dyknow_configuration.reading import read_robot
 from dyknow_configuration.recipes.catalogue import Recipe, RobotPart, read_recipes
 from dyknow_configuration.recipes.insertion import AddedRecipe, add_recipe
 from dyknow_configuration.robot import (
+    FeatureForecast,
+    ForecastSource,
     ParameterValue,
     RequestedFormula,
     RequestedGuard,
@@ -55,6 +58,8 @@ __all__ = [
     'PLACEHOLDERS',
     'AddedRecipe',
     'ConfigurationError',
+    'FeatureForecast',
+    'ForecastSource',
     'FormulaTriggers',
     'ObservedTopic',
     'ParameterValue',
@@ -92,6 +97,7 @@ __all__ = [
     'read_yaml',
     'robot_text',
     'single_placeholder',
+    'table_text',
     'timing_of',
     'warn_of_notes',
     'write_errors',

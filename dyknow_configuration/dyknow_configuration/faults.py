@@ -15,6 +15,7 @@ that of a feature below `Speed`, is no finding.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +28,7 @@ from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.reading import robot_of
 from dyknow_configuration.robot import RobotConfiguration
+from dyknow_reasoning import ForecastFeature
 
 MAX_FAULTS: Final = 20
 """The number of faults after which no more are looked for: each costs one reading of the file."""
@@ -65,6 +67,9 @@ class RobotFaults:
     def is_consequence(self, message: str) -> bool:
         """Return True if a message names what a removed part declares."""
         summary = message.partition('\n')[0]
+        bounds = filter(None, map(ForecastFeature.of, re.findall(r'\w+', summary)))
+        if any(each.feature in self.removed for each in bounds):
+            return True
         return any(f"'{name}'" in summary or f' {name}[' in summary for name in self.removed)
 
 

@@ -22,6 +22,7 @@ from dyknow_common import InlineText
 from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml, texts
 from dyknow_configuration.expectations import read_expectations
 from dyknow_configuration.federation import read_federation
+from dyknow_configuration.forecasts import check_calibrated, read_forecasts
 from dyknow_configuration.formulas import formulas_of, read_constants
 from dyknow_configuration.guards import read_guards
 from dyknow_configuration.nodes import read_parameters
@@ -56,50 +57,67 @@ _STREAM_HINT: Final = '; a text begins with source, compunit, stream or sink'
 
 
 def read_robot(
-    path: Path, objects: Mapping[str, Sequence[str]] | None = None
+    path: Path, objects: Mapping[str, Sequence[str]] | None = None, *, calibrated: bool = True
 ) -> RobotConfiguration:
     """Return what a robot.yaml describes.
 
     Args:
         path: the file.
         objects: of sorts, in the place of those that the file lists.
+        calibrated: False to leave the tables of forecasts unread, and triggers and guards
+            unchecked that need them: they are about to be written.
 
     Raises:
         ConfigurationError: naming the file, the place and the correction.
     """
-    return robot_of(read_yaml(path), objects)
+    return robot_of(read_yaml(path), objects, calibrated=calibrated)
 
 
 def robot_of(
-    document: YamlValue, objects: Mapping[str, Sequence[str]] | None = None
+    document: YamlValue,
+    objects: Mapping[str, Sequence[str]] | None = None,
+    *,
+    calibrated: bool = True,
 ) -> RobotConfiguration:
     """Return what the whole of a robot.yaml describes; as `read_robot`."""
     values, path = document.mapping(KEYS), document.document.path
     vocabulary = read_vocabulary(values).with_objects(objects or {})
-    stream_values = values['streams'].one_or_more() if 'streams' in values else []
-    own_streams = [each for each in stream_values if is_stream_text(each)]
-    named_streams = [each for each in stream_values if each not in own_streams]
     constants = read_constants(values['constants']) if 'constants' in values else NO_CONSTANTS
     triggers = read_triggers(values['triggers']) if 'triggers' in values else NO_TRIGGERS
     formulas = formulas_of(
         [values['formulas']] if 'formulas' in values else [], constants, triggers
     )
+    guards = read_guards(values['guards'], formulas, constants) if 'guards' in values else ()
+    forecasts = read_forecasts(values, vocabulary, calibrated=calibrated)
+    if calibrated:
+        check_calibrated(values, formulas, guards, forecasts.features)
     return RobotConfiguration(
         ontologies=(*_files(texts(values, 'ontology')), *_ontology(vocabulary, path)),
         annotations=(
             *_files(texts(values, 'annotations')),
             *_annotations(values, vocabulary),
+            *forecasts.annotations,
         ),
-        streams=(*_files(named_streams, _STREAM_HINT), *read_streams(own_streams, vocabulary)),
+        streams=(*_streams(values, vocabulary), *forecasts.streams),
         bridges=tuple(_files(texts(values, 'bridges'))),
         domains=_domains(values),
         formulas=formulas,
         parameters=read_parameters(values['nodes']) if 'nodes' in values else {},
-        guards=read_guards(values['guards'], formulas, constants) if 'guards' in values else (),
+        guards=guards,
         units={name: each.unit for name, each in vocabulary.features.items() if each.unit},
         topics=read_expectations(values['topics']) if 'topics' in values else (),
         federation=read_federation(values['federation']) if 'federation' in values else None,
+        forecasts=tuple(forecasts.features),
     )
+
+
+def _streams(
+    values: Mapping[str, YamlValue], vocabulary: RobotVocabulary
+) -> list[Path | InlineText]:
+    stated = values['streams'].one_or_more() if 'streams' in values else []
+    own = [each for each in stated if is_stream_text(each)]
+    named = [each for each in stated if each not in own]
+    return [*_files(named, _STREAM_HINT), *read_streams(own, vocabulary)]
 
 
 def _ontology(vocabulary: RobotVocabulary, path: Path) -> list[InlineText]:

@@ -8,7 +8,14 @@ from enum import StrEnum
 from itertools import product
 from pathlib import Path
 
-from dyknow_common import NANOSECONDS, BlackBoxOptions, InlineText, ValueType
+from dyknow_common import (
+    NANOSECONDS,
+    BlackBoxOptions,
+    InlineText,
+    Value,
+    ValueType,
+    format_duration,
+)
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.federation import RequestedFederation
 from dyknow_configuration.triggers.trigger import FormulaTriggers
@@ -143,6 +150,63 @@ class RobotFeature:
     uncertainty: str = ''
 
 
+@dataclass(frozen=True, slots=True)
+class ForecastSource:
+    """A topic whose messages a forecast reads.
+
+    Args:
+        topic: its name, for some objects.
+        inputs: the fields of its messages, by the inputs of the unit.
+    """
+
+    topic: str
+    inputs: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureForecast:
+    """The forecast of a feature.
+
+    Args:
+        feature: the name of the feature.
+        by: the computational unit that makes it.
+        horizons: for which `soon` may ask, in nanoseconds, in ascending order.
+        step: between the times of the forecast, in nanoseconds; divides all horizons.
+        inputs: the fields of the message, by the inputs of the unit, as they are written.
+        settings: of the unit.
+        table: the file of its calibration; None if none is named.
+        unit: of the values in the message; empty for none.
+        sources: the topics; none if it is made of a stream.
+        widening: of its half-width at each time from now to the last horizon, in `unit`; empty if
+            it is not calibrated.
+    """
+
+    feature: str
+    by: str
+    horizons: tuple[int, ...]
+    step: int
+    inputs: Mapping[str, str]
+    settings: Mapping[str, Value]
+    table: Path | None = None
+    unit: str = ''
+    sources: tuple[ForecastSource, ...] = ()
+    widening: tuple[float, ...] = ()
+
+    @property
+    def steps(self) -> int:
+        """The number of times after now until the last horizon."""
+        return self.horizons[-1] // self.step
+
+    @property
+    def description(self) -> str:
+        """All that the widening depends on, as a text."""
+        inputs = ', '.join(f'{name} = {path}' for name, path in self.inputs.items())
+        settings = {**self.settings, 'step': format_duration(self.step)}
+        settings |= {'unit': self.unit} if self.unit else {}
+        given = ', '.join(f'{name} = {value}' for name, value in settings.items())
+        return f'{self.by}({inputs}), {given}'
+
+
 class RobotVocabulary:
     """The sorts and features of a robot.
 
@@ -200,6 +264,7 @@ class RobotConfiguration:
         units: of features, by name.
         topics: what is expected of them.
         federation: with other hosts; None: this host has no peers.
+        forecasts: of features.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -213,3 +278,4 @@ class RobotConfiguration:
     units: Mapping[str, str] = field(default_factory=dict)
     topics: tuple[TopicExpectation, ...] = ()
     federation: RequestedFederation | None = None
+    forecasts: tuple[FeatureForecast, ...] = ()

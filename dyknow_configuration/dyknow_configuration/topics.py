@@ -64,63 +64,80 @@ def read_topics(
         raise uncertainty.error(
             'it would not be known of which topic the uncertainty is; give the feature one topic'
         )
-    sources = [_FeatureSource(feature, each, vocabulary, uncertainty) for each in found]
+    sources = [FeatureCarrier(feature, each, vocabulary, uncertainty) for each in found]
     return [annotation for each in sources for annotation in each.annotations()]
 
 
-class _FeatureSource:
-    """A topic or stream with the field that holds a feature."""
+class FeatureCarrier:
+    """A topic or stream with the field that holds a feature.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
 
     def __init__(
         self,
         feature: RobotFeature,
         value: YamlValue,
         vocabulary: RobotVocabulary,
-        uncertainty: YamlValue | None,
+        uncertainty: YamlValue | None = None,
     ) -> None:
         self._feature = feature
         self._value = value
-        self._stated = value.mapping(SOURCE_KEYS, ('field',))
+        self.stated = value.mapping(SOURCE_KEYS, ('field',))
         if uncertainty is not None:
-            if 'unit' in self._stated:
+            if 'unit' in self.stated:
                 message = 'the uncertainty is in the unit of the field; give that to the feature'
-                raise self._stated['unit'].error(message)
-            self._stated = {**self._stated, 'field': uncertainty}
-        if ('topic' in self._stated) == ('stream' in self._stated):
+                raise self.stated['unit'].error(message)
+            self.stated = {**self.stated, 'field': uncertainty}
+        if ('topic' in self.stated) == ('stream' in self.stated):
             raise value.error("give either 'topic' or 'stream'")
-        self._stream = self._stated['topic' if 'topic' in self._stated else 'stream']
+        self._stream = self.stated['topic' if 'topic' in self.stated else 'stream']
         self._keys = self._read_keys()
-        self._unit = self._read_unit()
+        self.unit = self._read_unit()
         self._constraints = self._read_constraints()
         self._objects = self._read_objects(vocabulary)
 
     def annotations(self) -> Iterator[InlineText]:
         """Yield an annotation for each choice of objects."""
-        for objects in choices(self._objects):
-            yield InlineText(self._stated['field'].place, self._annotation(objects))
+        for objects in self.choices():
+            yield InlineText(self.stated['field'].place, self._annotation(objects))
 
-    def _annotation(self, objects: Mapping[str, str]) -> str:
+    @property
+    def is_topic(self) -> bool:
+        """True for a topic, False for a stream."""
+        return 'topic' in self.stated
+
+    def choices(self) -> Iterator[dict[str, str]]:
+        """Yield each choice of objects."""
+        return choices(self._objects)
+
+    def stream_of(self, objects: Mapping[str, str]) -> tuple[str, str]:
+        """Return the topic or stream of some objects, and its constraints in the languages."""
         stream = str(ComposedText().add_template(self._stream, objects)).strip()
-        if 'stream' in self._stated and not _STREAM.fullmatch(stream):
+        if not self.is_topic and not _STREAM.fullmatch(stream):
             raise self._stream.error(
                 f"'{stream}' is no name of a stream; use letters, digits and _"
             )
-        name = quoted(stream) if 'topic' in self._stated else stream
+        return stream, ', '.join(f'{name} = {text}' for name, text in self._constraints.items())
+
+    def _annotation(self, objects: Mapping[str, str]) -> str:
+        stream, constraints = self.stream_of(objects)
+        name = quoted(stream) if self.is_topic else stream
         arguments = ', '.join(objects.get(each, each) for each in self._feature.arguments)
         feature = f'{self._feature.name}[{arguments}]' if arguments else self._feature.name
         text = ComposedText()
         text.add(f'stream {name} ', self._stream).add(f'contains {feature} = ', self._value)
-        text.add_template(self._stated['field'], objects)
-        if self._unit:
-            text.add(f' [{self._unit}]', self._stated['unit'])
+        text.add_template(self.stated['field'], objects)
+        if self.unit:
+            text.add(f' [{self.unit}]', self.stated['unit'])
         if self._keys:
             ranges = ', '.join(f'{each} in {self._feature.arguments[each]}' for each in self._keys)
-            text.add(f' for every {ranges} where ', self._stated['where'])
+            text.add(f' for every {ranges} where ', self.stated['where'])
             for index, (variable, key) in enumerate(self._keys.items()):
                 text.add(f'{", " if index else ""}{variable} = ', key).add_value(key)
-        if self._constraints:
-            given = ', '.join(f'{name} = {text_}' for name, text_ in self._constraints.items())
-            text.add(f' with {given}', self._stated[next(iter(self._constraints))])
+        if constraints:
+            text.add(f' with {constraints}', self.stated[next(iter(self._constraints))])
         text.add(';', self._value)
         with text.errors():
             self._check(str(text))
@@ -132,25 +149,23 @@ class _FeatureSource:
 
         found = parse_annotations(text)
         if len(found) != 1 or not self._is_expected(found[0]):
-            raise self._stated['field'].error(
-                'write the path of one field, such as pose.position.x'
-            )
+            raise self.stated['field'].error('write the path of one field, such as pose.position.x')
 
     def _is_expected(self, found: Annotation) -> bool:
         """Return False if a part of the annotation has the syntax of several parts."""
         return (
             len(found.contents) == 1
             and found.contents[0].feature.name == self._feature.name
-            and (found.contents[0].unit or '') == self._unit
+            and (found.contents[0].unit or '') == self.unit
             and {each.variable for each in found.ranges} == set(self._keys)
             and set(found.constraints.given()) == set(self._constraints)
         )
 
     def _read_keys(self) -> dict[str, YamlValue]:
         """Return the fields that name objects, by their variables."""
-        if 'where' not in self._stated:
+        if 'where' not in self.stated:
             return {}
-        entries = self._stated['where'].entries('a mapping from variables to fields')
+        entries = self.stated['where'].entries('a mapping from variables to fields')
         found: dict[str, YamlValue] = {}
         for variable, key in entries:
             found[self._variable(variable)] = key
@@ -158,9 +173,9 @@ class _FeatureSource:
         return found
 
     def _read_unit(self) -> str:
-        if 'unit' not in self._stated:
+        if 'unit' not in self.stated:
             return ''
-        value = self._stated['unit']
+        value = self.stated['unit']
         unit = value.text().strip()
         value.read(check_unit, unit)
         if not self._feature.unit:
@@ -172,14 +187,14 @@ class _FeatureSource:
         return unit
 
     def _read_constraints(self) -> dict[str, str]:
-        given = {name: value for name, value in self._stated.items() if name in CONSTRAINT_KINDS}
+        given = {name: value for name, value in self.stated.items() if name in CONSTRAINT_KINDS}
         return {name: _constraint_text(name, value) for name, value in given.items()}
 
     def _read_objects(self, vocabulary: RobotVocabulary) -> dict[str, tuple[str, ...]]:
         """Return the objects of each variable that the message does not name."""
         chosen = self._read_choice(vocabulary)
         known = tuple(self._feature.arguments)
-        named = variables(self._stream, known) | variables(self._stated['field'], known)
+        named = variables(self._stream, known) | variables(self.stated['field'], known)
         found: dict[str, tuple[str, ...]] = {}
         for variable, sort in self._feature.arguments.items():
             objects = chosen.get(variable, vocabulary.objects(sort))
@@ -197,10 +212,10 @@ class _FeatureSource:
 
     def _read_choice(self, vocabulary: RobotVocabulary) -> dict[str, tuple[str, ...]]:
         """Return the objects of the variables for which they are given."""
-        if 'only' not in self._stated:
+        if 'only' not in self.stated:
             return {}
         found: dict[str, tuple[str, ...]] = {}
-        for variable, value in self._stated['only'].entries('a mapping from variables to objects'):
+        for variable, value in self.stated['only'].entries('a mapping from variables to objects'):
             sort = self._feature.arguments[self._variable(variable)]
             if variable.text() in self._keys:
                 raise variable.error("'where' names its objects; remove one of the two")

@@ -20,7 +20,7 @@ from dyknow_common import (
 )
 from dyknow_configuration.documents.yaml_values import YamlValue, texts
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
-from dyknow_reasoning import ANY_NUMBER
+from dyknow_reasoning import ANY_NUMBER, ForecastBound, ForecastFeature
 
 SORT_KEYS: Final = ('below', 'description')
 FEATURE_KEYS: Final = (
@@ -33,12 +33,17 @@ FEATURE_KEYS: Final = (
     'missing',
     'range',
     'from',
+    'forecast',
 )
 UNCERTAINTY_KEYS: Final = ('variance', 'deviation', 'time_constant')
 
 MAX_OBJECTS: Final = 10_000
 """The number of objects of a file, as many as a formula may have by default (`object_limit`)."""
 
+MAX_HORIZONS: Final = 10
+"""The number of horizons of a forecast; each makes two features."""
+
+_EXTREMES: Final = {ForecastBound.LOW: 'least', ForecastBound.HIGH: 'greatest'}
 _ARTICLES: Final = {'sort': 'a', 'feature': 'a', 'object': 'an'}
 _NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 _RESERVED: Final = FORMULA_WORDS | SSL_WORDS | FUNCTIONS
@@ -48,6 +53,21 @@ _UPPER: Final = {'Object', 'Feature', 'NullaryFeature', 'Thing', 'Nothing'}
 def is_free_name(name: str) -> bool:
     """Return True if a text can be the name of a sort, an object or a feature."""
     return bool(_NAME.fullmatch(name)) and name not in _RESERVED and name not in _UPPER
+
+
+def read_horizons(value: YamlValue) -> tuple[int, ...]:
+    """Return the horizons of a forecast in nanoseconds, in ascending order.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    found = [each.duration() for each in value.one_or_more()]
+    if not 0 < len(found) <= MAX_HORIZONS:
+        raise value.error(f'a forecast has 1 to {MAX_HORIZONS} horizons, such as [1 s, 5 s]')
+    for each, horizon in zip(value.one_or_more(), found, strict=True):
+        if horizon <= 0:
+            raise each.error('a horizon must be longer than 0')
+    return tuple(sorted({*found}))
 
 
 def read_vocabulary(values: Mapping[str, YamlValue]) -> RobotVocabulary:
@@ -129,6 +149,8 @@ class _VocabularyReader:
         if below:
             _check_below(stated, above, value_type, unit)
         name = self._name(key, 'feature')
+        if ForecastFeature.of(name):
+            raise key.error(f"'{name}' is the name of a bound of a forecast; choose another name")
         description = stated['description'].line() if 'description' in stated else ''
         found = RobotFeature(
             name, arguments, below, value_type, unit, description, _unknown(stated, value_type)
@@ -139,6 +161,8 @@ class _VocabularyReader:
             raise stated['below'].error(message)
         if 'uncertainty' in stated:
             self._add_uncertainty(found, stated['uncertainty'])
+        if 'forecast' in stated:
+            self._read_forecast(stated['forecast'], self._features[name])
 
     def _add_uncertainty(self, feature: RobotFeature, value: YamlValue) -> None:
         """Add the uncertainty of a feature, and the feature that measures it."""
@@ -152,6 +176,26 @@ class _VocabularyReader:
                 raise value.error(f"the feature '{name}' is made of this; rename the other")
             self._kinds[name] = 'feature'
             self._features[name] = uncertainty.measured
+
+    def _read_forecast(self, value: YamlValue, feature: RobotFeature) -> None:
+        """Add the features that hold the bounds of a forecast."""
+        if feature.value_type not in {ValueType.FLOAT, ValueType.INT}:
+            raise value.error(f'values of type {feature.value_type} have no forecast; remove it')
+        stated = dict(value.entries('a mapping with by and horizons'))
+        horizons = next((each for key, each in stated.items() if key.text() == 'horizons'), None)
+        for horizon in read_horizons(horizons) if horizons else ():
+            for bound in ForecastBound:
+                found = ForecastFeature(feature.name, bound, horizon)
+                self._features[found.name] = replace(
+                    feature,
+                    name=found.name,
+                    below='',
+                    value_type=ValueType.FLOAT,
+                    unknown=None,
+                    uncertainty='',
+                    description=f'The {_EXTREMES[bound]} {feature.name} that its forecast allows '
+                    f'within {format_duration(horizon)}.',
+                )
 
     def _arguments(self, value: YamlValue) -> dict[str, str]:
         if not value.is_mapping:

@@ -15,6 +15,7 @@ from dyknow_common import CONSTRAINT_KINDS, ValueType
 from dyknow_configuration import PACKAGES, Severity, reading
 from dyknow_configuration.expectations import EXPECTATION_KEYS
 from dyknow_configuration.federation import FEDERATION_KEYS, SHARE_KEYS
+from dyknow_configuration.forecasts import FORECAST_KEYS
 from dyknow_configuration.formulas import FORMULA_KEYS
 from dyknow_configuration.guards import GUARD_KEYS
 from dyknow_configuration.stream_texts import TEMPLATE_KEYS
@@ -148,6 +149,7 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert {*SCHEMA['properties']} == {*reading.KEYS}
     assert properties['sort'] == {*SORT_KEYS}
     assert properties['feature'] == {*FEATURE_KEYS}
+    assert properties['forecast'] == {*FORECAST_KEYS}
     assert properties['source'] == {*SOURCE_KEYS} >= {*CONSTRAINT_KINDS}
     assert properties['formula'] == {*FORMULA_KEYS}
     assert properties['federation'] == {*FEDERATION_KEYS}

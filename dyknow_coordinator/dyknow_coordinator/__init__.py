@@ -12,6 +12,7 @@ from dyknow_coordinator.grounding.feature_sources import (
     Grounding,
     SymbolGrounding,
     parse_sources,
+    with_caveat,
 )
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, stream_topic
 from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
@@ -107,6 +108,7 @@ __all__ = [
     'stream_topic',
     'unknown_features',
     'verdict_token',
+    'with_caveat',
     'with_sorts',
     'with_unit',
     'with_units',

@@ -36,6 +36,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_constants, parse_formula
+from dyknow_reasoning.language.soon import ForecastBound, ForecastFeature
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.terms import (
     Arithmetic,
@@ -45,6 +46,7 @@ from dyknow_reasoning.language.terms import (
     Number,
     PastTerm,
     Quantifier,
+    Quantity,
     Term,
     Variable,
 )
@@ -82,6 +84,8 @@ __all__ = [
     'Feature',
     'FieldReference',
     'Forall',
+    'ForecastBound',
+    'ForecastFeature',
     'Formula',
     'FormulaGroup',
     'FormulaLimits',
@@ -98,6 +102,7 @@ __all__ = [
     'PastTerm',
     'Previous',
     'Quantifier',
+    'Quantity',
     'Range',
     'ReasoningError',
     'RecordedState',

@@ -43,8 +43,8 @@ class FormulaNote:
 def notes_on(formula: str) -> tuple[FormulaNote, ...]:
     """Return the notes on a formula, in the order of the text.
 
-    There is one for each time without a unit, but for zero, for each `previous` over an operator of
-    two sides that is not in brackets, and for each `prev` that makes an `always` false.
+    There is one for each time without a unit, but for zero, for each `previous` or `soon` over an
+    operator of two sides that is not in brackets, and for each `prev` that makes an `always` false.
 
     Raises:
         LanguageError: for a text that is not a formula.
@@ -89,6 +89,11 @@ class _Collector(SyntaxBuilder[Any]):
                 message = f'the time {each} has no unit and is taken for {taken}; write the unit'
                 self.found.append((each, message))
 
+    def soon(self, children: list[Any]) -> None:
+        word, horizon, body = children
+        self.interval([horizon])
+        self._note_reach(word, body, self._formula.index(']', horizon.end_pos) + 1, '[...]')
+
     def always(self, children: list[Any]) -> None:
         for prev in _required_before(children[-1]):
             message = (
@@ -99,10 +104,14 @@ class _Collector(SyntaxBuilder[Any]):
 
     def previous(self, children: list[Any]) -> None:
         word, body = children
+        self._note_reach(word, body, word.end_pos or 0)
+
+    def _note_reach(self, word: Token, body: Any, end: int, time: str = '') -> None:
+        """Add a note if an operator, which ends at an index, reaches over a binary one."""
         operator = _BINARY.get(body.data) if isinstance(body, Tree) else None
-        if operator and not self._is_in_brackets(word.end_pos or 0):
+        if operator and not self._is_in_brackets(end):
             shown = f"{word} reaches over the '{operator}' that follows"
-            message = f'{shown}; write {word} (...), or ({word} ...) if it should not'
+            message = f'{shown}; write {word}{time} (...), or ({word}{time} ...) if it should not'
             self.found.append((word, message))
 
     def _is_in_brackets(self, start: int) -> bool:

@@ -10,6 +10,7 @@ from dyknow_stream_processing.dataflow.batches import (
 )
 from dyknow_stream_processing.dataflow.computational_units import STATELESS_UNITS, load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
+from dyknow_stream_processing.dataflow.forecasts import MAX_STEPS, Forecast
 from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
@@ -53,6 +54,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
+    'MAX_STEPS',
     'OTHER_CLOCK_NS',
     'SAMPLE_TYPE',
     'SILENT_PERIODS',
@@ -65,6 +67,7 @@ __all__ = [
     'Condition',
     'Dataflow',
     'DelayLimits',
+    'Forecast',
     'FreeNames',
     'Merge',
     'NeedsStepsError',

@@ -24,7 +24,7 @@ from dyknow_common import (
     read_text,
 )
 from dyknow_configuration import ConfigurationError, TextSource
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import ForecastFeature, FormulaGroup
 from dyknow_recordings import (
     FormulaGrounder,
     RecordedStreams,
@@ -182,7 +182,9 @@ class VocabularyChecks:
         for feature in knowledge.features if inputs.formulas else ():
             near = {*knowledge.superconcepts(feature.name), *knowledge.subconcepts(feature.name)}
             is_used = near & used or _is_in(feature.name, inputs.refused)
-            if not is_used and not inputs.is_consequence(f"'{feature.name}'"):
+            # The bounds of a forecast are declared together, with their feature.
+            is_bound = ForecastFeature.of(feature.name) is not None
+            if not (is_used or is_bound) and not inputs.is_consequence(f"'{feature.name}'"):
                 text = f"no formula uses the feature '{feature.name}'; add one, or remove it"
                 yield warning_at(self._place('features', feature.name), text)
         texts = {*inputs.refused, *(each.requested.text for each in inputs.formulas)}
@@ -198,6 +200,8 @@ class VocabularyChecks:
             if each.kind is SymbolKind.FEATURE and not each.is_reference:
                 with suppress(DyKnowError):  # Unknown names are reported elsewhere.
                     used.add(knowledge.feature(each.name).name)
+                    if bound := ForecastFeature.of(each.name):
+                        used.add(knowledge.feature(bound.feature).name)
         return used
 
     def _place(self, section: str, name: str) -> FilePlace:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 
-from dyknow_common import ExitCode, Symbol, listed, quoted
+from dyknow_common import NOT_CALIBRATED, ExitCode, Symbol, listed, quoted
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_stream_processing import Select, StreamDeclaration, UnitDeclaration, parse_specification
 
@@ -41,6 +41,14 @@ class SymbolGrounding:
     grounding: Grounding
     stream: str
     stand_ins: tuple[str, ...] = ()
+
+
+def with_caveat(explanation: str, groundings: Iterable[SymbolGrounding]) -> str:
+    """Return an explanation that says which of its features are forecasts without calibration."""
+    found = [each.symbol for each in groundings if NOT_CALIBRATED in each.stream]
+    if not found:
+        return explanation
+    return f'{explanation} (not calibrated: {listed(sorted(found))})'.strip()
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, ClassVar, TypeAlias
 
-from dyknow_common import SyntaxNode
+from dyknow_common import SyntaxNode, format_duration
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.terms import (
     Feature,
@@ -213,6 +213,22 @@ class Since(_BinaryTemporal):
 
 
 @dataclass(frozen=True, slots=True)
+class Soon(SyntaxNode):
+    """The body is possible by forecasts until a horizon; parsing writes it out (`language.soon`).
+
+    Args:
+        horizon: in nanoseconds.
+        body: a formula of one state.
+    """
+
+    horizon: int
+    body: Formula
+
+    def __str__(self) -> str:
+        return f'soon[{format_duration(self.horizon)}] {operand_text(self.body)}'
+
+
+@dataclass(frozen=True, slots=True)
 class PastAtom(SyntaxNode):
     """A past operator over ground operands without future operators: an atom of each state.
 
@@ -274,6 +290,7 @@ Formula: TypeAlias = (
     | Until
     | PastFormula
     | Let
+    | Soon
 )
 """A formula, which is true or false of a sequence of states."""
 
@@ -285,7 +302,7 @@ def parts(  # noqa: PLR0911 - one for each kind
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
-        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | PastTerm():
+        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm():
             return (node.body,)
         case PastAtom():
             return (node.formula,)
@@ -304,7 +321,7 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
-        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | PastTerm():
+        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm():
             return replace(node, body=change(node.body))
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))

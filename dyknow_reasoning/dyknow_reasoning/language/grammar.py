@@ -23,6 +23,7 @@ _SPELLINGS: Final = {
     '_IN': "'in'",
     '_LET': _FORMULA,
     'COUNT': _FORMULA,
+    'SOON': _FORMULA,
     '_OF': "'of'",
     '_FOR': _OPERATOR,
 }
@@ -55,6 +56,7 @@ _CORRECTIONS: Final = {
 _ADVICE: Final = {
     r'\b(?i:if|when|whenever|then|else)\b(?:\s*\([^()]*)?': "write 'p -> q' for 'if p then q'",
     r'\b(?:X|next)\b(?:\s*\([^()]*)?': "there is no 'next': write 'eventually[0 s, 1 s] p'",
+    r'\bsoon\b': "write how far to look ahead, as in 'soon[5 s] x > 3'",
     r'\bwithin\b': "write the time after the operator, as in 'eventually[0 s, 5 s] p'",
     r'(?<!-)[<>=≤≥≠]=?\s*[^\s<>=≤≥≠()]+\s*(?<!-)[<>=≤≥≠]': (
         "join comparisons with 'and': '0 < x and x < 5'"

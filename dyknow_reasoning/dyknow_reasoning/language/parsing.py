@@ -51,6 +51,7 @@ from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
 from dyknow_reasoning.language.quantities import with_converted_numbers
+from dyknow_reasoning.language.soon import without_soon
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.uncertain_features import (
     stated_uncertainties,
@@ -101,7 +102,7 @@ def _parse(text: str, constants: Constants) -> Formula:
         LANGUAGE.check_depth(formula, syntax.parts)
         uncertainties = stated_uncertainties(formula)
         formula, units = without_lets(formula, constants)
-        formula = with_uncertain_features(formula, uncertainties)
+        formula = with_uncertain_features(without_soon(formula), uncertainties)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
         return resolved
 
@@ -271,6 +272,13 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         bound = syntax.CountBound(' '.join(words.split()))
         named = str(variable), str(sort or f'?{variable}')
         return syntax.Count(*named, _formula(body), bound, _whole(number))
+
+    def soon(self, word: Token, horizon: Token, body: Formula | Term) -> Formula:
+        if not (duration := duration_value(horizon)):
+            raise PositionedError(
+                "the time of 'soon' is 0; write how far to look ahead", TextPosition.of(horizon)
+            )
+        return syntax.Soon(duration, _formula(body), position=TextPosition.of(word))
 
     def count_of(self, words: Token, number: Token, *members: Formula | Term) -> Formula:
         bound = syntax.CountBound(' '.join(words.split()))

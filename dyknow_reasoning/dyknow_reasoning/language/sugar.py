@@ -37,14 +37,14 @@ def holds_until(
     found: Formula = And(left, strict, position=position)
     if interval.start == 0:
         found = Or(right, found, position=position)
-    return _checked(found, 'holds until')
+    return checked_size(found, 'holds until')
 
 
 def unless(left: Formula, right: Formula, interval: Interval, position: TextPosition) -> Formula:
     """Return the weak until: the left side holds until the right one does, or to the end."""
     throughout = Always(left, Interval(0, interval.end), position=position)
     strong = holds_until(left, right, interval, position)
-    return _checked(Or(strong, throughout, position=position), 'unless')
+    return checked_size(Or(strong, throughout, position=position), 'unless')
 
 
 def release(left: Formula, right: Formula, interval: Interval, position: TextPosition) -> Formula:
@@ -53,11 +53,15 @@ def release(left: Formula, right: Formula, interval: Interval, position: TextPos
     return Not(holds_until(not_left, not_right, interval, position), position=position)
 
 
-def _checked(formula: Formula, operator: str) -> Formula:
+def checked_size(formula: Formula, operator: str) -> Formula:
+    """Return a formula that was written out, unless it has too many parts.
+
+    Raises:
+        PositionedError: naming the operator.
+    """
     if next(islice(walk(formula), _MAX_PARTS, None), None) is not None:
         message = (
-            f"'{operator}' is written out to more than {_MAX_PARTS} parts here; nest fewer of "
-            "'holds until', 'unless' and 'release'"
+            f"'{operator}' is written out to more than {_MAX_PARTS} parts here; nest fewer of them"
         )
         raise PositionedError(message, formula.position)
     return formula

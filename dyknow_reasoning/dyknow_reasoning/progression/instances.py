@@ -32,6 +32,7 @@ from dyknow_reasoning.language.formula import (
     Or,
     PastAtom,
     PastFormula,
+    Soon,
     StateAtom,
     Until,
     compares_past,
@@ -206,7 +207,7 @@ class _Translator:
                 return self._literal(formula, positive=True)
             case Always() | Eventually() | Until():
                 return self._window(formula, binding)
-            case Let():  # pragma: no cover - parsing replaces it
+            case Let() | Soon():  # pragma: no cover - parsing replaces it
                 raise AssertionError(formula)
 
     def _past(self, formula: PastFormula, binding: Binding) -> Node:

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Final
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode, one_line
 from dyknow_configuration import RequestedFormula
+from dyknow_coordinator import with_caveat
 from dyknow_reasoning import Range, UnknownFeatures
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.column_states import ColumnStates
@@ -344,7 +345,12 @@ class RecordingEvaluation:
         return FormulaReport(
             name,
             formula,
-            episodes=tuple(episodes.episodes),
+            episodes=tuple(
+                each
+                if each.error
+                else replace(each, explanation=with_caveat(each.explanation, group.groundings))
+                for each in episodes.episodes
+            ),
             error=error,
             states=episodes.states,
             groundings=group.groundings,

@@ -36,6 +36,7 @@ from dyknow_stream_processing.dataflow.batches import (
     refuse,
     rows_of,
 )
+from dyknow_stream_processing.dataflow.forecasts import ConstantTurnRate, ConstantVelocity, Kalman
 from dyknow_stream_processing.dataflow.operators import Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 from dyknow_stream_processing.errors import StreamError
@@ -48,9 +49,12 @@ ENTRY_POINTS: Final = 'dyknow.computational_units'
 """The entry point group that units are registered in."""
 
 _BUILT_IN: Final[Mapping[str, Unit]] = {
+    'constant_turn_rate': ConstantTurnRate,
+    'constant_velocity': ConstantVelocity,
     'convert': units.Convert,
     'distance': units.distance,
     'electrical_power': units.electrical_power,
+    'kalman': Kalman,
     'magnitude': units.magnitude,
     'maximum': units.Maximum,
     'mean': units.Mean,
@@ -60,7 +64,13 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
 }
 
 STATELESS_UNITS: Final[frozenset[Unit]] = frozenset(
-    {units.Convert, units.electrical_power, units.magnitude}
+    {
+        ConstantTurnRate,
+        ConstantVelocity,
+        units.Convert,
+        units.electrical_power,
+        units.magnitude,
+    }
 )
 """Units whose result depends on one sample alone, so it does not matter how often they compute."""
 

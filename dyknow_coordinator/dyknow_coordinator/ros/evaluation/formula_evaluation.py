@@ -25,7 +25,7 @@ from dyknow_coordinator.evaluation.history import History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
-from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
+from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
 from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
@@ -402,11 +402,14 @@ class FormulaEvaluation(Evaluation):
             answer = replace(answer, episodes=self.episodes)
             if self.episodes.fails:
                 answer = replace(answer, verdict=Verdict.FALSE)
+        groundings = self.groundings()
+        if answer.error is None:
+            answer = replace(answer, explanation=with_caveat(answer.explanation, groundings))
         self.outcome.set_result(
             replace(
                 answer,
                 canonical_formula=self.canonical_formula,
-                groundings=self.groundings(),
+                groundings=groundings,
                 margin=self.margin,
             )
         )

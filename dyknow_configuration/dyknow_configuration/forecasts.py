@@ -1,0 +1,371 @@
+"""The forecasts of the features of a robot.yaml, as streams and annotations.
+
+    features:
+      Altitude:
+        of: {u: UAV}
+        unit: m
+        from: {topic: '/{u}/odom', field: pose.pose.position.z}
+        forecast:
+          by: constant_velocity
+          fields: {rate: twist.twist.linear.z}
+          horizons: 5 s
+          step: 500 ms
+          table: forecasts.yaml
+
+For the object uav1, this makes the streams of `Altitude_low_5s[uav1]` and `Altitude_high_5s[uav1]`,
+which `soon[5 s]` reads. The second one is
+
+    stream forecast_Altitude_high_5s_uav1 = constant_velocity(
+        select pose.pose.position.z as value, twist.twist.linear.z as rate from "/uav1/odom",
+        horizon = 5 s, step = 500 ms, bound = "high", widening = "0.0 0.1 ...");
+
+The widening is from the table, which `dyknow calibrate` writes. Without it, the name of the stream
+ends with `NOT_CALIBRATED`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from dyknow_common import (
+    NOT_CALIBRATED,
+    InlineText,
+    LanguageError,
+    Value,
+    format_duration,
+    quoted,
+)
+from dyknow_configuration.documents.composed_text import PLACEHOLDER, variables
+from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
+from dyknow_configuration.robot import (
+    FeatureForecast,
+    ForecastSource,
+    RequestedFormula,
+    RequestedGuard,
+    RobotFeature,
+    RobotVocabulary,
+)
+from dyknow_configuration.topics import FeatureCarrier
+from dyknow_configuration.vocabulary import read_horizons
+from dyknow_reasoning import Feature, ForecastBound, ForecastFeature, parse_formula, walk
+from dyknow_stream_processing import MAX_STEPS, parse_specification, specifications_by_sink
+
+FORECAST_KEYS: Final = ('by', 'fields', 'horizons', 'step', 'settings', 'table')
+TABLE_KEYS: Final = ('forecast', 'coverage', 'widening')
+
+_TURNING: Final = 'constant_turn_rate'
+_ODOMETRY: Final = {
+    'speed': 'twist.twist.linear.x',
+    'turn': 'twist.twist.angular.z',
+    **{f'q{each}': f'pose.pose.orientation.{each}' for each in 'xyzw'},
+}
+"""The fields that `constant_turn_rate` reads beside `value` if none are given."""
+
+
+@dataclass(slots=True)
+class Forecasts:
+    """The forecasts of a file.
+
+    Args:
+        features: the features with their forecasts.
+        streams: their streams.
+        annotations: what the streams mean.
+    """
+
+    features: list[FeatureForecast]
+    streams: list[InlineText]
+    annotations: list[InlineText]
+
+
+def read_forecasts(
+    values: Mapping[str, YamlValue], vocabulary: RobotVocabulary, *, calibrated: bool = True
+) -> Forecasts:
+    """Return the forecasts of the features of a robot.yaml.
+
+    Args:
+        values: of the file, by their keys.
+        vocabulary: of the file.
+        calibrated: False to leave the tables unread.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    found = Forecasts([], [], [])
+    inputs: dict[str, tuple[str, ...]] = {}
+    entries = values['features'].entries('a mapping from features') if 'features' in values else []
+    for name, value in entries:
+        stated = {key.text(): each for key, each in value.entries('the description of a feature')}
+        if 'forecast' not in stated:
+            continue
+        reader = _ForecastReader(vocabulary.features[name.text().strip()], stated, vocabulary)
+        forecast = reader.read(calibrated=calibrated)
+        given = tuple(forecast.inputs)
+        if inputs.setdefault(forecast.by, given) != given:
+            other = ', '.join(inputs[forecast.by])
+            message = f"another forecast by '{forecast.by}' has the inputs {other}; give the same"
+            raise stated['forecast'].error(message)
+        found.features.append(forecast)
+        for text, meaning in reader.streams(forecast):
+            found.streams.append(InlineText(stated['forecast'].place, text))
+            found.annotations.append(InlineText(stated['forecast'].place, meaning))
+    if found.streams:
+        units = ''.join(f'{_declaration(by, names)};\n' for by, names in inputs.items())
+        text = units + ''.join(each.text for each in found.streams)
+        found.streams = [replace(found.streams[0], text=text)]
+    return found
+
+
+class _ForecastReader:
+    """Reads the forecast of one feature."""
+
+    def __init__(
+        self, feature: RobotFeature, stated: Mapping[str, YamlValue], vocabulary: RobotVocabulary
+    ) -> None:
+        self._feature = feature
+        self._value = stated['forecast']
+        self._stated = self._value.mapping(FORECAST_KEYS, ('by', 'horizons'))
+        sources = stated['from'].one_or_more() if 'from' in stated else []
+        if len(sources) != 1:
+            raise self._value.error("a forecast needs one topic; give one in 'from'")
+        self._carrier = FeatureCarrier(feature, sources[0], vocabulary)
+        if 'where' in self._carrier.stated:
+            raise self._value.error(
+                'a forecast needs a topic of one object; one of many objects, with where, has none'
+            )
+
+    def read(self, *, calibrated: bool) -> FeatureForecast:
+        """Return the forecast, with its widening if there is a table."""
+        by = self._stated['by'].text('the name of a computational unit').strip()
+        horizons = read_horizons(self._stated['horizons'])
+        inputs = self._inputs(by)
+        sources = (
+            ForecastSource(
+                self._carrier.stream_of(objects)[0],
+                {name: _filled(path, objects) for name, path in inputs.items()},
+            )
+            for objects in self._carrier.choices()
+        )
+        forecast = FeatureForecast(
+            self._feature.name,
+            by,
+            horizons,
+            self._step(horizons),
+            inputs,
+            self._settings(by, inputs['value']),
+            self._table(),
+            self._carrier.unit or self._feature.unit,
+            tuple(sources) if self._carrier.is_topic else (),
+        )
+        return self._with_table(forecast) if calibrated else forecast
+
+    def streams(self, forecast: FeatureForecast) -> Iterator[tuple[str, str]]:
+        """Yield the streams of a forecast, each with its annotation."""
+        for objects in self._carrier.choices():
+            for horizon in forecast.horizons:
+                for bound in ForecastBound:
+                    name = ForecastFeature(self._feature.name, bound, horizon).name
+                    stream = '_'.join(('forecast', name, *objects.values()))
+                    stream += '' if forecast.widening else NOT_CALIBRATED
+                    call = self._call(forecast, horizon, bound, objects)
+                    text = f'stream {stream} = {call};\nsink {stream};\n'
+                    self._check(forecast, text)
+                    arguments = ', '.join(objects[each] for each in self._feature.arguments)
+                    feature = f'{name}[{arguments}]' if arguments else name
+                    unit = f' [{self._carrier.unit}]' if self._carrier.unit else ''
+                    yield text, f'stream {stream} contains {feature} = bound{unit};'
+
+    def _call(
+        self,
+        forecast: FeatureForecast,
+        horizon: int,
+        bound: ForecastBound,
+        objects: Mapping[str, str],
+    ) -> str:
+        fields = ', '.join(
+            f'{_filled(path, objects)} as {name}' for name, path in forecast.inputs.items()
+        )
+        stream, constraints = self._carrier.stream_of(objects)
+        source = quoted(stream) if self._carrier.is_topic else stream
+        given = f' with {constraints}' if constraints else ''
+        settings = {
+            **{name: _literal(value) for name, value in forecast.settings.items()},
+            'horizon': format_duration(horizon),
+            'step': format_duration(forecast.step),
+            'bound': quoted(bound),
+        }
+        if forecast.widening:
+            numbers = forecast.widening[: horizon // forecast.step + 1]
+            settings['widening'] = quoted(' '.join(map(repr, numbers)))
+        stated = ', '.join(f'{name} = {value}' for name, value in settings.items())
+        return f'{forecast.by}(select {fields} from {source}{given}, {stated})'
+
+    def _check(self, forecast: FeatureForecast, text: str) -> None:
+        try:
+            declared = f'{_declaration(forecast.by, forecast.inputs)}; {text}'
+            specifications_by_sink(parse_specification(declared))
+        except LanguageError as error:
+            raise self._value.error(f'its stream is not well formed: {error.reason}') from None
+
+    def _inputs(self, by: str) -> dict[str, str]:
+        """Return the fields that a forecast reads, by the inputs of its unit."""
+        known = tuple(self._feature.arguments)
+        found = {'value': self._carrier.stated['field'].text().strip()}
+        found |= _ODOMETRY if by == _TURNING else {}
+        if 'fields' in self._stated:
+            for key, value in self._stated['fields'].entries('a mapping from inputs to fields'):
+                variables(value, known)
+                if key.text().strip() == 'value':
+                    raise key.error("'value' is the field of the feature; leave it out")
+                found[key.text().strip()] = value.text('a field').strip()
+        elif by == 'constant_velocity':
+            raise self._value.error("add the field of the rate: 'fields: {rate: FIELD}'")
+        return found
+
+    def _step(self, horizons: tuple[int, ...]) -> int:
+        """Return the time between the times of the forecast: by default 10 until the first."""
+        value = self._stated.get('step', self._stated['horizons'])
+        step = value.duration() if 'step' in self._stated else horizons[0] // 10
+        for each in horizons:
+            if step <= 0 or each % step or each // step > MAX_STEPS:
+                raise value.error(
+                    f'{format_duration(each)} is not 1 to {MAX_STEPS} steps of '
+                    f'{format_duration(step)}; write a step that divides all horizons'
+                )
+        return step
+
+    def _settings(self, by: str, field: str) -> dict[str, Value]:
+        found: dict[str, Value] = {}
+        if by == _TURNING and field[-1:] in {'x', 'y'}:
+            found['axis'] = field[-1]
+        if 'settings' in self._stated:
+            for key, value in self._stated['settings'].entries('a mapping from names to values'):
+                given = value.plain()
+                if not isinstance(given, bool | int | float | str):
+                    raise value.expected('a number or a text')
+                found[key.text().strip()] = given
+        return found
+
+    def _table(self) -> Path | None:
+        if 'table' not in self._stated:
+            return None
+        value = self._stated['table']
+        return value.document.path.parent / value.text('the name of a file').strip()
+
+    def _with_table(self, forecast: FeatureForecast) -> FeatureForecast:
+        if forecast.table is None or not forecast.table.exists():
+            return forecast
+        for name, value in read_yaml(forecast.table).entries('a mapping from features to tables'):
+            if name.text() == forecast.feature:
+                return replace(forecast, widening=_read_widening(value, forecast))
+        return forecast
+
+
+def _read_widening(value: YamlValue, forecast: FeatureForecast) -> tuple[float, ...]:
+    stated = value.mapping(TABLE_KEYS, TABLE_KEYS)
+    measured = stated['forecast'].text('the forecast that was calibrated')
+    if measured != forecast.description:
+        raise stated['forecast'].error(
+            f"the table is of another forecast than '{forecast.description}'; calibrate it again "
+            'by dyknow calibrate'
+        )
+    numbers = [each.plain() for each in stated['widening'].items('a list of numbers')]
+    if len(numbers) != forecast.steps + 1 or not all(map(_is_number, numbers)):
+        raise stated['widening'].error(
+            f'the forecast has {forecast.steps + 1} times, and this is no list of as many finite '
+            'numbers; calibrate it again by dyknow calibrate'
+        )
+    return tuple(map(float, numbers))
+
+
+def table_text(forecasts: Iterable[FeatureForecast], coverage: float) -> str:
+    """Return the table of forecasts with their widening, as `robot.yaml` names it."""
+    document = {
+        each.feature: {
+            'forecast': each.description,
+            'coverage': coverage,
+            'widening': list(each.widening),
+        }
+        for each in forecasts
+    }
+    comment = '# Written by dyknow calibrate: by how much each time of a forecast is widened.\n'
+    return comment + yaml.safe_dump(document, sort_keys=False, width=100)
+
+
+def check_calibrated(
+    values: Mapping[str, YamlValue],
+    formulas: Iterable[RequestedFormula],
+    guards: Iterable[RequestedGuard],
+    forecasts: Iterable[FeatureForecast],
+) -> None:
+    """Check that no trigger and no guard depends on a forecast that is not calibrated.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    missing = {each.feature: each for each in forecasts if not each.widening}
+    if not missing:
+        return
+    for formula in formulas:
+        if formula.on and (name := _forecast_in(formula, missing)):
+            raise _place(values['formulas'], formula.name, 'on').error(_reason(missing[name]))
+    elements = values['guards'].items('a list of guards') if 'guards' in values else []
+    for guard, element in zip(guards, elements, strict=True):
+        named = dict(element.entries('a guard'))
+        given = next(value for key, value in named.items() if key.text() == 'formulas')
+        for formula, each in zip(guard.formulas, given.one_or_more(), strict=True):
+            if name := _forecast_in(formula, missing):
+                raise each.error(_reason(missing[name]))
+
+
+def _forecast_in(formula: RequestedFormula, known: Mapping[str, object]) -> str:
+    """Return a feature whose forecast a formula reads; empty if it reads none."""
+    for each in walk(parse_formula(formula.text, formula.constants)):
+        found = ForecastFeature.of(each.name) if isinstance(each, Feature) else None
+        if found is not None and found.feature in known:
+            return found.feature
+    return ''
+
+
+def _place(formulas: YamlValue, name: str, key: str) -> YamlValue:
+    """Return the value of a key of a formula; of one in a file, the value that names the file."""
+    for each in formulas.one_or_more():
+        if each.is_mapping:
+            stated = {key.word(): value for key, value in each.entries('a formula')}
+            if stated['name'].line() == name:
+                return stated[key]
+    return formulas
+
+
+def _reason(forecast: FeatureForecast) -> str:
+    path = forecast.table
+    mend = f'write {path.name} by dyknow calibrate' if path else "name a 'table' in its forecast"
+    return (
+        f"the forecast of '{forecast.feature}' is not calibrated, so nothing may be done because "
+        f'of it; {mend}'
+    )
+
+
+def _declaration(by: str, inputs: Iterable[str]) -> str:
+    return f'compunit bound: float {by}(({", ".join(f"{each}: float" for each in inputs)}))'
+
+
+def _is_number(value: Any) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and math.isfinite(value)
+
+
+def _filled(path: str, objects: Mapping[str, str]) -> str:
+    """Return the path of a field with objects in the place of `{variable}`."""
+    return PLACEHOLDER.sub(lambda found: objects[found['name'].strip()], path)
+
+
+def _literal(value: Value) -> str:
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    return quoted(value) if isinstance(value, str) else repr(value)

@@ -1,0 +1,1 @@
+"""Calibration of forecasts by what came true in recordings."""

@@ -1,0 +1,235 @@
+"""Forecasts: computational units that yield the values of a feature at future times.
+
+A forecast gives values at times from now until a horizon, each with a half-width: the value is
+expected to be within `value ± (half-width + widening)`. The widening comes from a calibration,
+which compares forecasts with what recordings say came true. As every unit, a forecast makes one
+field: the least or the greatest value that it allows until the horizon.
+
+    compunit bound: float constant_velocity((value: float, rate: float));
+    stream high = constant_velocity(
+        select pose.pose.position.z as value, twist.twist.linear.z as rate from "/uav1/odom",
+        horizon = 5 s, step = 500 ms, bound = "high", widening = "0 0.1 0.2");
+
+A package may register more: subclasses of `Forecast`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dyknow_common import SECOND_NS
+
+MAX_STEPS: Final = 100
+"""The most times of a forecast after now."""
+
+_BOUNDS: Final = ('low', 'high')
+
+_NORMAL_95: Final = 1.959964
+"""The half-width of the central 95 % of a normal distribution, in standard deviations."""
+
+Floats = NDArray[np.float64]
+
+
+class Forecast(ABC):
+    """A forecast of the field `value`, at multiples of a step until a horizon.
+
+    Args:
+        horizon: the last time, in nanoseconds from the sample on.
+        step: between the times, in nanoseconds; a divisor of the horizon.
+        bound: `low` or `high`: which bound of the values is the result.
+        widening: of the half-width at each time, beginning with now, as numbers with spaces
+            between them; empty for none. At most `-half-width` counts if it is negative.
+
+    Raises:
+        ValueError: naming the argument that is at fault.
+    """
+
+    def __init__(self, horizon: int, step: int, bound: str = 'high', widening: str = '') -> None:
+        if step <= 0 or horizon < step or horizon % step:
+            raise ValueError(
+                f'step is {step} ns and horizon {horizon} ns; write a horizon that is a multiple '
+                'of the step'
+            )
+        if horizon // step > MAX_STEPS:
+            raise ValueError(f'the horizon has more than {MAX_STEPS} steps; write a longer step')
+        if bound not in _BOUNDS:
+            raise ValueError(f'bound is \'{bound}\'; write "low" or "high"')
+        self.times: Floats = np.arange(horizon // step + 1, dtype=np.float64) * (step / SECOND_NS)
+        """The times of the forecast in seconds from the sample on."""
+        self._is_high = bound == 'high'
+        self._widening = np.array([float(each) for each in widening.split()] or 0.0)
+        if self._widening.ndim and len(self._widening) != len(self.times):
+            raise ValueError(
+                f'widening has {len(self._widening)} numbers; write {len(self.times)}, one for '
+                'each time'
+            )
+
+    @abstractmethod
+    def forecast(
+        self, fields: Mapping[str, float], valid_time: int
+    ) -> tuple[Floats, Floats] | None:
+        """Return the values at `times` and their half-widths; None if there is no forecast yet."""
+
+    def __call__(self, fields: Mapping[str, float], valid_time: int) -> float | None:
+        """Return the least or the greatest value until the horizon."""
+        found = self.forecast(fields, valid_time)
+        if found is None:
+            return None
+        values, half_widths = found
+        widths = np.maximum(half_widths + self._widening, 0.0)
+        return float((values + widths).max() if self._is_high else (values - widths).min())
+
+
+class ConstantVelocity(Forecast):
+    """The value goes on changing at its present rate.
+
+    Args:
+        acceleration: the greatest change of the rate per second that is expected: the half-width
+            grows with its half times the square of the time. In the unit of `rate` per second.
+        horizon, step, bound, widening: as of `Forecast`.
+    """
+
+    def __init__(
+        self,
+        horizon: int,
+        step: int,
+        bound: str = 'high',
+        widening: str = '',
+        acceleration: float = 0.0,
+    ) -> None:
+        super().__init__(horizon, step, bound, widening)
+        self._half_widths = _not_negative('acceleration', acceleration) / 2 * self.times**2
+
+    def forecast(
+        self,
+        fields: Mapping[str, float],
+        valid_time: int,  # noqa: ARG002
+    ) -> tuple[Floats, Floats]:
+        """Extrapolate `value` with `rate`, its change per second."""
+        return fields['value'] + fields['rate'] * self.times, self._half_widths
+
+
+class ConstantTurnRate(ConstantVelocity):
+    """A coordinate of a vehicle that keeps its speed and its turn rate in the plane.
+
+    The defaults of robot.yaml read nav_msgs/Odometry: the pose in the frame of the map, the twist
+    in the frame of the vehicle, as REP-105 and the message say.
+
+    Args:
+        axis: the coordinate that is forecast, `x` or `y`.
+        horizon, step, bound, widening, acceleration: as of `ConstantVelocity`.
+    """
+
+    def __init__(
+        self,
+        horizon: int,
+        step: int,
+        bound: str = 'high',
+        widening: str = '',
+        acceleration: float = 0.0,
+        axis: str = 'x',
+    ) -> None:
+        super().__init__(horizon, step, bound, widening, acceleration)
+        if axis not in {'x', 'y'}:
+            raise ValueError(f'axis is \'{axis}\'; write "x" or "y"')
+        self._offset = 0.0 if axis == 'x' else -math.pi / 2
+
+    def forecast(
+        self,
+        fields: Mapping[str, float],
+        valid_time: int,  # noqa: ARG002
+    ) -> tuple[Floats, Floats]:
+        """Follow the arc of `speed` (m/s) and `turn` (rad/s) from the orientation `qx` to `qw`."""
+        qx, qy, qz, qw = (fields[name] for name in ('qx', 'qy', 'qz', 'qw'))
+        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)) + self._offset
+        half_turn = fields['turn'] * self.times / 2
+        # The chord of the arc; numpy's sinc(x) is sin(pi x) / (pi x), which is 1 without a turn.
+        chord = fields['speed'] * self.times * np.sinc(half_turn / math.pi)
+        return fields['value'] + chord * np.cos(yaw + half_turn), self._half_widths
+
+
+class Kalman(Forecast):
+    """A Kalman filter of a value and its rate, which it estimates from the values alone.
+
+    The rate is changed by white noise (Bar-Shalom et al., Estimation with Applications to Tracking
+    and Navigation, 2001, section 6.3.2). The half-width holds 95 % of the *measured* values if
+    both standard deviations are right.
+
+    Args:
+        acceleration: the standard deviation of the change of the rate per second.
+        noise: the standard deviation of the measured value, in its unit.
+        horizon, step, bound, widening: as of `Forecast`.
+    """
+
+    def __init__(
+        self,
+        acceleration: float,
+        noise: float,
+        horizon: int,
+        step: int,
+        bound: str = 'high',
+        widening: str = '',
+    ) -> None:
+        super().__init__(horizon, step, bound, widening)
+        self._acceleration = _not_negative('acceleration', acceleration) ** 2
+        self._noise = _not_negative('noise', noise) ** 2
+        self._time: int | None = None
+        self._state = np.zeros(2)
+        self._covariance = np.zeros((2, 2))
+
+    def forecast(
+        self, fields: Mapping[str, float], valid_time: int
+    ) -> tuple[Floats, Floats] | None:
+        """Correct the estimate by `value`; None for the first sample, which tells no rate."""
+        value = fields['value']
+        if not math.isfinite(value):
+            # As with other units, what is not known remains so; the filter waits for a value.
+            unknown = np.full_like(self.times, math.nan)
+            return unknown, unknown
+        last, self._time = self._time, valid_time
+        if last is None:
+            self._state = np.array([value, math.nan])
+            return None
+        elapsed = (valid_time - last) / SECOND_NS
+        if math.isnan(self._state[1]):
+            self._begin(value, elapsed)
+        else:
+            self._correct(value, elapsed)
+        (level, rate), times, covariance = self._state, self.times, self._covariance
+        variance = (
+            covariance[0, 0]
+            + 2 * covariance[0, 1] * times
+            + (covariance[1, 1] + self._acceleration * times**2 / 4) * times**2
+        )
+        return level + rate * times, _NORMAL_95 * np.sqrt(variance + self._noise)
+
+    def _begin(self, value: float, elapsed: float) -> None:
+        """Estimate the rate from the first two values (section 5.5.3 of the book)."""
+        rate = (value - self._state[0]) / elapsed
+        noise = self._noise / elapsed
+        rate_variance = 2 * noise / elapsed + self._acceleration * elapsed**2 / 4
+        self._state = np.array([value, rate])
+        self._covariance = np.array([[self._noise, noise], [noise, rate_variance]])
+
+    def _correct(self, value: float, elapsed: float) -> None:
+        transition = np.array([[1.0, elapsed], [0.0, 1.0]])
+        change = np.array([elapsed**2 / 2, elapsed])
+        state = transition @ self._state
+        covariance = transition @ self._covariance @ transition.T
+        covariance += self._acceleration * np.outer(change, change)
+        # Without any noise, the value is exact, and so is the estimate.
+        gain = covariance[:, 0] / (covariance[0, 0] + self._noise or 1.0)
+        self._state = state + gain * (value - state[0])
+        self._covariance = covariance - np.outer(gain, covariance[0])
+
+
+def _not_negative(name: str, value: float) -> float:
+    if not 0 <= value < math.inf:
+        raise ValueError(f'{name} is {value}; write a number that is not negative')
+    return value
