@@ -26,6 +26,8 @@ from dyknow_configuration.formulas import formulas_of, read_constants
 from dyknow_configuration.guards import read_guards
 from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.ontology_text import ontology_text
+from dyknow_configuration.positions import PositionTexts, read_positions
+from dyknow_configuration.regions import read_regions
 from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
@@ -38,6 +40,8 @@ KEYS: Final = (
     'objects',
     'features',
     'streams',
+    'regions',
+    'positions',
     'topics',
     'constants',
     'triggers',
@@ -75,7 +79,13 @@ def robot_of(
 ) -> RobotConfiguration:
     """Return what the whole of a robot.yaml describes; as `read_robot`."""
     values, path = document.mapping(KEYS), document.document.path
-    vocabulary = read_vocabulary(values).with_objects(objects or {})
+    regions = read_regions(values['regions']) if 'regions' in values else ()
+    vocabulary = read_vocabulary(values, regions).with_objects(objects or {})
+    positions = (
+        read_positions(values['positions'], vocabulary, regions)
+        if 'positions' in values
+        else PositionTexts()
+    )
     stream_values = values['streams'].one_or_more() if 'streams' in values else []
     own_streams = [each for each in stream_values if is_stream_text(each)]
     named_streams = [each for each in stream_values if each not in own_streams]
@@ -89,8 +99,13 @@ def robot_of(
         annotations=(
             *_files(texts(values, 'annotations')),
             *_annotations(values, vocabulary),
+            *positions.annotations,
         ),
-        streams=(*_files(named_streams, _STREAM_HINT), *read_streams(own_streams, vocabulary)),
+        streams=(
+            *_files(named_streams, _STREAM_HINT),
+            *read_streams(own_streams, vocabulary),
+            *positions.streams,
+        ),
         bridges=tuple(_files(texts(values, 'bridges'))),
         domains=_domains(values),
         formulas=formulas,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -17,6 +17,8 @@ from dyknow_common import (
     unknown,
 )
 from dyknow_configuration.documents.yaml_values import YamlValue, texts
+from dyknow_configuration.positions import positioned_sorts
+from dyknow_configuration.regions import StatedRegion
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 from dyknow_reasoning import ANY_NUMBER
 
@@ -37,20 +39,27 @@ def is_free_name(name: str) -> bool:
     return bool(_NAME.fullmatch(name)) and name not in _RESERVED and name not in _UPPER
 
 
-def read_vocabulary(values: Mapping[str, YamlValue]) -> RobotVocabulary:
+def read_vocabulary(
+    values: Mapping[str, YamlValue], regions: Sequence[StatedRegion] = ()
+) -> RobotVocabulary:
     """Return the sorts and features of a robot.yaml.
+
+    Args:
+        values: by key.
+        regions: which are objects of their sorts, and of Region.
 
     Raises:
         ConfigurationError: with the place of the fault.
     """
-    return _VocabularyReader(values).read()
+    return _VocabularyReader(values, regions).read()
 
 
 class _VocabularyReader:
     """Reads sorts first, as features refer to them."""
 
-    def __init__(self, values: Mapping[str, YamlValue]) -> None:
+    def __init__(self, values: Mapping[str, YamlValue], regions: Sequence[StatedRegion]) -> None:
         self._values = values
+        self._regions = regions
         self._kinds: dict[str, str] = {}
         self._sorts: dict[str, RobotSort] = {}
         self._features: dict[str, RobotFeature] = {}
@@ -59,6 +68,7 @@ class _VocabularyReader:
         """Return the vocabulary."""
         self._read_sorts()
         self._read_objects()
+        self._read_regions()
         if 'features' in self._values:
             for name, value in self._values['features'].entries('a mapping from features'):
                 self._read_feature(name, value)
@@ -95,6 +105,55 @@ class _VocabularyReader:
                 names[object_] = None
             known = self._sorts.get(sort, RobotSort(sort))
             self._sorts[sort] = replace(known, objects=tuple(names))
+
+    def _read_regions(self) -> None:
+        """Add regions to the objects, and their distances to the features."""
+        sorts: dict[str, YamlValue] = {}
+        for each in self._regions:
+            self._checked_name(each.region.name, each.key, 'object')
+            for sort in each.region.sorts:
+                origin = each.sorts or each.key
+                if 'sorts' in self._values and sort not in self._sorts:
+                    raise origin.error(unknown('sort', sort, self._sorts))
+                known = self._sorts.get(sort, RobotSort(self._checked_name(sort, origin, 'sort')))
+                objects = dict.fromkeys((*known.objects, each.region.name))
+                self._sorts[sort] = replace(known, objects=tuple(objects))
+                sorts[sort] = origin
+        named = {each.region.name: each.key for each in self._regions}
+        for sort, known in self._sorts.items():
+            if keys := [named[each] for each in known.objects if each in named]:
+                sorts.setdefault(sort, keys[0])
+        others = {each for found in self._sorts.values() for each in found.objects}
+        for name, key in named.items():
+            if name not in others:
+                raise key.error(f"say what '{name}' is, such as 'is: NoFly'")
+        if 'positions' not in self._values:
+            return
+        positioned = {
+            self._sort(each): each for each in positioned_sorts(self._values['positions'])
+        }
+        one = self._join('Positioned', positioned)
+        if sorts:
+            arguments = {'object': one, 'region': self._join('Region', sorts)}
+            self._checked_name('distance', self._values['regions'], 'feature')
+            self._features['distance'] = RobotFeature(
+                'distance', arguments, unit='m', description='Signed; negative inside.'
+            )
+
+    def _join(self, name: str, sorts: Mapping[str, YamlValue]) -> str:
+        """Return a sort that contains some sorts; one is made if they are several."""
+        if len(sorts) == 1:
+            return next(iter(sorts))
+        self._sorts = {name: self._sorts.pop(name, RobotSort(name)), **self._sorts}
+        for sort, origin in sorts.items():
+            top = sort
+            while self._sorts[top].below:
+                top = self._sorts[top].below
+            if top in {'Positioned', 'Region'} - {name}:
+                raise origin.error(f"'{sort}' has positions and is a region; separate the two")
+            if top != name:
+                self._sorts[top] = replace(self._sorts[top], below=name)
+        return name
 
     def _read_feature(self, key: YamlValue, value: YamlValue) -> None:
         stated = value.mapping(FEATURE_KEYS)
@@ -163,6 +222,9 @@ class _VocabularyReader:
     def _name(self, value: YamlValue, kind: str) -> str:
         """Return a name that is of no other kind."""
         name = value.text(f'the name of {_ARTICLES[kind]} {kind}').strip()
+        return self._checked_name(name, value, kind)
+
+    def _checked_name(self, name: str, value: YamlValue, kind: str) -> str:
         if not _NAME.fullmatch(name):
             raise value.error(
                 f"'{name}' is no name of {_ARTICLES[kind]} {kind}; use letters, digits and _, and "

@@ -21,6 +21,7 @@ POLYGONS: Final = frozenset({'Polygon', 'MultiPolygon'})
 """The geometries that have an inside."""
 
 ALL_HEIGHTS: Final = (-math.inf, math.inf)
+ALL_TIMES: Final = (None, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +58,50 @@ class Region:
         shapely().prepare(self.geometry)
 
     @property
-    def wkt(self) -> str:
-        """The geometry as well-known text, from which the same geometry can be read."""
-        return str(shapely().to_wkt(self.geometry, rounding_precision=-1))
+    def text(self) -> str:
+        """The region but for its name and sorts, for `parse_region`."""
+        wkt = shapely().to_wkt(self.geometry, rounding_precision=-1)
+        parts = [str(wkt)]
+        if self.frame:
+            parts.append(f'frame {self.frame}')
+        if self.altitude != ALL_HEIGHTS:
+            parts.append('altitude {} {}'.format(*self.altitude))
+        if self.times != ALL_TIMES:
+            parts.append('times {} {}'.format(*self.times))
+        return '; '.join(parts)
+
+
+def parse_region(name: str, text: str) -> Region:
+    """Return a region, given `POLYGON ((0 0, 4 0, 4 3, 0 0)); frame map; altitude 0 2.5`.
+
+    The part after the polygon is optional; `times` are in nanoseconds, or None.
+
+    Raises:
+        SpaceError: if the text is no region.
+    """
+    wkt, *parts = text.split(';')
+    stated = {key: value for key, _, value in (each.strip().partition(' ') for each in parts)}
+    if unknown := stated.keys() - {'frame', 'altitude', 'times'}:
+        raise SpaceError(
+            f"region '{name}' has an unknown part '{min(unknown)}'; write a polygon, then "
+            '; frame NAME; altitude LOW HIGH; times BEGIN END'
+        )
+    try:
+        low, high = map(float, stated['altitude'].split()) if 'altitude' in stated else ALL_HEIGHTS
+        times = map(_time, stated['times'].split()) if 'times' in stated else ALL_TIMES
+        begin, end = times
+    except ValueError as error:
+        raise SpaceError(f"region '{name}': {error}; write two numbers") from None
+    try:
+        return Region(
+            name, (), stated.get('frame', ''), geometry_of(wkt), (low, high), (begin, end)
+        )
+    except SpaceError as error:
+        raise SpaceError(f"region '{name}': {error.message}", error.code) from None
+
+
+def _time(text: str) -> int | None:
+    return None if text == 'None' else int(text)
 
 
 def geometry_of(wkt: str) -> Any:
