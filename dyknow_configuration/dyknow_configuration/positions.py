@@ -6,19 +6,21 @@
 
 For the object uav1 and the region dock, this makes the stream
 
-    compunit (dock: float) region_distances((frame: string, x: float, y: float));
-    stream uav1_distances = region_distances(
+    compunit dock: float region_distances((frame: string, x: float, y: float));
+    stream uav1_region_distances = region_distances(
         select header.frame_id as frame, pose.pose.position.x as x, pose.pose.position.y as y
         from "/uav1/odometry", dock = "POLYGON ((0 0, 4 0, 4 3, 0 0)); frame map");
-    sink uav1_distances
+    sink uav1_region_distances
 
-and the annotation `stream uav1_distances contains distance[uav1, dock] = dock`.
+and the annotation `stream uav1_region_distances contains distance[uav1, dock] = dock`. With
+`moves: straight`, there are the same of `swept_distance`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Final
 
 from dyknow_common import CONSTRAINT_KINDS, InlineText, listed, quoted
@@ -26,13 +28,12 @@ from dyknow_configuration.documents.composed_text import ComposedText
 from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_configuration.regions import StatedRegion
 from dyknow_configuration.robot import RobotVocabulary
-from dyknow_configuration.stream_texts import MAX_TEXTS
-from dyknow_configuration.topics import constraint_text
+from dyknow_configuration.topics import MAX_TEXTS, constraint_text
 from dyknow_space import ALL_HEIGHTS, Region
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 POSITION_KEYS: Final = (
-    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'header', *CONSTRAINT_KINDS
+    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'header', 'moves', *CONSTRAINT_KINDS
 )  # fmt: skip
 
 _SOURCES: Final = ('topic', 'stream', 'tf')
@@ -49,6 +50,10 @@ class PositionTexts:
 
     streams: tuple[InlineText, ...] = ()
     annotations: tuple[InlineText, ...] = ()
+
+
+DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}
+"""The features that the units for regions compute; the second one of objects that move straight."""
 
 
 def positioned_sorts(value: YamlValue) -> list[YamlValue]:
@@ -84,7 +89,8 @@ def read_positions(
             seen.add(name)
     if len(seen) * len(regions) > MAX_TEXTS:
         raise value.error(f'these are more than {MAX_TEXTS} distances; split the file')
-    streams, annotations = [], []
+    streams: list[InlineText] = []
+    annotations: list[InlineText] = []
     for source in sources:
         of_frame = [each.region for each in regions if each.region.frame == source.frame]
         if of_frame:
@@ -111,6 +117,8 @@ class _PositionSource:
         self._field_value = stated.get('field', self._source)
         has_header = stated['header'].truth() if 'header' in stated else self._kind == 'topic'
         self._frame_field = 'header.frame_id' if has_header else ''
+        self.is_swept = 'moves' in stated and bool(stated['moves'].choice('motion', ('straight',)))
+        self._units = tuple(DISTANCES) if self.is_swept else tuple(DISTANCES)[:1]
         self._constraints = {
             name: constraint_text(name, each)
             for name, each in stated.items()
@@ -121,26 +129,28 @@ class _PositionSource:
         """Return the streams of the distances of all objects."""
         axes = 'xyz' if any(each.altitude != ALL_HEIGHTS for each in regions) else 'xy'
         frame = 'frame: string, ' if self._frame_field else ''
-        text = ComposedText()
-        text.add(
-            f'compunit ({_typed(each.name for each in regions)}) region_distances((', self.value
-        )
-        text.add(f'{frame}{_typed(axes)}));\n', self.value)
         shapes = ', '.join(f'{each.name} = {quoted(each.text)}' for each in regions)
+        fields = f'({_typed(each.name for each in regions)})', f'({frame}{_typed(axes)})'
+        text = ComposedText()
+        for unit in self._units:
+            text.add(f'compunit {fields[0]} {unit}({fields[1]});\n', self.value)
         for name in self.objects:
-            text.add(f'stream {name}_distances = region_distances(select ', self.value)
-            text.add(self._selections(axes), self._field_value)
-            self._add_source(text, name)
-            text.add(f', {shapes});\nsink {name}_distances;\n', self.value)
+            for unit in self._units:
+                text.add(f'stream {name}_{unit} = {unit}(select ', self.value)
+                text.add(self._selections(axes), self._field_value)
+                self._add_source(text, name)
+                text.add(f', {shapes});\nsink {name}_{unit};\n', self.value)
         with text.errors():
             specifications_by_sink(parse_specification(str(text)))
         return InlineText(self.value.place, str(text))
 
     def annotations(self, regions: Sequence[Region]) -> Iterator[InlineText]:
-        """Yield the annotation of the distances of each object."""
-        for name in self.objects:
-            contents = ', '.join(f'distance[{name}, {each.name}] = {each.name}' for each in regions)
-            yield InlineText(self.value.place, f'stream {name}_distances contains {contents};')
+        """Yield the annotations of the distances of each object."""
+        for name, unit in product(self.objects, self._units):
+            feature = DISTANCES[unit]
+            contents = (f'{feature}[{name}, {each.name}] = {each.name}' for each in regions)
+            text = f'stream {name}_{unit} contains {", ".join(contents)};'
+            yield InlineText(self.value.place, text)
 
     def _selections(self, axes: str) -> str:
         frame = [f'{self._frame_field} as frame'] if self._frame_field else []
@@ -171,5 +181,5 @@ def _variable(value: YamlValue) -> tuple[str, YamlValue]:
     return variable.text().strip(), sort
 
 
-def _typed(names: Iterator[str] | str) -> str:
+def _typed(names: Iterable[str]) -> str:
     return ', '.join(f'{each}: float' for each in names)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
 from dyknow_configuration.documents.yaml_values import YamlValue
@@ -40,7 +41,11 @@ _FILES: Final[Mapping[str, Callable[..., Iterable[Region]]]] = {
 
 _SHAPES: Final = ('wkt', 'circle', 'buffer', *_FILES)
 
-REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude')
+_TIMES: Final = ('since', 'until')
+
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+
+REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES)
 
 MAX_REGIONS: Final = 1_000
 """The number of regions of a robot.yaml."""
@@ -90,6 +95,7 @@ def _regions(
     name, frame = key.text('the name of a region').strip(), stated['frame'].text('a frame').strip()
     sorts = tuple(each.text() for each in stated['is'].one_or_more()) if 'is' in stated else ()
     altitude = _altitude(stated['altitude']) if 'altitude' in stated else ALL_HEIGHTS
+    since, until = (_time(stated[each]) if each in stated else None for each in _TIMES)
     try:
         if kind in _FILES:
             path = shape.document.path.parent / shape.text('the name of a file').strip()
@@ -100,7 +106,8 @@ def _regions(
             replace(
                 each,
                 sorts=(*sorts, *(sort for sort in each.sorts if sort not in sorts)),
-                altitude=altitude if 'altitude' in stated else each.altitude,
+                altitude=altitude,
+                times=(since, until),
             )
             for each in read
         ]
@@ -120,6 +127,18 @@ def _geometry(kind: str, shape: YamlValue, known: Mapping[str, StatedRegion], fr
     if other.frame != frame:
         raise SpaceError(f"region '{other.name}' is in frame '{other.frame}', not '{frame}'")
     return buffer_of(other.geometry, *numbers(given['by']))
+
+
+def _time(value: YamlValue) -> int:
+    """Return a date with a time and a zone, in nanoseconds since the epoch."""
+    found = value.plain()
+    try:
+        date = found if isinstance(found, datetime) else datetime.fromisoformat(found)
+    except (TypeError, ValueError):
+        raise value.expected('a time, such as 2026-05-01T08:00:00+02:00,') from None
+    if date.tzinfo is None:
+        raise value.error('add the zone to the time: Z for UTC, or such as +02:00')
+    return (date - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
 def _altitude(value: YamlValue) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from dyknow_common import (
     unknown,
 )
 from dyknow_configuration.documents.yaml_values import YamlValue, texts
-from dyknow_configuration.positions import positioned_sorts
+from dyknow_configuration.positions import DISTANCES, positioned_sorts
 from dyknow_configuration.regions import StatedRegion
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 from dyknow_reasoning import ANY_NUMBER
@@ -112,33 +112,32 @@ class _VocabularyReader:
         for each in self._regions:
             self._checked_name(each.region.name, each.key, 'object')
             for sort in each.region.sorts:
-                origin = each.sorts or each.key
-                if 'sorts' in self._values and sort not in self._sorts:
-                    raise origin.error(unknown('sort', sort, self._sorts))
-                known = self._sorts.get(sort, RobotSort(self._checked_name(sort, origin, 'sort')))
-                objects = dict.fromkeys((*known.objects, each.region.name))
-                self._sorts[sort] = replace(known, objects=tuple(objects))
-                sorts[sort] = origin
-        named = {each.region.name: each.key for each in self._regions}
-        for sort, known in self._sorts.items():
-            if keys := [named[each] for each in known.objects if each in named]:
-                sorts.setdefault(sort, keys[0])
-        others = {each for found in self._sorts.values() for each in found.objects}
-        for name, key in named.items():
-            if name not in others:
-                raise key.error(f"say what '{name}' is, such as 'is: NoFly'")
-        if 'positions' not in self._values:
+                self._add_object(each.region.name, sort, each.sorts or each.key)
+            found = [
+                sort for sort, known in self._sorts.items() if each.region.name in known.objects
+            ]
+            if not found:
+                raise each.key.error(f"say what '{each.region.name}' is, such as 'is: NoFly'")
+            sorts |= dict.fromkeys(found, each.key)
+        if 'positions' not in self._values or not sorts:
             return
         positioned = {
             self._sort(each): each for each in positioned_sorts(self._values['positions'])
         }
-        one = self._join('Positioned', positioned)
-        if sorts:
-            arguments = {'object': one, 'region': self._join('Region', sorts)}
-            self._checked_name('distance', self._values['regions'], 'feature')
-            self._features['distance'] = RobotFeature(
-                'distance', arguments, unit='m', description='Signed; negative inside.'
-            )
+        arguments = {
+            'object': self._join('Positioned', positioned),
+            'region': self._join('Region', sorts),
+        }
+        for name in DISTANCES.values():
+            self._checked_name(name, self._values['regions'], 'feature')
+            self._features[name] = RobotFeature(name, arguments, unit='m')
+
+    def _add_object(self, name: str, sort: str, origin: YamlValue) -> None:
+        if 'sorts' in self._values and sort not in self._sorts:
+            raise origin.error(unknown('sort', sort, self._sorts))
+        known = self._sorts.get(sort, RobotSort(self._checked_name(sort, origin, 'sort')))
+        objects = tuple(dict.fromkeys((*known.objects, name)))
+        self._sorts[sort] = replace(known, objects=objects)
 
     def _join(self, name: str, sorts: Mapping[str, YamlValue]) -> str:
         """Return a sort that contains some sorts; one is made if they are several."""

@@ -44,10 +44,13 @@ def write_texts(
             if isinstance(each, InlineText)
         ]
         given = tuple(each.absolute() for each in sources if isinstance(each, Path))
-        path = folder.absolute() / f'{name}.{ending}'
-        if texts:
-            _write(path, '\n'.join([*texts, '']))
-        return (*given, *([path] if texts else []))
+        # A computational unit may be declared differently in each text of streams.
+        parts = [[each] for each in texts] if ending == 'streams' else [texts] if texts else []
+        paths = []
+        for number, each in enumerate(parts, start=1):
+            paths.append(folder.absolute() / f'{name}{f"_{number}" if number > 1 else ""}.{ending}')
+            _write(paths[-1], '\n'.join([*each, '']))
+        return (*given, *paths)
 
     return replace(
         robot,

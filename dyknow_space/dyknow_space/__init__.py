@@ -16,7 +16,7 @@ from dyknow_space.regions.region import (
     parse_region,
 )
 from dyknow_space.regions.shapes import buffer_of, circle
-from dyknow_space.regions.units import RegionDistances
+from dyknow_space.regions.units import RegionDistances, SweptDistances
 
 __all__ = [
     'ALL_HEIGHTS',
@@ -25,6 +25,7 @@ __all__ = [
     'Region',
     'RegionDistances',
     'SpaceError',
+    'SweptDistances',
     'buffer_of',
     'circle',
     'geometry_of',

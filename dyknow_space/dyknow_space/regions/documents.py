@@ -154,7 +154,8 @@ def _pixels(path: Path) -> NDArray[np.float64]:
     if len(content) - header.end() < width * height * kind.itemsize:
         raise SpaceError(f'{path} ends before its {width} x {height} pixels')
     pixels = np.frombuffer(content, kind, width * height, header.end())
-    return pixels.reshape(height, width)[::-1] / most
+    found: NDArray[np.float64] = pixels.astype(np.float64).reshape(height, width)[::-1] / most
+    return found
 
 
 def _cells(is_inside: NDArray[np.bool_]) -> Any:

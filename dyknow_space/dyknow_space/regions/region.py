@@ -11,6 +11,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
 from dyknow_space.errors import SpaceError
 from dyknow_space.regions.library import shapely
 
@@ -112,7 +114,8 @@ def geometry_of(wkt: str) -> Any:
     """
     library = shapely()
     try:
-        found = library.from_wkt(wkt)
+        with np.errstate(invalid='ignore'):  # The check reports coordinates that are no numbers.
+            found = library.from_wkt(wkt)
     except library.errors.ShapelyError as error:
         raise SpaceError(
             f'{error}; write well-known text, such as POLYGON ((0 0, 4 0, 4 3, 0 0))'
@@ -139,5 +142,5 @@ def check_geometry(geometry: Any) -> None:
             f'the region has {vertices} vertices, more than {MAX_VERTICES}; simplify or split it'
         )
     if not library.is_valid(geometry):
-        reason = library.is_valid_reason(geometry)
-        raise SpaceError(f'the polygon is invalid: {reason[0].lower()}{reason[1:]}')
+        fault, _, place = library.is_valid_reason(geometry).rstrip(']').partition('[')
+        raise SpaceError(f'the polygon is invalid: {fault.lower()} at {place}; correct it there')

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import Value, ValueType, listed
-from dyknow_space import RegionDistances
+from dyknow_space import RegionDistances, SweptDistances
 from dyknow_stream_processing.dataflow import built_in_units as units
 from dyknow_stream_processing.dataflow.batches import (
     Columns,
@@ -64,6 +64,7 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
     'rate_of_change': units.RateOfChange,
     'region_distances': RegionDistances,
     'speed': units.Speed,
+    'swept_distances': SweptDistances,
 }
 
 STATELESS_UNITS: Final[frozenset[Unit]] = frozenset(
