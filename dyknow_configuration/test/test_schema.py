@@ -69,7 +69,7 @@ ontology: a.owl
 annotations: [a.ssl, b.ssl]
 domains: {A: a1}
 regions:
-  r: {is: Z, frame: map, circle: {center: [1, 2.5], radius: 3}, altitude: [0, 1.5], since: '2026-05-01T08:00Z'}
+  r: {is: Z, frame: map, circle: {center: [1, 2.5], radius: 3}, altitude: [0, 1.5], since: '2026'}
   s: {is: [Z, Y], frame: map, buffer: {of: r, by: -1.5}}
 positions: {of: {a: A}, frame: map, topic: /a, field: b, max_delay: 1 s, moves: straight}
 topics: {/a: , /b: {type: a/msg/B, min_rate: 1 Hz, max_rate: 1.5Hz, max_gap: 1 s, stamped: true}}
