@@ -26,15 +26,16 @@ from typing import Final
 from dyknow_common import CONSTRAINT_KINDS, InlineText, listed, quoted
 from dyknow_configuration.documents.composed_text import ComposedText
 from dyknow_configuration.documents.yaml_values import YamlValue
-from dyknow_configuration.regions import StatedRegion
+from dyknow_configuration.regions import (
+    DISTANCES,
+    POSITION_KEYS,
+    StatedRegion,
+    position_variable,
+)
 from dyknow_configuration.robot import RobotVocabulary
 from dyknow_configuration.topics import MAX_TEXTS, constraint_text
 from dyknow_space import ALL_HEIGHTS, Region
 from dyknow_stream_processing import parse_specification, specifications_by_sink
-
-POSITION_KEYS: Final = (
-    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'header', 'moves', *CONSTRAINT_KINDS
-)  # fmt: skip
 
 _SOURCES: Final = ('topic', 'stream', 'tf')
 
@@ -50,18 +51,6 @@ class PositionTexts:
 
     streams: tuple[InlineText, ...] = ()
     annotations: tuple[InlineText, ...] = ()
-
-
-DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}
-"""The features that the units for regions compute; the second one of objects that move straight."""
-
-
-def positioned_sorts(value: YamlValue) -> list[YamlValue]:
-    """Return the sorts whose positions a file tells."""
-    return [
-        _variable(each.mapping(POSITION_KEYS, ('of', 'frame'))['of'])[1]
-        for each in value.one_or_more()
-    ]
 
 
 def read_positions(
@@ -110,7 +99,7 @@ class _PositionSource:
             raise value.error(f'give one of {", ".join(_SOURCES)}')
         (self._kind,) = given
         self._source = stated[self._kind]
-        self._variable, sort = _variable(stated['of'])
+        self._variable, sort = position_variable(stated['of'])
         self.objects = vocabulary.objects(sort.text().strip())
         self.frame = stated['frame'].text('a frame').strip()
         self._field = stated['field'].text('a field').strip() if 'field' in stated else ''
@@ -170,15 +159,6 @@ class _PositionSource:
         if self._constraints:
             given = ', '.join(f'{key} = {each}' for key, each in self._constraints.items())
             text.add(f' with {given}', self.value)
-
-
-def _variable(value: YamlValue) -> tuple[str, YamlValue]:
-    """Return the variable and the sort of `{u: UAV}`."""
-    entries = value.entries('a mapping from a variable to a sort')
-    if len(entries) != 1:
-        raise value.error('give one variable with its sort, such as {u: UAV}')
-    ((variable, sort),) = entries
-    return variable.text().strip(), sort
 
 
 def _typed(names: Iterable[str]) -> str:

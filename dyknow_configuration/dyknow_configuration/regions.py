@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
+from dyknow_common import CONSTRAINT_KINDS
 from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_space import (
     ALL_HEIGHTS,
@@ -46,6 +47,13 @@ _TIMES: Final = ('since', 'until')
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
 REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES)
+
+POSITION_KEYS: Final = (
+    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'header', 'moves', *CONSTRAINT_KINDS
+)  # fmt: skip
+
+DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}
+"""The features that the units for regions compute; the second one of objects that move straight."""
 
 MAX_REGIONS: Final = 1_000
 """The number of regions of a robot.yaml."""
@@ -155,3 +163,20 @@ def numbers(value: YamlValue, count: int = 1) -> tuple[float, ...]:
     if len(found) != count or any(type(each) not in {int, float} for each in found):
         raise value.expected('a number' if count == 1 else f'a list of {count} numbers')
     return tuple(map(float, found))
+
+
+def positioned_sorts(value: YamlValue) -> list[YamlValue]:
+    """Return the sorts whose positions a file tells."""
+    return [
+        position_variable(each.mapping(POSITION_KEYS, ('of', 'frame'))['of'])[1]
+        for each in value.one_or_more()
+    ]
+
+
+def position_variable(value: YamlValue) -> tuple[str, YamlValue]:
+    """Return the variable and the sort of `{u: UAV}`."""
+    entries = value.entries('a mapping from a variable to a sort')
+    if len(entries) != 1:
+        raise value.error('give one variable with its sort, such as {u: UAV}')
+    ((variable, sort),) = entries
+    return variable.text().strip(), sort

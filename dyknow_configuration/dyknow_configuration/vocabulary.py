@@ -17,8 +17,7 @@ from dyknow_common import (
     unknown,
 )
 from dyknow_configuration.documents.yaml_values import YamlValue, texts
-from dyknow_configuration.positions import DISTANCES, positioned_sorts
-from dyknow_configuration.regions import StatedRegion
+from dyknow_configuration.regions import DISTANCES, StatedRegion, positioned_sorts
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 from dyknow_reasoning import ANY_NUMBER
 

@@ -17,8 +17,7 @@ from dyknow_configuration.expectations import EXPECTATION_KEYS
 from dyknow_configuration.federation import FEDERATION_KEYS, SHARE_KEYS
 from dyknow_configuration.formulas import FORMULA_KEYS
 from dyknow_configuration.guards import GUARD_KEYS
-from dyknow_configuration.positions import POSITION_KEYS
-from dyknow_configuration.regions import REGION_KEYS
+from dyknow_configuration.regions import POSITION_KEYS, REGION_KEYS
 from dyknow_configuration.stream_texts import TEMPLATE_KEYS
 from dyknow_configuration.topics import SOURCE_KEYS
 from dyknow_configuration.triggers.reading import ACTION_KEYS, TRIGGER_KEYS

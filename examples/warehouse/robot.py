@@ -3,6 +3,8 @@
 The robots of an aisle take turns of 6 s: they drive in from the left, and back.
 """
 
+from itertools import pairwise
+
 from geometry_msgs.msg import PoseStamped
 
 STEP_S = 0.02
@@ -11,6 +13,8 @@ ROBOTS = [f'robot{number}' for number in range(1, 11)]
 AISLES = (1.5, 4.5, 7.5)
 """The middle of each aisle, in metres."""
 
+ENTRANCE_M = 3.0
+BREACH_S = 2.6
 WAY = ((0.0, 1.0), (1.0, 3.0), (2.5, 9.0), (3.0, 9.0), (4.5, 3.0), (5.5, 1.0), (6.0, 1.0))
 """When a robot of the turn is how far, in seconds and metres."""
 
@@ -56,9 +60,14 @@ class FakeRobot:
         x = _at(elapsed) if is_driving else 1.0
         home = AISLES[aisle] + (rank - 1.5) * 0.5
         y = home + (AISLES[aisle] - home) * min((x - 1.0) / 2.0, 1.0)
-        if 'shortcut' in self._faults and robot == 'robot2' and x > 3.0:
+        if 'shortcut' in self._faults and robot == 'robot2' and x > ENTRANCE_M:
             y -= 1.5
-        if 'breach' in self._faults and robot == 'robot3' and is_driving and 2.55 < elapsed < 2.65:
+        if (
+            'breach' in self._faults
+            and robot == 'robot3'
+            and is_driving
+            and abs(elapsed - BREACH_S) < STEP_S
+        ):
             x = 12.0
         if 'close' in self._faults and robot == 'robot9' and is_driving:
             y += 0.6
@@ -70,7 +79,7 @@ class FakeRobot:
 
 def _at(elapsed):
     """Return how far a robot is at a time of its turn."""
-    for (begin, first), (end, last) in zip(WAY, WAY[1:], strict=False):
+    for (begin, first), (end, last) in pairwise(WAY):
         if elapsed <= end:
             return first + (last - first) * (elapsed - begin) / (end - begin)
     return WAY[-1][1]

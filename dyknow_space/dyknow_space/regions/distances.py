@@ -119,22 +119,22 @@ class RegionShapes:
         polygons = self._polygons[:, 0]
         found: Floats = np.maximum(library.distance(polygons, way), _LEAST)
         for index in np.nonzero(self._is_bounded | library.intersects(polygons, way))[0].tolist():
-            found[index] = self._least(index, _Step(begin, end, self._regions[index]))
+            found[index] = self._least(index, _Way(begin, end, self._regions[index]))
         return found
 
-    def _least(self, index: int, step: _Step) -> float:
+    def _least(self, index: int, straight: _Way) -> float:
         """Return the least distance on a way to a region with bounds, or that the way meets."""
-        if step.existence is None:
+        if straight.existence is None:
             return math.inf
-        inside = step.inside_height()
+        inside = straight.inside_height()
         polygon = self._polygons[index, 0]
-        is_met = inside is not None and bool(shapely().intersects(polygon, step.way(*inside)))
+        is_met = inside is not None and bool(shapely().intersects(polygon, straight.way(*inside)))
         base = RegionShapes([replace(self._regions[index], times=ALL_TIMES)])
-        found = float(base.distances(step.samples()).min())
+        found = float(base.distances(straight.samples()).min())
         return min(found, 0.0) if is_met else max(found, float(_LEAST))
 
 
-class _Step:
+class _Way:
     """The straight way between two positions, and the part of it where a region exists.
 
     Args:
