@@ -53,6 +53,7 @@ DOCUMENTS = (
     STREAMS,
     ONTOLOGY,
     MEANING,
+    'docs/space.md',
 )
 
 _BLOCK = re.compile(r'^```(?P<language>\w+)\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
@@ -224,6 +225,7 @@ def test_the_readme_shows_the_robot_that_is_shipped() -> None:
     blocks('README.md', 'yaml')
     + blocks(CONFIGURATION, 'yaml')
     + blocks('docs/guards.md', 'yaml')
+    + blocks('docs/space.md', 'yaml')
     + blocks(MEANING, 'yaml')
     + blocks('docs/uncertainty.md', 'yaml')
     + blocks('docs/tutorial.md', 'yaml'),
