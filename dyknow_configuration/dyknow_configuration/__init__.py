@@ -27,10 +27,12 @@ from dyknow_configuration.reading import read_robot
 from dyknow_configuration.recipes.catalogue import Recipe, RobotPart, read_recipes
 from dyknow_configuration.recipes.insertion import AddedRecipe, add_recipe
 from dyknow_configuration.robot import (
+    NO_MAP,
     ParameterValue,
     RequestedFormula,
     RequestedGuard,
     RobotConfiguration,
+    RobotMap,
     Severity,
     TextSource,
 )
@@ -51,6 +53,7 @@ from dyknow_configuration.writing import export, write_texts
 __all__ = [
     'ACTION_KEYS',
     'MAX_MESSAGES',
+    'NO_MAP',
     'PACKAGES',
     'PLACEHOLDERS',
     'AddedRecipe',
@@ -67,6 +70,7 @@ __all__ = [
     'RequestedShare',
     'RobotConfiguration',
     'RobotFaults',
+    'RobotMap',
     'RobotPart',
     'SeenValues',
     'Severity',

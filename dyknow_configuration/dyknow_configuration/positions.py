@@ -18,8 +18,8 @@ and the annotation `stream uav1_region_distances contains distance[uav1, dock] =
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Final
 
@@ -47,21 +47,31 @@ class PositionTexts:
     Args:
         streams: of the distances to regions.
         annotations: of these streams.
+        topics: the topic, and the fields of x and y, of each object that has one.
     """
 
     streams: tuple[InlineText, ...] = ()
     annotations: tuple[InlineText, ...] = ()
+    topics: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
 
 
 def read_positions(
-    value: YamlValue, vocabulary: RobotVocabulary, regions: Sequence[StatedRegion]
+    values: Mapping[str, YamlValue], vocabulary: RobotVocabulary, regions: Sequence[StatedRegion]
 ) -> PositionTexts:
     """Return the streams of the distances of objects to the regions of their frame.
+
+    Args:
+        values: by key.
+        vocabulary: with the objects.
+        regions: with their places.
 
     Raises:
         ConfigurationError: with the place of the fault; if a region is in a frame in which no
             object has a position.
     """
+    if 'positions' not in values:
+        return PositionTexts()
+    value = values['positions']
     sources = [_PositionSource(each, vocabulary) for each in value.one_or_more()]
     frames = {each.frame for each in sources}
     for each in regions:
@@ -85,7 +95,8 @@ def read_positions(
         if of_frame:
             streams.append(source.streams(of_frame))
             annotations += source.annotations(of_frame)
-    return PositionTexts(tuple(streams), tuple(annotations))
+    topics = {name: fields for each in sources for name, fields in each.topics()}
+    return PositionTexts(tuple(streams), tuple(annotations), topics)
 
 
 class _PositionSource:
@@ -140,6 +151,13 @@ class _PositionSource:
             contents = (f'{feature}[{name}, {each.name}] = {each.name}' for each in regions)
             text = f'stream {name}_{unit} contains {", ".join(contents)};'
             yield InlineText(self.value.place, text)
+
+    def topics(self) -> Iterator[tuple[str, tuple[str, str, str]]]:
+        """Yield each object with its topic and the fields of x and y, if it has a topic."""
+        before = f'{self._field}.' if self._field else ''
+        for name in self.objects if self._kind == 'topic' else ():
+            topic = ComposedText().add_template(self._source, {self._variable: name})
+            yield name, (str(topic).strip(), f'{before}x', f'{before}y')
 
     def _selections(self, axes: str) -> str:
         frame = [f'{self._frame_field} as frame'] if self._frame_field else []

@@ -26,9 +26,9 @@ from dyknow_configuration.formulas import formulas_of, read_constants
 from dyknow_configuration.guards import read_guards
 from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.ontology_text import ontology_text
-from dyknow_configuration.positions import PositionTexts, read_positions
+from dyknow_configuration.positions import read_positions
 from dyknow_configuration.regions import read_regions
-from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
+from dyknow_configuration.robot import RobotConfiguration, RobotMap, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
 from dyknow_configuration.triggers.reading import NO_TRIGGERS, read_triggers
@@ -81,11 +81,7 @@ def robot_of(
     values, path = document.mapping(KEYS), document.document.path
     regions = read_regions(values['regions']) if 'regions' in values else ()
     vocabulary = read_vocabulary(values, regions).with_objects(objects or {})
-    positions = (
-        read_positions(values['positions'], vocabulary, regions)
-        if 'positions' in values
-        else PositionTexts()
-    )
+    positions = read_positions(values, vocabulary, regions)
     stream_values = values['streams'].one_or_more() if 'streams' in values else []
     own_streams = [each for each in stream_values if is_stream_text(each)]
     named_streams = [each for each in stream_values if each not in own_streams]
@@ -114,6 +110,7 @@ def robot_of(
         units={name: each.unit for name, each in vocabulary.features.items() if each.unit},
         topics=read_expectations(values['topics']) if 'topics' in values else (),
         federation=read_federation(values['federation']) if 'federation' in values else None,
+        map=RobotMap(tuple(each.region for each in regions), positions.topics),
     )
 
 

@@ -242,6 +242,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
             margins=options.margins,
             types=types,
             expectations=robot.topics,
+            map=robot.map,
         )
         for path in options.recording
     )

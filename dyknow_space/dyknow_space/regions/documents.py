@@ -169,7 +169,8 @@ def _cells(is_inside: NDArray[np.bool_]) -> Any:
     if len(rows) > 10 * MAX_VERTICES:
         raise SpaceError(f'the cells are in {len(rows)} pieces; simplify the mask')
     # Cells that touch in corners only remain apart, as polygons are valid so.
-    return library.union_all(library.box(begins, rows, ends, rows + 1))
+    union = library.union_all(library.box(begins, rows, ends, rows + 1))
+    return library.simplify(union, 0)  # Only vertices on straight edges are removed.
 
 
 def _transformed(geometry: Any, matrix: list[float]) -> Any:
