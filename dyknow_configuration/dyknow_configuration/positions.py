@@ -73,13 +73,7 @@ def read_positions(
         return PositionTexts()
     value = values['positions']
     sources = [_PositionSource(each, vocabulary) for each in value.one_or_more()]
-    frames = {each.frame for each in sources}
-    for each in regions:
-        if each.region.frame not in frames:
-            raise each.key.error(
-                f"the region '{each.region.name}' is in frame '{each.region.frame}', but positions "
-                f'are in {listed(sorted(frames))}; state both in one frame'
-            )
+    _check_frames(regions, {each.frame for each in sources})
     seen: set[str] = set()
     for source in sources:
         for name in source.objects:
@@ -97,6 +91,15 @@ def read_positions(
             annotations += source.annotations(of_frame)
     topics = {name: fields for each in sources for name, fields in each.topics()}
     return PositionTexts(tuple(streams), tuple(annotations), topics)
+
+
+def _check_frames(regions: Sequence[StatedRegion], frames: set[str]) -> None:
+    for each in regions:
+        if each.region.frame not in frames:
+            raise each.key.error(
+                f"the region '{each.region.name}' is in frame '{each.region.frame}', but positions "
+                f'are in {listed(sorted(frames))}; state both in one frame'
+            )
 
 
 class _PositionSource:
