@@ -19,7 +19,7 @@ from dyknow_common import (
 from dyknow_configuration.documents.yaml_values import YamlValue, texts
 from dyknow_configuration.regions import DISTANCES, StatedRegion, positioned_sorts
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
-from dyknow_reasoning import ANY_NUMBER
+from dyknow_reasoning import ANY_NUMBER, SPATIAL
 
 SORT_KEYS: Final = ('below', 'description')
 FEATURE_KEYS: Final = ('of', 'type', 'unit', 'below', 'description', 'missing', 'range', 'from')
@@ -29,7 +29,7 @@ MAX_OBJECTS: Final = 10_000
 
 _ARTICLES: Final = {'sort': 'a', 'feature': 'a', 'object': 'an'}
 _NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
-_RESERVED: Final = FORMULA_WORDS | SSL_WORDS | FUNCTIONS
+_RESERVED: Final = FORMULA_WORDS | SSL_WORDS | FUNCTIONS | SPATIAL.keys()
 _UPPER: Final = {'Object', 'Feature', 'NullaryFeature', 'Thing', 'Nothing'}
 
 
