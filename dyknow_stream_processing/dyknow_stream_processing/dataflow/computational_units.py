@@ -14,7 +14,7 @@ declaration, each with its value. If it has a parameter `valid_time`, it receive
 the sample in nanoseconds by that name. It returns the value of the declared field, or a mapping of
 those of several; `None` emits no sample. It should return quickly, because it blocks the whole
 dataflow. A unit without memory may have a method `many`, which gets the valid times and the columns
-of its fields, and returns the columns of its results: recordings are processed by columns.
+of its fields, and returns those of its results, of floats: recordings are processed by columns.
 """
 
 from __future__ import annotations
@@ -142,8 +142,11 @@ class UnitCall:
 
         User code may raise any exception.
         """
-        if found := getattr(self._call, 'many', None):
-            return np.ones(len(times), np.bool_), found(times, columns)
+        many = getattr(self._call, 'many', None) if len(times) else None
+        if many is not None and {*self.outputs.values()} == {ValueType.FLOAT}:
+            found: Columns = many(times, columns)
+            if found.keys() == self.outputs.keys():
+                return np.ones(len(times), np.bool_), found
         results = [self(time, [fields]) for time, fields in rows_of(times, columns)]
         given = [each for each in results if each is not None]
         return np.array([each is not None for each in results], np.bool_), {
