@@ -28,7 +28,7 @@ from rosbags.typesys import Stores, get_typestore
 from dyknow_common.executables import interruptible
 from dyknow_common.ros import nanoseconds_to_time
 
-EXAMPLES = ('arm', 'handover', 'rover')
+EXAMPLES = ('arm', 'handover', 'rover', 'warehouse')
 STEP_NS = 20_000_000
 DELAY_NS = 5_000_000
 """The time from the stamp of a recorded message to its receipt."""

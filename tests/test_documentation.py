@@ -55,6 +55,7 @@ DOCUMENTS = (
     STREAMS,
     ONTOLOGY,
     MEANING,
+    'docs/space.md',
 )
 
 _BLOCK = re.compile(r'^```(?P<language>\w+)\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
@@ -229,6 +230,7 @@ def test_the_readme_shows_the_robot_that_is_shipped() -> None:
     + blocks(CONFIGURATION, 'yaml')
     + blocks(UNCERTAINTY, 'yaml')
     + blocks('docs/guards.md', 'yaml')
+    + blocks('docs/space.md', 'yaml')
     + blocks(MEANING, 'yaml')
     + blocks('docs/uncertainty.md', 'yaml')
     + blocks('docs/tutorial.md', 'yaml'),

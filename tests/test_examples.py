@@ -154,6 +154,7 @@ def changes(line: list[str], environment: dict[str, str]) -> Iterator[Iterator[d
         ('arm', 'joint_limit'),
         ('handover', 'hasty_release'),
         ('rover', 'lost_odometry'),
+        ('warehouse', 'breach'),
     ],
 )
 def test_the_running_system_finds_a_fault(name: str, fault: str) -> None:

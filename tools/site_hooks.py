@@ -13,7 +13,7 @@ sys.path.insert(0, str(ROOT / 'tools'))
 
 from sequence_diagram import drawn  # noqa: E402
 
-ROBOTS = ('rover', 'arm', 'handover')
+ROBOTS = ('rover', 'arm', 'handover', 'warehouse')
 FILES = ('robot.yaml', 'robot.py', 'expected.yaml')
 FLEET_FILES = ('carrier1.yaml', 'basestation.yaml', 'host.py', 'demo.py')
 TREE_FILES = ('deliver.py', 'formula_behaviours.py')

@@ -28,12 +28,14 @@ from dyknow_configuration.reading import read_robot
 from dyknow_configuration.recipes.catalogue import Recipe, RobotPart, read_recipes
 from dyknow_configuration.recipes.insertion import AddedRecipe, add_recipe
 from dyknow_configuration.robot import (
+    NO_MAP,
     FeatureForecast,
     ForecastSource,
     ParameterValue,
     RequestedFormula,
     RequestedGuard,
     RobotConfiguration,
+    RobotMap,
     Severity,
     TextSource,
 )
@@ -54,6 +56,7 @@ from dyknow_configuration.writing import export, write_texts
 __all__ = [
     'ACTION_KEYS',
     'MAX_MESSAGES',
+    'NO_MAP',
     'PACKAGES',
     'PLACEHOLDERS',
     'AddedRecipe',
@@ -72,6 +75,7 @@ __all__ = [
     'RequestedShare',
     'RobotConfiguration',
     'RobotFaults',
+    'RobotMap',
     'RobotPart',
     'SeenValues',
     'Severity',

@@ -27,7 +27,9 @@ from dyknow_configuration.formulas import formulas_of, read_constants
 from dyknow_configuration.guards import read_guards
 from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.ontology_text import ontology_text
-from dyknow_configuration.robot import RobotConfiguration, RobotVocabulary
+from dyknow_configuration.positions import read_positions
+from dyknow_configuration.regions import read_regions
+from dyknow_configuration.robot import RobotConfiguration, RobotMap, RobotVocabulary
 from dyknow_configuration.stream_texts import is_stream_text, read_streams
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
 from dyknow_configuration.triggers.reading import NO_TRIGGERS, read_triggers
@@ -39,6 +41,8 @@ KEYS: Final = (
     'objects',
     'features',
     'streams',
+    'regions',
+    'positions',
     'topics',
     'constants',
     'triggers',
@@ -81,7 +85,9 @@ def robot_of(
 ) -> RobotConfiguration:
     """Return what the whole of a robot.yaml describes; as `read_robot`."""
     values, path = document.mapping(KEYS), document.document.path
-    vocabulary = read_vocabulary(values).with_objects(objects or {})
+    regions = read_regions(values['regions']) if 'regions' in values else ()
+    vocabulary = read_vocabulary(values, regions).with_objects(objects or {})
+    positions = read_positions(values, vocabulary, regions)
     constants = read_constants(values['constants']) if 'constants' in values else NO_CONSTANTS
     triggers = read_triggers(values['triggers']) if 'triggers' in values else NO_TRIGGERS
     formulas = formulas_of(
@@ -96,9 +102,10 @@ def robot_of(
         annotations=(
             *_files(texts(values, 'annotations')),
             *_annotations(values, vocabulary),
+            *positions.annotations,
             *forecasts.annotations,
         ),
-        streams=(*_streams(values, vocabulary), *forecasts.streams),
+        streams=(*_streams(values, vocabulary), *positions.streams, *forecasts.streams),
         bridges=tuple(_files(texts(values, 'bridges'))),
         domains=_domains(values),
         formulas=formulas,
@@ -108,6 +115,7 @@ def robot_of(
         topics=read_expectations(values['topics']) if 'topics' in values else (),
         federation=read_federation(values['federation']) if 'federation' in values else None,
         forecasts=tuple(forecasts.features),
+        map=RobotMap(tuple(each.region for each in regions), positions.topics),
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import product
 from pathlib import Path
+from typing import Final
 
 from dyknow_common import (
     NANOSECONDS,
@@ -20,6 +21,7 @@ from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.federation import RequestedFederation
 from dyknow_configuration.triggers.trigger import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants, FieldReference, parse_formula, walk
+from dyknow_space import Region
 
 ParameterValue = bool | int | float | str | list[str]
 """The value of a node's parameter."""
@@ -248,6 +250,22 @@ def choices(domains: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
 
 
 @dataclass(frozen=True, slots=True)
+class RobotMap:
+    """The regions of a robot, and the topics that tell where its objects are.
+
+    Args:
+        regions: in the order of the file.
+        positions: the topic, and the fields of x and y, of each object.
+    """
+
+    regions: tuple[Region, ...] = ()
+    positions: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
+
+
+NO_MAP: Final = RobotMap()
+
+
+@dataclass(frozen=True, slots=True)
 class RobotConfiguration:
     """The files, texts and formulas of a system.
 
@@ -265,6 +283,7 @@ class RobotConfiguration:
         topics: what is expected of them.
         federation: with other hosts; None: this host has no peers.
         forecasts: of features.
+        map: of its regions.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -279,3 +298,4 @@ class RobotConfiguration:
     topics: tuple[TopicExpectation, ...] = ()
     federation: RequestedFederation | None = None
     forecasts: tuple[FeatureForecast, ...] = ()
+    map: RobotMap = NO_MAP

@@ -188,7 +188,7 @@ class FeatureCarrier:
 
     def _read_constraints(self) -> dict[str, str]:
         given = {name: value for name, value in self.stated.items() if name in CONSTRAINT_KINDS}
-        return {name: _constraint_text(name, value) for name, value in given.items()}
+        return {name: constraint_text(name, value) for name, value in given.items()}
 
     def _read_objects(self, vocabulary: RobotVocabulary) -> dict[str, tuple[str, ...]]:
         """Return the objects of each variable that the message does not name."""
@@ -229,7 +229,7 @@ class FeatureCarrier:
         return value.choice('variable', tuple(self._feature.arguments))
 
 
-def _constraint_text(name: str, value: YamlValue) -> str:
+def constraint_text(name: str, value: YamlValue) -> str:
     """Return the value of a constraint in SSL."""
     if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
         return 'true' if value.truth() else 'false'

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Final
@@ -19,8 +19,9 @@ from dyknow_common import (
     unknown,
 )
 from dyknow_configuration.documents.yaml_values import YamlValue, texts
+from dyknow_configuration.regions import DISTANCES, StatedRegion, positioned_sorts
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
-from dyknow_reasoning import ANY_NUMBER, ForecastBound, ForecastFeature
+from dyknow_reasoning import ANY_NUMBER, SPATIAL, ForecastBound, ForecastFeature
 
 SORT_KEYS: Final = ('below', 'description')
 FEATURE_KEYS: Final = (
@@ -46,7 +47,7 @@ MAX_HORIZONS: Final = 10
 _EXTREMES: Final = {ForecastBound.LOW: 'least', ForecastBound.HIGH: 'greatest'}
 _ARTICLES: Final = {'sort': 'a', 'feature': 'a', 'object': 'an'}
 _NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
-_RESERVED: Final = FORMULA_WORDS | SSL_WORDS | FUNCTIONS
+_RESERVED: Final = FORMULA_WORDS | SSL_WORDS | FUNCTIONS | SPATIAL.keys()
 _UPPER: Final = {'Object', 'Feature', 'NullaryFeature', 'Thing', 'Nothing'}
 
 
@@ -70,20 +71,27 @@ def read_horizons(value: YamlValue) -> tuple[int, ...]:
     return tuple(sorted({*found}))
 
 
-def read_vocabulary(values: Mapping[str, YamlValue]) -> RobotVocabulary:
+def read_vocabulary(
+    values: Mapping[str, YamlValue], regions: Sequence[StatedRegion] = ()
+) -> RobotVocabulary:
     """Return the sorts and features of a robot.yaml.
+
+    Args:
+        values: by key.
+        regions: which are objects of their sorts, and of Region.
 
     Raises:
         ConfigurationError: with the place of the fault.
     """
-    return _VocabularyReader(values).read()
+    return _VocabularyReader(values, regions).read()
 
 
 class _VocabularyReader:
     """Reads sorts first, as features refer to them."""
 
-    def __init__(self, values: Mapping[str, YamlValue]) -> None:
+    def __init__(self, values: Mapping[str, YamlValue], regions: Sequence[StatedRegion]) -> None:
         self._values = values
+        self._regions = regions
         self._kinds: dict[str, str] = {}
         self._sorts: dict[str, RobotSort] = {}
         self._features: dict[str, RobotFeature] = {}
@@ -92,6 +100,7 @@ class _VocabularyReader:
         """Return the vocabulary."""
         self._read_sorts()
         self._read_objects()
+        self._read_regions()
         if 'features' in self._values:
             for name, value in self._values['features'].entries('a mapping from features'):
                 self._read_feature(name, value)
@@ -128,6 +137,54 @@ class _VocabularyReader:
                 names[object_] = None
             known = self._sorts.get(sort, RobotSort(sort))
             self._sorts[sort] = replace(known, objects=tuple(names))
+
+    def _read_regions(self) -> None:
+        """Add regions to the objects, and their distances to the features."""
+        sorts: dict[str, YamlValue] = {}
+        for each in self._regions:
+            self._checked_name(each.region.name, each.key, 'object')
+            for sort in each.region.sorts:
+                self._add_object(each.region.name, sort, each.sorts or each.key)
+            found = [
+                sort for sort, known in self._sorts.items() if each.region.name in known.objects
+            ]
+            if not found:
+                raise each.key.error(f"say what '{each.region.name}' is, such as 'is: NoFly'")
+            sorts |= dict.fromkeys(found, each.key)
+        if 'positions' not in self._values or not sorts:
+            return
+        positioned = {
+            self._sort(each): each for each in positioned_sorts(self._values['positions'])
+        }
+        arguments = {
+            'object': self._join('Positioned', positioned),
+            'region': self._join('Region', sorts),
+        }
+        for name in DISTANCES.values():
+            self._checked_name(name, self._values['regions'], 'feature')
+            self._features[name] = RobotFeature(name, arguments, unit='m')
+
+    def _add_object(self, name: str, sort: str, origin: YamlValue) -> None:
+        if 'sorts' in self._values and sort not in self._sorts:
+            raise origin.error(unknown('sort', sort, self._sorts))
+        known = self._sorts.get(sort, RobotSort(self._checked_name(sort, origin, 'sort')))
+        objects = tuple(dict.fromkeys((*known.objects, name)))
+        self._sorts[sort] = replace(known, objects=objects)
+
+    def _join(self, name: str, sorts: Mapping[str, YamlValue]) -> str:
+        """Return a sort that contains some sorts; one is made if they are several."""
+        if len(sorts) == 1:
+            return next(iter(sorts))
+        self._sorts = {name: self._sorts.pop(name, RobotSort(name)), **self._sorts}
+        for sort, origin in sorts.items():
+            top = sort
+            while self._sorts[top].below:
+                top = self._sorts[top].below
+            if top in {'Positioned', 'Region'} - {name}:
+                raise origin.error(f"'{sort}' has positions and is a region; separate the two")
+            if top != name:
+                self._sorts[top] = replace(self._sorts[top], below=name)
+        return name
 
     def _read_feature(self, key: YamlValue, value: YamlValue) -> None:
         stated = value.mapping(FEATURE_KEYS)
@@ -234,6 +291,9 @@ class _VocabularyReader:
     def _name(self, value: YamlValue, kind: str) -> str:
         """Return a name that is of no other kind."""
         name = value.text(f'the name of {_ARTICLES[kind]} {kind}').strip()
+        return self._checked_name(name, value, kind)
+
+    def _checked_name(self, name: str, value: YamlValue, kind: str) -> str:
         if not _NAME.fullmatch(name):
             raise value.error(
                 f"'{name}' is no name of {_ARTICLES[kind]} {kind}; use letters, digits and _, and "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,10 +44,7 @@ def write_texts(
             if isinstance(each, InlineText)
         ]
         given = tuple(each.absolute() for each in sources if isinstance(each, Path))
-        path = folder.absolute() / f'{name}.{ending}'
-        if texts:
-            _write(path, '\n'.join([*texts, '']))
-        return (*given, *([path] if texts else []))
+        return (*given, *_write_parts(folder.absolute() / f'{name}.{ending}', texts))
 
     return replace(
         robot,
@@ -56,6 +53,15 @@ def write_texts(
         streams=files(robot.streams, 'streams'),
         bridges=files(robot.bridges, 'bridges'),
     )
+
+
+def _write_parts(path: Path, texts: Sequence[str]) -> Iterator[Path]:
+    """Write texts to a file; those of streams to one each, as they may declare a unit otherwise."""
+    parts = [[each] for each in texts] if path.suffix == '.streams' else [texts] if texts else []
+    for number, each in enumerate(parts, start=1):
+        part = path if number == 1 else path.with_stem(f'{path.stem}_{number}')
+        _write(part, '\n'.join([*each, '']))
+        yield part
 
 
 def export(robot: RobotConfiguration, folder: Path, name: str) -> Path:

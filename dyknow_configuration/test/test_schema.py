@@ -18,6 +18,7 @@ from dyknow_configuration.federation import FEDERATION_KEYS, SHARE_KEYS
 from dyknow_configuration.forecasts import FORECAST_KEYS
 from dyknow_configuration.formulas import FORMULA_KEYS
 from dyknow_configuration.guards import GUARD_KEYS
+from dyknow_configuration.regions import POSITION_KEYS, REGION_KEYS
 from dyknow_configuration.stream_texts import TEMPLATE_KEYS
 from dyknow_configuration.topics import SOURCE_KEYS
 from dyknow_configuration.triggers.reading import ACTION_KEYS, TRIGGER_KEYS
@@ -67,6 +68,10 @@ nodes: {stream_manager: {a: 1, b: [c], d: true, e: 1.5, f: g}, ontology_manager:
 ontology: a.owl
 annotations: [a.ssl, b.ssl]
 domains: {A: a1}
+regions:
+  r: {is: Z, frame: map, circle: {center: [1, 2.5], radius: 3}, altitude: [0, 1.5], since: '2026'}
+  s: {is: [Z, Y], frame: map, buffer: {of: r, by: -1.5}}
+positions: {of: {a: A}, frame: map, topic: /a, field: b, max_delay: 1 s, moves: straight}
 topics: {/a: , /b: {type: a/msg/B, min_rate: 1 Hz, max_rate: 1.5Hz, max_gap: 1 s, stamped: true}}
 federation:
   name: a
@@ -155,6 +160,8 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert properties['federation'] == {*FEDERATION_KEYS}
     assert properties['share'] == {*SHARE_KEYS}
     assert properties['guard'] == {*GUARD_KEYS}
+    assert properties['region'] == {*REGION_KEYS}
+    assert properties['position'] == {*POSITION_KEYS} >= {*CONSTRAINT_KINDS}
     assert properties['expectation'] == {*EXPECTATION_KEYS}
     assert properties['trigger'] == {*TRIGGER_KEYS}
     assert {*DEFINITIONS['formula']['properties']['on']['properties']} == {*TriggerEvent}

@@ -37,6 +37,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_constants, parse_formula
 from dyknow_reasoning.language.soon import ForecastBound, ForecastFeature
+from dyknow_reasoning.language.sugar import SPATIAL
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.terms import (
     Arithmetic,
@@ -69,6 +70,7 @@ __all__ = [
     'ANY_NUMBER',
     'CALCULATE',
     'NO_CONSTANTS',
+    'SPATIAL',
     'Always',
     'And',
     'Arithmetic',

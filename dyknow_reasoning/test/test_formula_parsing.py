@@ -48,6 +48,18 @@ def canonical(text: str) -> str:
     return str(parse_formula(text))
 
 
+def test_relations_of_space_compare_distances() -> None:
+    text = 'forall u in UAV, z in Zone: always not inside(u, z) or crosses[u, z]'
+    distance, swept = (
+        Comparison('<=', Feature(name, (Variable('u'), Variable('z'))), Number(0))
+        for name in ('distance', 'swept_distance')
+    )
+    assert parse_formula(text) == Forall(
+        'u', 'UAV', Forall('z', 'Zone', Always(Or(Not(distance), swept)))
+    )
+    assert canonical('exists u in UAV: inside[u]') == 'exists u in UAV: inside[u]'
+
+
 def test_power_formula_of_the_paper() -> None:
     normal = Comparison('<=', Feature('Power', (Variable('u'),)), Number(150))
     raised = Comparison('>', Feature('Power', (Variable('u'),)), Number(150))

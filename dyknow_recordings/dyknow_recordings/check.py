@@ -257,6 +257,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
             probabilities=options.probability,
             types=types,
             expectations=robot.topics,
+            map=robot.map,
         )
         for path in options.recording
     )

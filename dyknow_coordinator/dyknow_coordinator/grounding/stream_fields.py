@@ -43,7 +43,8 @@ def field_names(
                 return [each.name for each in term.selections if not each.embedded_fields]
             case Call():
                 unit = declared.get(term.unit)
-                return [unit.output.name] if isinstance(unit, UnitDeclaration) else []
+                outputs = unit.outputs if isinstance(unit, UnitDeclaration) else ()
+                return [each.name for each in outputs]
             case _:
                 return [name for each in term.inputs for name in fields_of(each)]
 

@@ -214,10 +214,12 @@ def _binary(kind: Callable[..., Formula]) -> Callable[..., Formula]:
 
 
 def _quantifier(kind: Callable[..., Formula]) -> Callable[..., Formula]:
-    def build(
-        _: object, _word: Token, variable: Token, sort: Token | None, body: Formula | Term
-    ) -> Formula:
-        return kind(str(variable), str(sort or f'?{variable}'), _formula(body))
+    def build(_: object, _word: Token, *parts: Any) -> Formula:
+        *variables, body = parts
+        formula = _formula(body)
+        for variable, sort in reversed(variables):
+            formula = kind(variable, sort, formula)
+        return formula
 
     return build
 
@@ -260,6 +262,9 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         is_infix = len(operands) > 1
         position = operands[0].position if is_infix else TextPosition.of(meta)
         return _TEMPORAL[rule](*operands, *intervals, position=position)
+
+    def variable(self, name: Token, sort: Token | None) -> tuple[str, str]:
+        return str(name), str(sort or f'?{name}')
 
     def count(
         self,
@@ -380,12 +385,14 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
             raise PositionedError(error.message, TextPosition.of(token)) from None
         return field_reference(token) if value is None else literal_of(value)
 
-    def name(self, token: Token) -> Term:
+    def name(self, token: Token) -> Formula | Term:
         return self.feature(token, ())
 
-    def feature(self, token: Token, arguments: tuple[terms.Object, ...]) -> Term:
+    def feature(self, token: Token, arguments: tuple[terms.Object, ...]) -> Formula | Term:
         if token in FUNCTIONS:
             raise not_a_function(token)
+        if token in sugar.SPATIAL and len(arguments) == 2:  # noqa: PLR2004 - object and region
+            return sugar.spatial(token, arguments)
         return terms.Feature(str(token), arguments)
 
     def arguments(self, *tokens: Token) -> tuple[terms.Object, ...]:

@@ -6,6 +6,11 @@ the left side must hold from the present state on:
     F holds until[a, b] G    F and (F until[a, b] G), or G now if a is 0
     F unless[a, b] G         F holds until[a, b] G, or always[0, b] F
     F release[a, b] G        not ((not F) holds until[a, b] (not G))
+
+Relations of objects and regions are comparisons of features, which are in metres:
+
+    inside(r, z)             distance(r, z) <= 0
+    crosses(r, z)            swept_distance(r, z) <= 0
 """
 
 from __future__ import annotations
@@ -13,10 +18,13 @@ from __future__ import annotations
 from itertools import islice
 from typing import Final
 
+from lark import Token
+
 from dyknow_common import PositionedError, TextPosition
 from dyknow_reasoning.language.formula import (
     Always,
     And,
+    Comparison,
     Formula,
     Not,
     Or,
@@ -24,9 +32,21 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.terms import Feature, Number, Object
 
 _MAX_PARTS: Final = 20_000
 """The most parts of a formula that is written out: sides are repeated, so they may grow fast."""
+
+
+SPATIAL: Final = {'inside': 'distance', 'crosses': 'swept_distance'}
+"""The features that the relations of an object and a region compare with 0."""
+
+
+def spatial(relation: Token, arguments: tuple[Object, ...]) -> Formula:
+    """Return the comparison that `inside` or `crosses` of an object and a region stands for."""
+    position = TextPosition.of(relation)
+    feature = Feature(SPATIAL[relation], arguments, position=position)
+    return Comparison('<=', feature, Number(0, position=position), position=position)
 
 
 def holds_until(

@@ -137,17 +137,19 @@ class EpisodeGroup:
         self._group.begin(domains, unknown)
         for each in formulas:
             try:
-                grounded, asked = each.grounded, each.grounded.probability
-                each.probability = probability_of(asked, domains) if asked else None
-                if each.every is Every.STATE:
-                    given = grounded.formula, domains, grounded.units
-                    self._standing[each] = StandingEpisodes(*given)
-                elif each.every is Every.TRIGGER:
-                    # What past operators look back to is the same from every state.
-                    self._group.keep_history(grounded.formula)
+                self._prepare(each, domains)
             except DyKnowError as error:
                 self._fail(each, error)
         self._close(self._group.decided_at_once())
+
+    def _prepare(self, each: FormulaEpisodes, domains: Mapping[str, tuple[str, ...]]) -> None:
+        grounded, asked = each.grounded, each.grounded.probability
+        each.probability = probability_of(asked, domains) if asked else None
+        if each.every is Every.STATE:
+            self._standing[each] = StandingEpisodes(grounded.formula, domains, grounded.units)
+        elif each.every is Every.TRIGGER:
+            # What past operators look back to is the same from every state.
+            self._group.keep_history(grounded.formula)
 
     def progress(self, valid_time: int, values: Mapping[str, Value]) -> None:
         """Begin the episodes of a state, and progress all of them over it."""

@@ -8,6 +8,7 @@ from enum import StrEnum
 from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict
 from dyknow_coordinator import SymbolGrounding
 from dyknow_recordings.evaluation.observation import StateSignals
+from dyknow_recordings.evaluation.recorded_map import RecordedMap
 from dyknow_recordings.health.expectations import BrokenExpectation
 from dyknow_stream_processing import Violation
 
@@ -143,6 +144,7 @@ class RecordingReport:
         notes: faults of the recording and of the configuration that are no errors.
         broken: the expectations about topics that the recording breaks.
         topics: that the formulas read.
+        map: of the regions of the robot, if it was to be kept.
     """
 
     recording: str
@@ -152,3 +154,4 @@ class RecordingReport:
     notes: tuple[str, ...] = ()
     broken: tuple[BrokenExpectation, ...] = ()
     topics: tuple[str, ...] = ()
+    map: RecordedMap | None = None

@@ -8,12 +8,13 @@ from pathlib import Path
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import error_text
-from dyknow_configuration import RequestedFormula, TopicExpectation
+from dyknow_configuration import NO_MAP, RequestedFormula, RobotMap, TopicExpectation
 from dyknow_recordings.black_boxes.content import BlackBoxContent
 from dyknow_recordings.black_boxes.suffixes import suffix_report
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.recorded_map import recorded_map
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.health.expectations import broken_in
@@ -42,6 +43,7 @@ class RecordingJob:
         black_box: the content of the recording if it is one that is to be checked by itself.
         types: where the definitions of message types are that the recording lacks.
         expectations: about its topics.
+        map: the regions and positions to keep with the signals.
     """
 
     name: str
@@ -56,6 +58,7 @@ class RecordingJob:
     black_box: BlackBoxContent | None = None
     types: MessageTypes | None = None
     expectations: tuple[TopicExpectation, ...] = ()
+    map: RobotMap = NO_MAP
 
     def run(self) -> JobResult:
         """Check the recording. A fault of any kind is an error of this recording alone."""
@@ -79,6 +82,8 @@ class RecordingJob:
                 probabilities=self.probabilities,
             )
             report = replace(report, broken=broken_in(recording, self.expectations))
+            if self.keep_signals and self.map.regions:
+                report = replace(report, map=recorded_map(recording, self.map))
             is_suffix = recording.is_suffix and self.black_box is None
         if self.black_box is not None:
             report = self.black_box.judged(report)

@@ -39,7 +39,7 @@ from dyknow_stream_processing import (
 )
 
 _VALUE: Final = TypedField('value', ValueType.FLOAT)
-_CONVERT: Final = UnitDeclaration('convert', _VALUE, ((_VALUE,),))
+_CONVERT: Final = UnitDeclaration('convert', (_VALUE,), ((_VALUE,),))
 
 
 class MatchQuery(NamedTuple):

@@ -11,8 +11,10 @@ keyword-only parameters of the function; a duration is in nanoseconds.
 
 A unit is called with one mapping for each of its streams: the fields in the order of the
 declaration, each with its value. If it has a parameter `valid_time`, it receives the valid time of
-the sample in nanoseconds by that name. It returns the value of the declared field; `None` emits no
-sample. It should return quickly, because it blocks the whole dataflow.
+the sample in nanoseconds by that name. It returns the value of the declared field, or a mapping of
+those of several; `None` emits no sample. It should return quickly, because it blocks the whole
+dataflow. A unit without memory may have a method `many`, which gets the valid times and the columns
+of its fields, and returns those of its results, of floats: recordings are processed by columns.
 """
 
 from __future__ import annotations
@@ -25,13 +27,17 @@ from inspect import isclass, signature
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dyknow_common import Value, ValueType
+from dyknow_common import Value, ValueType, listed
+from dyknow_space import RegionDistances, SweptDistances
 from dyknow_stream_processing.dataflow import built_in_units as units
 from dyknow_stream_processing.dataflow.batches import (
+    Columns,
     Planned,
     Refusal,
     SampleBatch,
+    Times,
     column_of,
     refuse,
     rows_of,
@@ -60,13 +66,16 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
     'mean': units.Mean,
     'minimum': units.Minimum,
     'rate_of_change': units.RateOfChange,
+    'region_distances': RegionDistances,
     'speed': units.Speed,
+    'swept_distances': SweptDistances,
 }
 
 STATELESS_UNITS: Final[frozenset[Unit]] = frozenset(
     {
         ConstantTurnRate,
         ConstantVelocity,
+        RegionDistances,
         units.Convert,
         units.electrical_power,
         units.magnitude,
@@ -117,20 +126,43 @@ class UnitCall:
         self, unit: Unit, declaration: UnitDeclaration, arguments: Sequence[UnitArgument]
     ) -> None:
         named = {each.name: each.value for each in arguments}
-        self.output = declaration.output.name
         self.parameters = [
             tuple(field.name for field in fields) for fields in declaration.parameters
         ]
         """The fields of each input."""
         self._call: Unit = _instance(unit, declaration.name, named)
         self._takes_time = _takes_time(self._call)
-        self._type = declaration.output.type
+        self.outputs = {each.name: each.type for each in declaration.outputs}
+        """The types of the fields of its results."""
 
-    def __call__(self, valid_time: int, inputs: Sequence[Mapping[str, Value]]) -> Value | None:
+    def __call__(
+        self, valid_time: int, inputs: Sequence[Mapping[str, Value]]
+    ) -> Mapping[str, Value] | None:
         """Return the result, if there is one; user code may raise any exception."""
         timing = {TIME: valid_time} if self._takes_time else {}
         value = self._call(*inputs, **timing)
-        return None if value is None else _typed(value, self._type)
+        if value is None:
+            return None
+        found = value if isinstance(value, Mapping) else dict.fromkeys(self.outputs, value)
+        if found.keys() != self.outputs.keys() or (found is not value and len(found) > 1):
+            raise TypeError(f'returned {value!r}, not a value for each of {listed(self.outputs)}')
+        return {name: _typed(each, self.outputs[name]) for name, each in found.items()}
+
+    def many(self, times: Times, columns: Columns) -> tuple[NDArray[np.bool_], Columns]:
+        """Return which samples have a result, and the columns of the results.
+
+        User code may raise any exception.
+        """
+        many = getattr(self._call, 'many', None) if len(times) else None
+        if many is not None and {*self.outputs.values()} == {ValueType.FLOAT}:
+            found: Columns = many(times, columns)
+            if found.keys() == self.outputs.keys():
+                return np.ones(len(times), np.bool_), found
+        results = [self(time, [fields]) for time, fields in rows_of(times, columns)]
+        given = [each for each in results if each is not None]
+        return np.array([each is not None for each in results], np.bool_), {
+            name: column_of([each[name] for each in given]) for name in self.outputs
+        }
 
 
 class UnitOperator(SynchronisedOperator):
@@ -178,16 +210,11 @@ class UnitOperator(SynchronisedOperator):
             refuse(Refusal.FIELDS)
         columns = {name: batch.columns[name] for name in names} if len(batch) else {}
         try:
-            rows = rows_of(batch.valid_times, columns)
-            results = [self._call(time, [fields]) for time, fields in rows]
+            is_result, found = self._call.many(batch.valid_times, columns)
         # User code may raise any exception; steps report it.
         except Exception:  # noqa: BLE001
             refuse(Refusal.VALUE)
-        is_result = np.array([each is not None for each in results], np.bool_)
-        column = column_of([each for each in results if each is not None])
-        output = replace(
-            replace(batch, columns={}).rows(is_result), columns={self._call.output: column}
-        )
+        output = replace(replace(batch, columns={}).rows(is_result), columns=found)
         return Planned(output, self.inputs[0].watermark)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
@@ -208,7 +235,7 @@ class UnitOperator(SynchronisedOperator):
             self._reject(Fault(ViolationKind.COMPUTATIONAL_UNIT, valid_time, message))
         else:
             if result is not None:
-                self._emit(valid_time, {self._call.output: result}, self.watermark, now)
+                self._emit(valid_time, result, self.watermark, now)
 
 
 def _instance(unit: Unit, name: str, arguments: Mapping[str, Value]) -> Any:

@@ -115,12 +115,17 @@ class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
         return syntax.SourceDeclaration(_name(name), fields, position=TextPosition.of(name))
 
     def unit(
-        self, output: syntax.TypedField, name: Token, *parameters: tuple[syntax.TypedField, ...]
+        self,
+        outputs: tuple[syntax.TypedField, ...],
+        name: Token,
+        *parameters: tuple[syntax.TypedField, ...],
     ) -> syntax.UnitDeclaration:
         if name in list(syntax.BuiltIn):
             message = f"'{name}' is a built-in source; choose another name for the unit"
             raise PositionedError(message, TextPosition.of(name))
-        return syntax.UnitDeclaration(str(name), output, parameters, position=TextPosition.of(name))
+        return syntax.UnitDeclaration(
+            str(name), outputs, parameters, position=TextPosition.of(name)
+        )
 
     def named(self, name: Token, stream: Term) -> syntax.StreamDeclaration:
         return syntax.StreamDeclaration(str(name), stream, position=TextPosition.of(name))

@@ -300,8 +300,8 @@ class _Resolver:
             self._check_argument(each, fields, parameter, call.unit)
             inputs.append(source)
         self._check_settings(call)
-        output = {declaration.output.name: declaration.output.type}
-        return replace(call, inputs=tuple(inputs), declaration=declaration), output
+        outputs = {each.name: each.type for each in declaration.outputs}
+        return replace(call, inputs=tuple(inputs), declaration=declaration), outputs
 
     def _check_argument(
         self,
@@ -323,7 +323,7 @@ class _Resolver:
         possible = settings(self._units[call.unit])
         seen: set[str] = set()
         for each in call.arguments:
-            if each.name not in possible:
+            if possible is not None and each.name not in possible:
                 message = f"computational unit '{call.unit}' has no parameter '{each.name}'"
                 raise self._error(f'{message} (it has: {_listing(possible)})', each.position)
             if each.name in seen:

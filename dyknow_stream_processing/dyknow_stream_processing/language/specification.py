@@ -279,20 +279,20 @@ class UnitDeclaration(SyntaxNode):
 
     Args:
         name: under which it is registered.
-        output: the one field of its result.
+        outputs: the fields of its result; often one.
         parameters: for each input stream, the fields that the unit uses.
     """
 
     name: str
-    output: TypedField
+    outputs: tuple[TypedField, ...]
     parameters: tuple[tuple[TypedField, ...], ...]
 
     def __str__(self) -> str:
-        texts = [
+        output, *texts = (
             str(fields[0]) if len(fields) == 1 else f'({_listed(fields)})'
-            for fields in self.parameters
-        ]
-        return f'compunit {self.output} {self.name}({", ".join(texts)})'
+            for fields in (self.outputs, *self.parameters)
+        )
+        return f'compunit {output} {self.name}({", ".join(texts)})'
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,15 +29,18 @@ def collision_text(field: str, first: str, second: str) -> str:
     return f"field '{field}' comes from both {first} and {second}; rename it in one of them"
 
 
-def settings(unit: Unit) -> tuple[str, ...]:
+def settings(unit: Unit) -> tuple[str, ...] | None:
     """Return the parameters of a unit that a call may set by name, `mean(power, window = 5 s)`.
 
-    The constructor's parameters of a class, and a function's keyword-only ones.
+    The constructor's parameters of a class, and a function's keyword-only ones; None if it takes
+    any.
     """
     try:
-        parameters = signature(unit).parameters.values()
+        parameters = tuple(signature(unit).parameters.values())
     except ValueError:  # Some functions written in C have no signature.
         return ()
+    if isclass(unit) and any(each.kind is Parameter.VAR_KEYWORD for each in parameters):
+        return None
     kinds = [Parameter.KEYWORD_ONLY, *([Parameter.POSITIONAL_OR_KEYWORD] * isclass(unit))]
     return tuple(each.name for each in parameters if each.kind in kinds and each.name != TIME)
 

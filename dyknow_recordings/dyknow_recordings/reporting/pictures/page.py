@@ -16,6 +16,7 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.details import body
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.libraries import plotly_script
+from dyknow_recordings.reporting.pictures.maps import map_image
 from dyknow_recordings.reporting.pictures.timeline import (
     OutcomeSegment,
     Span,
@@ -122,6 +123,8 @@ def _section(
     yield f'<section>\n<h2>{escape(report.recording)}</h2>\n'
     yield f'<p class="soft">{duration}; times count from {_start_text(whole)}</p>\n'
     yield f'<div class="row axis"><div>{"".join(_ticks(whole))}</div></div>\n'
+    if report.map is not None:
+        yield map_image(report.map, report.formulas, whole)
     for formula in report.formulas:
         yield _formula(formula, whole, judgement, figures, next(numbers))
     for note in report.notes:

@@ -1,0 +1,148 @@
+"""Measure regions: 100 robots at 10 Hz among 50 zones, beside the same formula with comparisons.
+
+    python benchmarks/space.py --seconds 5
+
+Prints the share of one core that live distances take (positions one by one, as a node computes
+them), and the time of checks of a recording of fewer robots, as a state has at most 1000
+distances. Both formulas must have the same verdict.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+import yaml
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from dyknow_configuration import read_robot
+from dyknow_recordings import MonitoringFiles, RecordingReport, evaluate_recording, open_recording
+from dyknow_space import RegionDistances, SweptDistances
+
+RATE_HZ = 10
+STORE = get_typestore(Stores.ROS2_JAZZY)
+POSE = 'geometry_msgs/msg/PoseStamped'
+START_NS = 1_700_000_000_000_000_000
+
+
+def zones(count: int) -> dict[str, tuple[int, int]]:
+    """Return squares of 4 m in rows of ten, by the corners nearest to the origin."""
+    return {f'zone{index}': (10 * (index % 10), 10 * (index // 10)) for index in range(count)}
+
+
+def text_of(x: int, y: int) -> str:
+    """Return a zone as well-known text."""
+    return f'POLYGON (({x} {y}, {x + 4} {y}, {x + 4} {y + 4}, {x} {y + 4}, {x} {y}))'
+
+
+def position(robot: int, time: float) -> tuple[float, float]:
+    """Return where a robot is: it drives along a street between zones."""
+    return (7.0 * robot + time) % 100, 10 * (robot % 10) + 7.0
+
+
+def live_share(
+    unit_class: type[RegionDistances | SweptDistances], options: argparse.Namespace
+) -> float:
+    """Return the share of a core that distances take, computed for one position after another."""
+    texts = {name: f'{text_of(*each)}; frame map' for name, each in zones(options.zones).items()}
+    units = [unit_class(**texts) for _ in range(options.robots)]
+    begin = process_time()
+    for step in range(options.seconds * RATE_HZ):
+        for robot, unit in enumerate(units):
+            x, y = position(robot, step / RATE_HZ)
+            unit({'frame': 'map', 'x': x, 'y': y}, step)
+    return (process_time() - begin) / options.seconds
+
+
+def robot_file(folder: Path, options: argparse.Namespace, formula: str) -> Path:
+    """Write a robot.yaml with one formula."""
+    robots = [f'r{index}' for index in range(options.robots)]
+    source = {'topic': '/{r}/pose', 'max_delay': '1 s'}
+    features = {
+        name: {'of': {'r': 'Robot'}, 'from': {**source, 'field': f'pose.position.{axis}'}}
+        for name, axis in (('East', 'x'), ('North', 'y'))
+    }
+    document = {
+        'objects': {'Robot': robots},
+        'features': features,
+        'regions': {
+            name: {'is': 'NoGo', 'frame': 'map', 'wkt': text_of(*each)}
+            for name, each in zones(options.zones).items()
+        },
+        'positions': {'of': {'r': 'Robot'}, 'frame': 'map', 'field': 'pose.position', **source},
+        'formulas': [{'name': 'out', 'formula': formula}],
+    }
+    path = folder / 'robot.yaml'
+    path.write_text(yaml.safe_dump(document), encoding='utf-8')
+    return path
+
+
+def write_bag(path: Path, options: argparse.Namespace) -> None:
+    """Record the poses of all robots."""
+    types = STORE.types
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = [
+            writer.add_connection(f'/r{index}/pose', POSE, typestore=STORE)
+            for index in range(options.robots)
+        ]
+        rotation = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+        for step in range(options.seconds * RATE_HZ):
+            stamp = START_NS + step * 1_000_000_000 // RATE_HZ
+            time = types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9))
+            header = types['std_msgs/msg/Header'](time, 'map')
+            for robot, topic in enumerate(topics):
+                point = types['geometry_msgs/msg/Point'](*position(robot, step / RATE_HZ), 0.0)
+                pose = types['geometry_msgs/msg/Pose'](point, rotation)
+                message = types[POSE](header, pose)
+                writer.write(topic, stamp + 1_000_000, STORE.serialize_cdr(message, POSE))
+
+
+def checked(bag: Path, robot: Path) -> tuple[float, RecordingReport]:
+    """Return the CPU time of a check, in seconds, and its report."""
+    begin = process_time()
+    found = read_robot(robot)
+    files = MonitoringFiles(found.ontologies, found.annotations, found.streams)
+    with open_recording(bag) as recording:
+        report = evaluate_recording(recording, found.formulas, files)
+    return process_time() - begin, report
+
+
+def main() -> None:
+    """Measure, and print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--robots', type=int, default=100)
+    parser.add_argument('--zones', type=int, default=50)
+    parser.add_argument('--seconds', type=int, default=5)
+    parser.add_argument('--checked', type=int, default=20, help='the robots of the recording')
+    options = parser.parse_args()
+    for unit_class in (RegionDistances, SweptDistances):
+        print(f'live {unit_class.__name__}: {live_share(unit_class, options):.1%} of a core')
+    compared = ' and '.join(
+        f'not ({x} <= East[r] and East[r] <= {x + 4} and {y} <= North[r] and North[r] <= {y + 4})'
+        for x, y in zones(options.zones).values()
+    )
+    options.robots = options.checked
+    formulas = {
+        'regions': 'forall r in Robot, z in NoGo: always not inside(r, z)',
+        'comparisons': f'forall r in Robot: always ({compared})',
+    }
+    outcomes = set()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_bag(folder / 'bag', options)
+        for kind, formula in formulas.items():
+            seconds, report = checked(folder / 'bag', robot_file(folder, options, formula))
+            (result,) = report.formulas
+            assert result.error is None, result.error
+            outcomes.add(str(result.outcome))
+            print(f'check with {kind}: {seconds:.2f} s of CPU, {result.outcome}')
+    assert len(outcomes) == 1, outcomes
+
+
+if __name__ == '__main__':
+    np.seterr(all='raise', under='ignore')
+    main()

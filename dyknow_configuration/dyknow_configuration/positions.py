@@ -1,0 +1,186 @@
+"""The positions of objects in a robot.yaml, and their distances to its regions.
+
+    positions:
+      - {of: {u: UAV}, frame: map, topic: '/{u}/odometry', field: pose.pose.position}
+      - {of: {r: Rover}, frame: map, tf: '{r}/base_link'}
+
+For the object uav1 and the region dock, this makes the stream
+
+    compunit dock: float region_distances((frame: string, x: float, y: float));
+    stream uav1_region_distances = region_distances(
+        select header.frame_id as frame, pose.pose.position.x as x, pose.pose.position.y as y
+        from "/uav1/odometry", dock = "POLYGON ((0 0, 4 0, 4 3, 0 0)); frame map");
+    sink uav1_region_distances
+
+and the annotation `stream uav1_region_distances contains distance[uav1, dock] = dock`. With
+`moves: straight`, there are the same of `swept_distance`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Final
+
+from dyknow_common import CONSTRAINT_KINDS, InlineText, listed, quoted
+from dyknow_configuration.documents.composed_text import ComposedText
+from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_configuration.regions import (
+    DISTANCES,
+    POSITION_KEYS,
+    StatedRegion,
+    position_variable,
+)
+from dyknow_configuration.robot import RobotVocabulary
+from dyknow_configuration.topics import MAX_TEXTS, constraint_text
+from dyknow_space import ALL_HEIGHTS, Region
+from dyknow_stream_processing import parse_specification, specifications_by_sink
+
+_SOURCES: Final = ('topic', 'stream', 'tf')
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTexts:
+    """What the positions of a robot.yaml make.
+
+    Args:
+        streams: of the distances to regions.
+        annotations: of these streams.
+        topics: the topic, and the fields of x and y, of each object that has one.
+    """
+
+    streams: tuple[InlineText, ...] = ()
+    annotations: tuple[InlineText, ...] = ()
+    topics: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
+
+
+def read_positions(
+    values: Mapping[str, YamlValue], vocabulary: RobotVocabulary, regions: Sequence[StatedRegion]
+) -> PositionTexts:
+    """Return the streams of the distances of objects to the regions of their frame.
+
+    Args:
+        values: by key.
+        vocabulary: with the objects.
+        regions: with their places.
+
+    Raises:
+        ConfigurationError: with the place of the fault; if a region is in a frame in which no
+            object has a position.
+    """
+    if 'positions' not in values:
+        return PositionTexts()
+    value = values['positions']
+    sources = [_PositionSource(each, vocabulary) for each in value.one_or_more()]
+    _check_frames(regions, {each.frame for each in sources})
+    seen: set[str] = set()
+    for source in sources:
+        for name in source.objects:
+            if name in seen:
+                raise source.value.error(f"'{name}' has a position already; keep one")
+            seen.add(name)
+    if len(seen) * len(regions) > MAX_TEXTS:
+        raise value.error(f'these are more than {MAX_TEXTS} distances; split the file')
+    streams: list[InlineText] = []
+    annotations: list[InlineText] = []
+    for source in sources:
+        of_frame = [each.region for each in regions if each.region.frame == source.frame]
+        if of_frame:
+            streams.append(source.streams(of_frame))
+            annotations += source.annotations(of_frame)
+    topics = {name: fields for each in sources for name, fields in each.topics()}
+    return PositionTexts(tuple(streams), tuple(annotations), topics)
+
+
+def _check_frames(regions: Sequence[StatedRegion], frames: set[str]) -> None:
+    for each in regions:
+        if each.region.frame not in frames:
+            raise each.key.error(
+                f"the region '{each.region.name}' is in frame '{each.region.frame}', but positions "
+                f'are in {listed(sorted(frames))}; state both in one frame'
+            )
+
+
+class _PositionSource:
+    """A topic, stream or transform that holds the positions of the objects of a sort."""
+
+    def __init__(self, value: YamlValue, vocabulary: RobotVocabulary) -> None:
+        self.value = value
+        stated = value.mapping(POSITION_KEYS, ('of', 'frame'))
+        given = [each for each in _SOURCES if each in stated]
+        if len(given) != 1:
+            raise value.error(f'give one of {", ".join(_SOURCES)}')
+        (self._kind,) = given
+        self._source = stated[self._kind]
+        self._variable, sort = position_variable(stated['of'])
+        self.objects = vocabulary.objects(sort.text().strip())
+        self.frame = stated['frame'].text('a frame').strip()
+        self._field = stated['field'].text('a field').strip() if 'field' in stated else ''
+        self._field_value = stated.get('field', self._source)
+        has_header = stated['header'].truth() if 'header' in stated else self._kind == 'topic'
+        self._frame_field = 'header.frame_id' if has_header else ''
+        self.is_swept = 'moves' in stated and bool(stated['moves'].choice('motion', ('straight',)))
+        self._units = tuple(DISTANCES) if self.is_swept else tuple(DISTANCES)[:1]
+        self._constraints = {
+            name: constraint_text(name, each)
+            for name, each in stated.items()
+            if name in CONSTRAINT_KINDS
+        }
+
+    def streams(self, regions: Sequence[Region]) -> InlineText:
+        """Return the streams of the distances of all objects."""
+        axes = 'xyz' if any(each.altitude != ALL_HEIGHTS for each in regions) else 'xy'
+        frame = 'frame: string, ' if self._frame_field else ''
+        shapes = ', '.join(f'{each.name} = {quoted(each.text)}' for each in regions)
+        fields = f'({_typed(each.name for each in regions)})', f'({frame}{_typed(axes)})'
+        text = ComposedText()
+        for unit in self._units:
+            text.add(f'compunit {fields[0]} {unit}({fields[1]});\n', self.value)
+        for name in self.objects:
+            for unit in self._units:
+                text.add(f'stream {name}_{unit} = {unit}(select ', self.value)
+                text.add(self._selections(axes), self._field_value)
+                self._add_source(text, name)
+                text.add(f', {shapes});\nsink {name}_{unit};\n', self.value)
+        with text.errors():
+            specifications_by_sink(parse_specification(str(text)))
+        return InlineText(self.value.place, str(text))
+
+    def annotations(self, regions: Sequence[Region]) -> Iterator[InlineText]:
+        """Yield the annotations of the distances of each object."""
+        for name, unit in product(self.objects, self._units):
+            feature = DISTANCES[unit]
+            contents = (f'{feature}[{name}, {each.name}] = {each.name}' for each in regions)
+            text = f'stream {name}_{unit} contains {", ".join(contents)};'
+            yield InlineText(self.value.place, text)
+
+    def topics(self) -> Iterator[tuple[str, tuple[str, str, str]]]:
+        """Yield each object with its topic and the fields of x and y, if it has a topic."""
+        before = f'{self._field}.' if self._field else ''
+        for name in self.objects if self._kind == 'topic' else ():
+            topic = ComposedText().add_template(self._source, {self._variable: name})
+            yield name, (str(topic).strip(), f'{before}x', f'{before}y')
+
+    def _selections(self, axes: str) -> str:
+        frame = [f'{self._frame_field} as frame'] if self._frame_field else []
+        before = f'{self._field}.' if self._field else ''
+        if self._kind == 'tf':
+            before = 'translation.'
+        return ', '.join([*frame, *(f'{before}{axis} as {axis}' for axis in axes)])
+
+    def _add_source(self, text: ComposedText, name: str) -> None:
+        objects = {self._variable: name}
+        source = str(ComposedText().add_template(self._source, objects)).strip()
+        if self._kind == 'tf':
+            source = f'tf({quoted(self.frame)}, {quoted(source)})'
+        elif self._kind == 'topic':
+            source = quoted(source)
+        text.add(f' from {source}', self._source)
+        if self._constraints:
+            given = ', '.join(f'{key} = {each}' for key, each in self._constraints.items())
+            text.add(f' with {given}', self.value)
+
+
+def _typed(names: Iterable[str]) -> str:
+    return ', '.join(f'{each}: float' for each in names)

@@ -1,0 +1,182 @@
+"""The regions of a robot.yaml: objects that are parts of space.
+
+    regions:
+      dock: {is: Aisle, frame: map, wkt: 'POLYGON ((0 0, 4 0, 4 3, 0 0))', altitude: [0, 2.5]}
+      tower: {is: NoFly, frame: map, circle: {center: [10, 4], radius: 3}}
+      margin: {is: NoFly, frame: map, buffer: {of: dock, by: 1.5}}
+      fences: {frame: map, geojson: fences.geojson}
+      keep_out: {is: KeepOut, frame: map, mask: keepout_mask.yaml}
+
+A file may hold several regions, which have their own names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from typing import Any, Final
+
+from dyknow_common import CONSTRAINT_KINDS
+from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_space import (
+    ALL_HEIGHTS,
+    Region,
+    SpaceError,
+    buffer_of,
+    circle,
+    geometry_of,
+    read_free_space,
+    read_geojson,
+    read_mask,
+    read_zone_set,
+)
+
+_FILES: Final[Mapping[str, Callable[..., Iterable[Region]]]] = {
+    'free': read_free_space,
+    'geojson': read_geojson,
+    'mask': read_mask,
+    'vda5050': read_zone_set,
+}
+"""The readers of files, by the key that names the file."""
+
+_SHAPES: Final = ('wkt', 'circle', 'buffer', *_FILES)
+
+_TIMES: Final = ('since', 'until')
+
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
+
+REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES)
+
+POSITION_KEYS: Final = (
+    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'header', 'moves', *CONSTRAINT_KINDS
+)  # fmt: skip
+
+DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}
+"""The features that the units for regions compute; the second one of objects that move straight."""
+
+MAX_REGIONS: Final = 1_000
+"""The number of regions of a robot.yaml."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatedRegion:
+    """A region with its place in the file.
+
+    Args:
+        region: its sorts are empty if only `objects` tells them.
+        key: the name of its entry.
+        sorts: the value of its key `is`, if there is one.
+    """
+
+    region: Region
+    key: YamlValue
+    sorts: YamlValue | None
+
+
+def read_regions(value: YamlValue) -> tuple[StatedRegion, ...]:
+    """Return the regions that a mapping from names describes.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    found: dict[str, StatedRegion] = {}
+    for key, given in value.entries('a mapping from regions'):
+        for region in _regions(key, given, found):
+            if region.name in found:
+                raise key.error(f"there is a second region '{region.name}'; keep one")
+            found[region.name] = StatedRegion(region, key, given.mapping(REGION_KEYS).get('is'))
+        if len(found) > MAX_REGIONS:
+            raise key.error(f'the file has more than {MAX_REGIONS} regions; split it')
+    return tuple(found.values())
+
+
+def _regions(
+    key: YamlValue, value: YamlValue, known: Mapping[str, StatedRegion]
+) -> Iterable[Region]:
+    stated = value.mapping(REGION_KEYS, ('frame',))
+    shapes = [each for each in _SHAPES if each in stated]
+    if len(shapes) != 1:
+        raise value.error(f'give one of {", ".join(_SHAPES)}')
+    (kind,) = shapes
+    shape = stated[kind]
+    name, frame = key.text('the name of a region').strip(), stated['frame'].text('a frame').strip()
+    sorts = tuple(each.text() for each in stated['is'].one_or_more()) if 'is' in stated else ()
+    altitude = _altitude(stated['altitude']) if 'altitude' in stated else ALL_HEIGHTS
+    since, until = (_time(stated[each]) if each in stated else None for each in _TIMES)
+    try:
+        if kind in _FILES:
+            path = shape.document.path.parent / shape.text('the name of a file').strip()
+            read = _FILES[kind](path, name, frame)
+        else:
+            read = [Region(name, (), frame, _geometry(kind, shape, known, frame))]
+        return [
+            replace(
+                each,
+                sorts=(*sorts, *(sort for sort in each.sorts if sort not in sorts)),
+                altitude=altitude,
+                times=(since, until),
+            )
+            for each in read
+        ]
+    except SpaceError as error:
+        raise shape.error(error.message) from None
+
+
+def _geometry(kind: str, shape: YamlValue, known: Mapping[str, StatedRegion], frame: str) -> Any:
+    if kind == 'wkt':
+        return geometry_of(shape.text('well-known text'))
+    if kind == 'circle':
+        given = shape.mapping(('center', 'radius'), ('center', 'radius'))
+        x, y = numbers(given['center'], 2)
+        return circle(x, y, *numbers(given['radius']))
+    given = shape.mapping(('of', 'by'), ('of', 'by'))
+    other = known[given['of'].choice('region', tuple(known))].region
+    if other.frame != frame:
+        raise SpaceError(f"region '{other.name}' is in frame '{other.frame}', not '{frame}'")
+    return buffer_of(other.geometry, *numbers(given['by']))
+
+
+def _time(value: YamlValue) -> int:
+    """Return a date with a time and a zone, in nanoseconds since the epoch."""
+    found = value.plain()
+    try:
+        date = found if isinstance(found, datetime) else datetime.fromisoformat(found)
+    except (TypeError, ValueError):
+        raise value.expected('a time, such as 2026-05-01T08:00:00+02:00,') from None
+    if date.tzinfo is None:
+        raise value.error('add the zone to the time: Z for UTC, or such as +02:00')
+    return (date - _EPOCH) // timedelta(microseconds=1) * 1000
+
+
+def _altitude(value: YamlValue) -> tuple[float, float]:
+    low, high = numbers(value, 2)
+    if not low < high:
+        raise value.error('write the lower altitude first')
+    return low, high
+
+
+def numbers(value: YamlValue, count: int = 1) -> tuple[float, ...]:
+    """Return some numbers, in a list if they are more than one."""
+    plain = value.plain()
+    found = plain if isinstance(plain, list) and count > 1 else [plain]
+    if len(found) != count or any(type(each) not in {int, float} for each in found):
+        raise value.expected('a number' if count == 1 else f'a list of {count} numbers')
+    return tuple(map(float, found))
+
+
+def positioned_sorts(value: YamlValue) -> list[YamlValue]:
+    """Return the sorts whose positions a file tells."""
+    return [
+        position_variable(each.mapping(POSITION_KEYS, ('of', 'frame'))['of'])[1]
+        for each in value.one_or_more()
+    ]
+
+
+def position_variable(value: YamlValue) -> tuple[str, YamlValue]:
+    """Return the variable and the sort of `{u: UAV}`."""
+    entries = value.entries('a mapping from a variable to a sort')
+    if len(entries) != 1:
+        raise value.error('give one variable with its sort, such as {u: UAV}')
+    ((variable, sort),) = entries
+    return variable.text().strip(), sort

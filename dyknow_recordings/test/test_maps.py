@@ -1,0 +1,55 @@
+"""Maps of recordings in pages: regions, tracks, and where a formula became false."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+from recorded import at, recording, sample
+
+from dyknow_common import Verdict
+from dyknow_configuration import RobotMap
+from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, recorded_map
+from dyknow_recordings.evaluation.results import Episode, FormulaReport
+from dyknow_recordings.reporting.pictures.maps import map_image
+from dyknow_recordings.reporting.pictures.timeline import Span
+from dyknow_space import Region, geometry_of
+
+HOLE = 'POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 2 1, 2 2, 1 2, 1 1))'
+DOCK = Region('dock', ('Zone',), 'map', geometry_of(HOLE))
+FAR = Region('far', ('Zone',), 'odom', geometry_of('POLYGON ((90 0, 94 0, 94 4, 90 0))'))
+
+
+def recorded(count: int = 10) -> RecordedMap:
+    messages = [sample('/r1/pose', index / 10, x=float(index), y=2.0) for index in range(count)]
+    known = RobotMap((DOCK, FAR), {'r1': ('/r1/pose', 'x', 'y'), 'r2': ('/r2/pose', 'x', 'y')})
+    return recorded_map(recording(messages, batch=4), known)
+
+
+def test_tracks_are_those_of_the_topics() -> None:
+    found = recorded()
+    assert [*found.tracks] == ['r1']
+    times, x, y = found.tracks['r1']
+    assert times.tolist() == [at(index / 10) for index in range(10)]
+    assert (x.tolist(), set(y.tolist())) == ([*map(float, range(10))], {2.0})
+    assert len(recorded(2 * MAX_POINTS + 1).tracks['r1'][0]) <= MAX_POINTS
+
+
+def test_the_place_of_a_failure() -> None:
+    episode = Episode(at(0), Verdict.FALSE, at(0.34), objects='r = r1, z = dock')
+    formulas = [FormulaReport('<out>', 'true', (episode,)), FormulaReport('b', 'true')]
+    image = map_image(recorded(), formulas, Span(at(0), at(1)))
+    root = ET.fromstring(image)  # noqa: S314 - it is our own
+    (region,) = root.findall('path')  # That of another frame is not drawn.
+    assert region.get('class') == 'is-broken'
+    assert region.get('d', '').count('Z') == 2
+    (mark,) = root.findall('circle')
+    assert (mark.get('cx'), mark.get('cy')) == ('3', '-2')
+    assert mark.findtext('title') == '<out>: r1 at 0.340 s'
+    (track,) = root.findall('polyline')
+    assert track.get('points', '').startswith('0,-2 1,-2')
+
+
+def test_without_regions_there_is_no_map() -> None:
+    assert not map_image(RecordedMap(), (), Span(0, 1))
+    lonely = RecordedMap((DOCK,))
+    assert '<path' in map_image(lonely, (), Span(0, 1))

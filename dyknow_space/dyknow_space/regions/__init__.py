@@ -1,0 +1,1 @@
+"""Regions: what they are, and the documents that describe them."""

@@ -1,0 +1,146 @@
+"""Regions of space: polygons in the plane of a frame, with heights and times where they hold.
+
+    dock: {is: Aisle, frame: map, wkt: 'POLYGON ((0 0, 4 0, 4 3, 0 0))', altitude: [0, 2.5]}
+
+A region is closed: its boundary is inside. Distances are in metres, negative inside.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from dyknow_space.errors import SpaceError
+from dyknow_space.regions.library import shapely
+
+MAX_VERTICES: Final = 10_000
+"""The vertices of a region; more take long to compare, and are rarely wanted."""
+
+POLYGONS: Final = frozenset({'Polygon', 'MultiPolygon'})
+"""The geometries that have an inside."""
+
+ALL_HEIGHTS: Final = (-math.inf, math.inf)
+ALL_TIMES: Final = (None, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A part of space.
+
+    Args:
+        name: of the object that it is.
+        sorts: the sorts of that object, as they are stated.
+        frame: in which its coordinates are, such as `map`.
+        geometry: a valid polygon or multipolygon of shapely, in metres; it is prepared.
+        altitude: its lowest and highest height, in metres; infinite without a bound.
+        times: since when and until when it exists, in nanoseconds; None without a bound.
+
+    Raises:
+        SpaceError: for a geometry that is invalid, empty, no polygon, or too large.
+    """
+
+    name: str
+    sorts: tuple[str, ...]
+    frame: str
+    geometry: Any
+    altitude: tuple[float, float] = ALL_HEIGHTS
+    times: tuple[int | None, int | None] = (None, None)
+
+    def __post_init__(self) -> None:
+        check_geometry(self.geometry)
+        low, high = self.altitude
+        if not low < high:
+            raise SpaceError(f'the altitudes are from {low} to {high}; write the lower one first')
+        begin, end = self.times
+        if begin is not None and end is not None and begin >= end:
+            raise SpaceError('the region ends before it begins; write the earlier time first')
+        shapely().prepare(self.geometry)
+
+    @property
+    def text(self) -> str:
+        """The region but for its name and sorts, for `parse_region`."""
+        wkt = shapely().to_wkt(self.geometry, rounding_precision=-1)
+        parts = [str(wkt)]
+        if self.frame:
+            parts.append(f'frame {self.frame}')
+        if self.altitude != ALL_HEIGHTS:
+            parts.append('altitude {} {}'.format(*self.altitude))
+        if self.times != ALL_TIMES:
+            parts.append('times {} {}'.format(*self.times))
+        return '; '.join(parts)
+
+
+def parse_region(name: str, text: str) -> Region:
+    """Return a region, given `POLYGON ((0 0, 4 0, 4 3, 0 0)); frame map; altitude 0 2.5`.
+
+    The part after the polygon is optional; `times` are in nanoseconds, or None.
+
+    Raises:
+        SpaceError: if the text is no region.
+    """
+    wkt, *parts = text.split(';')
+    stated = {key: value for key, _, value in (each.strip().partition(' ') for each in parts)}
+    if unknown := stated.keys() - {'frame', 'altitude', 'times'}:
+        raise SpaceError(
+            f"region '{name}' has an unknown part '{min(unknown)}'; write a polygon, then "
+            '; frame NAME; altitude LOW HIGH; times BEGIN END'
+        )
+    try:
+        low, high = map(float, stated['altitude'].split()) if 'altitude' in stated else ALL_HEIGHTS
+        times = map(_time, stated['times'].split()) if 'times' in stated else ALL_TIMES
+        begin, end = times
+    except ValueError as error:
+        raise SpaceError(f"region '{name}': {error}; write two numbers") from None
+    try:
+        return Region(
+            name, (), stated.get('frame', ''), geometry_of(wkt), (low, high), (begin, end)
+        )
+    except SpaceError as error:
+        raise SpaceError(f"region '{name}': {error.message}", error.code) from None
+
+
+def _time(text: str) -> int | None:
+    return None if text == 'None' else int(text)
+
+
+def geometry_of(wkt: str) -> Any:
+    """Return the geometry of a well-known text, such as `POLYGON ((0 0, 4 0, 4 3, 0 0))`.
+
+    Raises:
+        SpaceError: if the text is none, or its geometry is not usable.
+    """
+    library = shapely()
+    try:
+        with np.errstate(invalid='ignore'):  # The check reports coordinates that are no numbers.
+            found = library.from_wkt(wkt)
+    except library.errors.ShapelyError as error:
+        raise SpaceError(
+            f'{error}; write well-known text, such as POLYGON ((0 0, 4 0, 4 3, 0 0))'
+        ) from None
+    check_geometry(found)
+    return found
+
+
+def check_geometry(geometry: Any) -> None:
+    """Check that a geometry is a polygon that computations can rely on; it is never repaired.
+
+    Raises:
+        SpaceError: naming what is wrong, and where.
+    """
+    library = shapely()
+    kind = geometry.geom_type
+    if kind not in POLYGONS:
+        raise SpaceError(f'a region is a Polygon or a MultiPolygon, not a {kind}')
+    if geometry.is_empty:
+        raise SpaceError('the region is empty; give it an area, or remove it')
+    vertices = int(library.get_num_coordinates(geometry))
+    if vertices > MAX_VERTICES:
+        raise SpaceError(
+            f'the region has {vertices} vertices, more than {MAX_VERTICES}; simplify or split it'
+        )
+    if not library.is_valid(geometry):
+        fault, _, place = library.is_valid_reason(geometry).rstrip(']').partition('[')
+        raise SpaceError(f'the polygon is invalid: {fault.lower()} at {place}; correct it there')

@@ -1,0 +1,58 @@
+"""Units with several outputs, such as those of regions, by steps and as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from recorded_flow import Flow
+
+from dyknow_stream_processing import load_units
+
+DISTANCES = """
+compunit (near: float, far: float) {unit}((frame: string, x: float, y: float));
+stream d = {unit}("/pose",
+  near = "POLYGON ((0 0, 2 0, 2 2, 0 2, 0 0)); frame map",
+  far = "POLYGON ((9 0, 9.1 0, 9.1 2, 9 2, 9 0)); frame map");
+sink select near, far from d
+"""
+
+
+def test_distances_have_a_field_for_each_region() -> None:
+    flow = Flow().create(DISTANCES.format(unit='region_distances'))
+    flow.push('/pose', 0, frame='map', x=1, y=1)
+    flow.push('/pose', 10, frame='odom', x=1, y=1)
+    flow.push('/pose', 20, frame='map', x=11.1, y=1)
+    assert flow.take() == [(0, {'near': -1, 'far': 8}), (20, {'near': 9.1, 'far': 2})]
+    (violation,) = flow.violations
+    assert "in frame 'odom', but the regions are in frame 'map'" in violation.message
+
+
+def test_a_way_is_noticed_between_samples() -> None:
+    flow = Flow().create(DISTANCES.format(unit='swept_distances'))
+    flow.push('/pose', 0, frame='map', x=4, y=1)
+    flow.push('/pose', 10, frame='map', x=12, y=1)
+    (_, first), (_, second) = flow.take()
+    assert first == {'near': 2, 'far': 5}
+    assert second['far'] <= 0 < second['near']
+
+
+def test_a_unit_that_does_not_return_all_outputs() -> None:
+    def bounds(value: Mapping[str, float]) -> object:
+        (number,) = value.values()
+        found = {'low': number - 1, 'high': number + 1}
+        return [found, {'low': 0.0}, number][int(number)]
+
+    text = 'compunit (low: float, high: float) bounds(x: float); sink bounds("/a")'
+    flow = Flow({**load_units(), 'bounds': bounds}).create(text)
+    for number in range(3):
+        flow.push('/a', number, x=float(number))
+    assert flow.take() == [(0, {'low': -1.0, 'high': 1.0})]
+    assert len(flow.violations) == 2
+    assert all('not a value for each of low, high' in each.message for each in flow.violations)
+
+
+def test_columns_of_a_unit() -> None:
+    unit = load_units()['region_distances'](a='POLYGON ((0 0, 2 0, 2 2, 0 2, 0 0)); frame map')
+    columns = {'frame': np.array(['map', 'map'], object), 'x': np.array([1, 5]), 'y': np.ones(2)}
+    assert unit.many(np.arange(2), columns)['a'].tolist() == [-1, 3]
