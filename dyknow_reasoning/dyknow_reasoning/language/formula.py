@@ -15,6 +15,7 @@ from typing import Any, ClassVar, TypeAlias
 
 from dyknow_common import SyntaxNode
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
+from dyknow_reasoning.language.spatial import Link, Over, Spatial, SpatialAtom
 from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
@@ -216,15 +217,20 @@ class PastAtom(SyntaxNode):
     """A past operator over ground operands without future operators: an atom of each state.
 
     Args:
-        formula: the operator, or a comparison with values of the past.
+        formula: the operator, a comparison with values of the past, or a spatial operator.
         field: the name of the field that holds its truth; empty before a group has given it one.
     """
 
-    formula: PastFormula | Comparison
+    formula: PastFormula | Comparison | SpatialAtom
     field: str = ''
 
     def __str__(self) -> str:
         return str(self.formula)
+
+    @property
+    def looks_back(self) -> bool:
+        """True if it depends on earlier states."""
+        return not isinstance(self.formula, SpatialAtom)
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +276,8 @@ Formula: TypeAlias = (
     | Eventually
     | Until
     | PastFormula
+    | Over
+    | Spatial
     | Let
 )
 """A formula, which is true or false of a sequence of states."""
@@ -280,6 +288,14 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
+        case Over():
+            return (node.links, node.origin, node.body)
+        case Spatial():
+            return (node.right,) if node.left is None else (node.left, node.right)
+        case Link():
+            return (node.condition,) if node.weight is None else (node.condition, node.weight)
+        case SpatialAtom():
+            return tuple(node.places)
         case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | PastTerm():
             return (node.body,)
         case PastAtom():
@@ -297,6 +313,15 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
+        case Over(links=links, origin=origin, body=body):
+            return replace(node, links=change(links), origin=change(origin), body=change(body))
+        case Spatial(left=left, right=right, links=links):
+            changed = {'left': left and change(left), 'links': links and change(links)}
+            return replace(node, right=change(right), **changed)
+        case Link(condition, weight):
+            return replace(node, condition=change(condition), weight=weight and change(weight))
+        case SpatialAtom(formula):
+            return replace(node, formula=change(formula))
         case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | PastTerm():
             return replace(node, body=change(node.body))
         case Feature() | Function():
@@ -331,6 +356,11 @@ def walk(node: Formula | Term) -> Iterator[Formula | Term]:
 def looks_forward(formula: Formula) -> bool:
     """Return True if a formula contains an operator of the future: one state may not decide it."""
     return any(isinstance(each, FutureFormula) for each in walk(formula))
+
+
+def is_about_one_state(node: Formula | Term) -> bool:
+    """Return True if a formula contains neither an operator nor a value of other states."""
+    return not any(isinstance(each, FutureFormula | PastFormula | PastTerm) for each in walk(node))
 
 
 def compares_past(node: Formula | Term) -> bool:

@@ -25,6 +25,10 @@ _SPELLINGS: Final = {
     'COUNT': _FORMULA,
     '_OF': "'of'",
     '_FOR': _OPERATOR,
+    **dict.fromkeys(('SPATIAL', '_OVER'), _FORMULA),
+    **dict.fromkeys(('REACH', 'SURROUND', '_BY'), _OPERATOR),
+    '_FROM': "'from'",
+    '_TO': "'to'",
 }
 
 _CORRECTIONS: Final = {

@@ -26,7 +26,7 @@ from dyknow_common import (
     shortened,
 )
 from dyknow_reasoning.language import formula as syntax
-from dyknow_reasoning.language import sugar, terms
+from dyknow_reasoning.language import spatial, sugar, terms
 from dyknow_reasoning.language.constants import (
     NO_CONSTANTS,
     Constant,
@@ -51,6 +51,7 @@ from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
 from dyknow_reasoning.language.quantities import with_converted_numbers
+from dyknow_reasoning.language.spatial_checks import with_links
 from dyknow_reasoning.language.terms import Term
 
 _MAX_KEPT: Final = 1000
@@ -97,7 +98,7 @@ def _parse(text: str, constants: Constants) -> Formula:
         LANGUAGE.check_depth(formula, syntax.parts)
         formula, units = without_lets(formula, constants)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
-        return resolved
+        return with_links(resolved)
 
 
 _parse_again = lru_cache(1024)(_parse)
@@ -280,6 +281,64 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         units = tuple(each for each in bindings if isinstance(each[1], str))
         constants = tuple(each for each in bindings if not isinstance(each[1], str))
         return syntax.Let(constants, units, _formula(body))
+
+    def distance(self, number: Token, unit: Token | None) -> tuple[int | float, Token | None]:
+        return number_value(number), unit
+
+    def distances(
+        self, opening: Token, first: Any, _: Token, last: Any, closing: Token
+    ) -> spatial.Distances:
+        given = [each for each in (first, last) if isinstance(each, tuple)]
+        units = {str(unit or '').strip('"') for value, unit in given if unit or value}
+        named, counts = units - {''}, units & {'hop', 'hops'}
+        hops = not units or (bool(named) and named == counts)
+        if (not hops and (counts or (named and '' in units))) or (
+            hops and any(isinstance(value, float) for value, _ in given)
+        ):
+            message = 'give both distances a unit, or count whole links: [0, 50 m], [1, 3 hops]'
+            raise PositionedError(message, TextPosition.of(opening))
+        start, end = (
+            *(
+                terms.Number(value) if hops or unit is None
+                else terms.Quantity(value, _unit_text(unit))
+                for value, unit in given
+            ),
+            None,
+        )[:2]
+        return spatial.Distances(start, end, opening + closing, hops)
+
+    def spatial(self, word: Token, distances: spatial.Distances, body: Formula | Term) -> Formula:
+        return spatial.Spatial(str(word), distances, None, _formula(body))
+
+    def reach(
+        self, left: Formula | Term, word: Token, distances: spatial.Distances, right: Formula | Term
+    ) -> Formula:
+        operands = _formula(left), _formula(right)
+        return spatial.Spatial(str(word), distances, *operands, position=left.position)
+
+    def surround(
+        self, left: Formula | Term, _: Token, distances: spatial.Distances, right: Formula | Term
+    ) -> Formula:
+        return sugar.surround(_formula(left), _formula(right), distances, left.position)
+
+    def links(
+        self,
+        condition: Formula | Term,
+        weight: Formula | Term | None,
+        first: Token,
+        second: Token,
+        sort: Token,
+    ) -> spatial.LinkEnd:
+        condition = _formula(condition)
+        length = spatial.compared_number(condition) if weight is None else _term(weight)
+        end = spatial.LinkEnd(str(second), str(sort), spatial.Link(condition, length))
+        return spatial.LinkEnd(str(first), str(sort), end)
+
+    def over(
+        self, links: spatial.LinkEnd, origin: Token, place: Token, body: Formula | Term
+    ) -> Formula:
+        start = terms.Object(str(origin), position=TextPosition.of(origin))
+        return spatial.Over(str(place), links.sort, _formula(body), links, start)
 
     def not_(self, _word: Token, body: Formula | Term) -> Formula:
         return syntax.Not(_formula(body))

@@ -6,6 +6,10 @@ the left side must hold from the present state on:
     F holds until[a, b] G    F and (F until[a, b] G), or G now if a is 0
     F unless[a, b] G         F holds until[a, b] G, or always[0, b] F
     F release[a, b] G        not ((not F) holds until[a, b] (not G))
+
+Of the spatial operators, as in STREL:
+
+    F surround[0, d] G       F, and not F reach[0, d] not (F or G), and not escape(d, inf) F
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.spatial import Distances, Spatial
 
 _MAX_PARTS: Final = 20_000
 """The most parts of a formula that is written out: sides are repeated, so they may grow fast."""
@@ -53,11 +58,26 @@ def release(left: Formula, right: Formula, interval: Interval, position: TextPos
     return Not(holds_until(not_left, not_right, interval, position), position=position)
 
 
+def surround(
+    left: Formula, right: Formula, distances: Distances, position: TextPosition
+) -> Formula:
+    """Return that objects with `left` are enclosed by objects with `right` at some distance."""
+    inside = Not(Or(left, right, position=position), position=position)
+    leaves = Spatial('reach', distances, left, inside, position=position)
+    found: Formula = And(left, Not(leaves, position=position), position=position)
+    if distances.end is not None:
+        bracket = '(' if distances.brackets[1] == ']' else '['
+        beyond = Distances(distances.end, None, f'{bracket})', distances.hops)
+        escapes = Spatial('escape', beyond, None, left, position=position)
+        found = And(found, Not(escapes, position=position), position=position)
+    return _checked(found, 'surround')
+
+
 def _checked(formula: Formula, operator: str) -> Formula:
     if next(islice(walk(formula), _MAX_PARTS, None), None) is not None:
         message = (
             f"'{operator}' is written out to more than {_MAX_PARTS} parts here; nest fewer of "
-            "'holds until', 'unless' and 'release'"
+            "'holds until', 'unless', 'release' and 'surround'"
         )
         raise PositionedError(message, formula.position)
     return formula

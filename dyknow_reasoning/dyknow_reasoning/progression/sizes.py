@@ -21,6 +21,9 @@ from dyknow_reasoning.language.formula import (
     Exists,
     Forall,
     Formula,
+    Over,
+    Spatial,
+    is_about_one_state,
     parts,
 )
 from dyknow_reasoning.language.terms import (
@@ -150,6 +153,12 @@ def _parts(formula: Formula, counts: Counts) -> int:
             return 1 + counts.get(sort, 1) * _parts(body, counts)
         case Count(_, sort, body, bound):
             return _sides(bound) * (1 + counts.get(sort, 1) * _parts(body, counts))
+        case Spatial(right=right, links=links) if not is_about_one_state(right):
+            return 1 + counts.get(links.sort if links else '', 1) * (2 + _parts(right, counts))
+        case Spatial():
+            return 1
+        case Over(body=body):
+            return _parts(body, counts)
         case CountOf(bound, _, members):
             return _sides(bound) * (1 + sum(_parts(each, counts) for each in members))
         case _:
