@@ -25,6 +25,7 @@ from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.past.past_comparisons import past_terms, value_field
 from dyknow_reasoning.execution.past.past_values import PastValues
+from dyknow_reasoning.execution.past.spatial_registers import SpatialTruths
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
 from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
@@ -62,6 +63,7 @@ __all__ = [
     'PossibleVerdict',
     'Range',
     'Recording',
+    'SpatialTruths',
     'StandingMonitor',
     'StartCounts',
     'UncertainInstance',

@@ -59,11 +59,13 @@ def truths(formula: Spatial, lengths: Array, left: Array | None, right: Array) -
 
 def route(lengths: Array, origin: int, target: int) -> list[int]:
     """Return the objects of a shortest route, from the origin to the target, which it reaches."""
-    to_target = distances(lengths)[:, target]
-    found = [origin]
-    while found[-1] != target:
-        here = found[-1]
-        onward = lengths[here] + to_target
-        onward[found] = np.inf
-        found.append(int(np.argmin(onward)))
-    return found
+    count = len(lengths)
+    nearest, before = np.full(count, np.inf), np.full(count, origin)
+    nearest[origin] = 0
+    for here in list(range(count)) * count:
+        better = nearest[here] + lengths[here] < nearest
+        nearest[better], before[better] = nearest[here] + lengths[here][better], here
+    found = [target]
+    while found[-1] != origin:
+        found.append(int(before[found[-1]]))
+    return found[::-1]

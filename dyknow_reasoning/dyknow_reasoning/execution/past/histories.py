@@ -154,6 +154,10 @@ class Histories:
         register = self.registers.get(atom.field)
         return None if register is None else register.first_state
 
+    def spatial_truths(self, atom: PastAtom) -> SpatialTruths:
+        """Return the truth of a spatial operator from all objects on."""
+        return cast('SpatialRegister', self.registers[atom.field]).truths
+
     def extended(self, time: int, values: Values) -> Values:
         """Return the values of a state and of the registers.
 

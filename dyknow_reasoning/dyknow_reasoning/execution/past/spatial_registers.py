@@ -103,7 +103,7 @@ class SpatialTruths:
         self._conditions, self._lefts, self._rights = map(self._vector, self._sides)
         self._lengths = self._length_vector()
         self._readers: list[list[Predicate]] | None = None
-        self._latest: tuple[int, Any] | None = None
+        self._latest: tuple[Values, Any] | None = None
         self._columns: tuple[Recording, Sequence[Any]] | None = None
 
     def index(self, atom: SpatialAtom) -> Any:
@@ -111,18 +111,14 @@ class SpatialTruths:
         ends = (atom.origin, atom.target) if atom.target else (atom.origin,)
         return tuple(self._numbers[each] for each in ends)
 
-    def at(self, time: int, values: Values) -> Any:
-        """Return the truths at a state that is taken, or the error of an operand."""
-        if self._latest is None or self._latest[0] != time:
+    def at(self, values: Values) -> Any:
+        """Return the truths at a state, which all registers share, or the error of an operand."""
+        if self._latest is None or self._latest[0] is not values:
             try:
-                self._latest = time, self.of(values)
+                self._latest = values, self._truths(self.operands(values))
             except ReasoningError as error:
-                self._latest = time, error
+                self._latest = values, error
         return self._latest[1]
-
-    def of(self, values: Values) -> Array:
-        """Return the truths at a state; raise ReasoningError for an unusable operand."""
-        return self._truths(self.operands(values))
 
     def operands(self, values: Values) -> _Operands:
         """Return the operands at a state; raise ReasoningError for an unusable one."""
@@ -273,18 +269,24 @@ class SpatialRegister:
 
     def tried(self, memory: _NoMemory, time: int, values: Values) -> bool:  # noqa: ARG002
         """Return the truth at a state; raise ReasoningError for an unusable operand."""
-        return bool(self.truths.of(values)[self._index])
+        found = self.truths.at(values)
+        if isinstance(found, ReasoningError):
+            raise found
+        return bool(found[self._index])
 
     def step(self, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state, and set the field of the register."""
-        found = self.truths.at(time, values)
-        is_error = isinstance(found, ReasoningError)
-        values[self.field] = found if is_error else bool(found[self._index])
+        try:
+            values[self.field] = self.tried(self.memory, time, values)
+        except ReasoningError as error:
+            values[self.field] = error
 
     def columns(self, recording: Recording) -> Columns:
         """Return the field of the register at the states of a recording."""
         rows = self.truths.columns(recording)
-        found = [each if isinstance(each, ReasoningError) else bool(each[self._index]) for each in rows]
+        found = [
+            each if isinstance(each, ReasoningError) else bool(each[self._index]) for each in rows
+        ]
         return {self.field: column_array(found)}
 
     def pass_gap(self, gap: Gap) -> None:
