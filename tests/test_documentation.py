@@ -50,6 +50,7 @@ DOCUMENTS = (
     'docs/index.md',
     'docs/languages.md',
     FORMULAS,
+    'docs/space_graph.md',
     STREAMS,
     ONTOLOGY,
     MEANING,

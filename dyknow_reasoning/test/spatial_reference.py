@@ -10,7 +10,7 @@ from typing import Any
 from reasoning_reference import SPATIAL, Trace, conjunction, disjunction, holds
 
 from dyknow_reasoning.language.formula import Over, Spatial, with_changed_parts
-from dyknow_reasoning.language.spatial import Distances
+from dyknow_reasoning.language.spatial import DistanceInterval
 from dyknow_reasoning.language.terms import Object, Truth, Variable
 
 OBJECTS = {'R': ('a', 'b', 'c', 'd')}
@@ -114,7 +114,7 @@ def routes(
                 yield from routes(lengths, (*begun, end), length + each, may_pass)
 
 
-def within(distances: Distances, distance: float) -> bool:
+def within(distances: DistanceInterval, distance: float) -> bool:
     start, end = distances.start.value, inf if distances.end is None else distances.end.value
     after = distance > start or (distance == start and distances.brackets[0] == '[')
     before = distance < end or (distance == end and distances.brackets[1] == ']')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from itertools import accumulate, product
 from random import Random
@@ -15,8 +16,14 @@ from reasoning_reference import Trace, holds, random_cases
 from spatial_reference import OBJECTS
 from test_paths import plain, set_limits
 
-from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup, FormulaResult, parse_formula
+from dyknow_common import LanguageError, Verdict
+from dyknow_reasoning import (
+    FormulaGroup,
+    FormulaResult,
+    ReasoningError,
+    TrialFormula,
+    parse_formula,
+)
 
 LINKS = ('L[a, b]', 'D[a, b] <= 3', 'L[a, b] and D[a, b] < 4 by D[a, b]')
 HOPS = ('[0, inf)', '[0, 1 hops]', '[0, 2 hops)', '[1, 2 hops]', '(1 hops, inf)', '[2, 2 hops]')
@@ -31,7 +38,9 @@ def random_text(choose: Callable[[Sequence[Any]], Any], depth: int, *, in_time: 
     link = choose(LINKS)
     distances = HOPS if link == LINKS[0] else LENGTHS
 
-    def body(depth: int, *, is_state: bool = not in_time) -> str:
+    def body(  # noqa: PLR0911 - one for each kind
+        depth: int, *, is_state: bool = not in_time
+    ) -> str:
         if not depth or choose(range(5)) == 0:
             return str(choose(STATES))
         inner = choose(distances)
@@ -70,13 +79,13 @@ def test_operators_at_one_state(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compare with the reference; most cases by far of all tests."""
     monkeypatch.setitem(OBJECTS, 'R', ())
     for case in range(random_cases(300)):
-        random = Random(case)
+        random = Random(case)  # noqa: S311 - no secrets
         objects = OBJECTS['R'] = tuple(f'a{number}' for number in range(random.choice((2, 3, 4))))
         pairs = [f'[{a}, {b}]' for a, b in product(objects, objects) if a != b]
-        state: dict[str, Any] = {f'L{pair}': random.random() < 0.4 for pair in pairs}  # noqa: PLR2004
+        state: dict[str, Any] = {f'L{pair}': random.random() < 0.4 for pair in pairs}
         state |= {f'D{pair}': random.choice(NUMBERS) for pair in pairs}
         for name in objects:
-            state |= {f'{feature}[{name}]': random.random() < 0.6 for feature in 'PQ'}  # noqa: PLR2004
+            state |= {f'{feature}[{name}]': random.random() < 0.6 for feature in 'PQ'}
             state[f'N[{name}]'] = random.choice(NUMBERS)
         text = random_text(random.choice, 3, in_time=False)
         group = started(text)
@@ -177,7 +186,7 @@ def test_all_paths_give_the_same_results(
             group = started(text)
             results: list[FormulaResult] = []
             columns: dict[str, Any] = {name: [each[name] for each in states] for name in states[0]}
-            if many == 2 and bad is None:  # noqa: PLR2004 - as arrays
+            if many == 2 and bad is None:
                 columns = {name: np.array(column) for name, column in columns.items()}
             if many:
                 results = group.progress_many(times, columns)
@@ -186,3 +195,107 @@ def test_all_paths_give_the_same_results(
                     results += group.progress(time, values)
             found.append([plain(each) for each in results])
     assert all(each == found[0] for each in found)
+
+
+DISTANCES = {'12': 40.0, '23': 40.0, '13': 80.0}
+VALUES: dict[str, Any] = {
+    f'D[r{pair[0]}, r{pair[1]}]': length
+    for each, length in DISTANCES.items()
+    for pair in (each, each[::-1])
+} | {'Base[r1]': True, 'Base[r2]': False, 'Base[r3]': False}
+NEAR = 'let D: m in over (D[a, b] <= 50 m for a, b in R) from r3 to s: '
+
+
+def decided(text: str, **changed: Any) -> FormulaResult:
+    group = FormulaGroup()
+    group.add_formula('it', text)
+    group.begin({'R': ['r1', 'r2', 'r3'], 'Other': ['x']})
+    (result,) = group.progress(
+        0, {**VALUES, **{f'D[r{k[1]}, r{k[2]}]': v for k, v in changed.items()}}
+    )
+    return result
+
+
+@pytest.mark.parametrize(
+    ('formula', 'reason'),
+    [
+        ('somewhere[0, 0.1 km] Base[s]', "r3 reaches r1 by r2 (80 m), where 'Base[s]' holds"),
+        (
+            'somewhere[0, 1 hops] Base[s]',
+            "no object in [0, 1 hops] where 'Base[s]' holds; links lead from it to r2, r1".replace(
+                'r2, r1', 'r1, r2'
+            ),
+        ),
+        ('not somewhere[0, 2 hops] Base[s]', "r3 reaches r1 by r2 (2 hops), where 'Base[s]' holds"),
+        ('everywhere[0, 60 m] not Base[s]', "'not Base[s]' holds at all 2 objects that r3 reaches"),
+        ('everywhere[0, inf) not Base[s]', "r1 by r2 (2 hops), where 'not Base[s]' does not hold"),
+        (
+            'escape[2 hops, inf) not Base[s]',
+            "escapes to no object in [2 hops, inf) along 'not Base",
+        ),
+        ('escape[1 hops, inf) not Base[s]', "r3 escapes to r2 (1 hops), along 'not Base[s]'"),
+        ('not Base[s] reach[0, 90 m] Base[s]', "r3 reaches r1 by r2 (80 m), where 'Base[s]' holds"),
+        ('Base[s] reach[0, 90 m] Base[s]', 'no link leads from it'),
+    ],
+)
+def test_explanations(formula: str, reason: str) -> None:
+    assert reason in decided(f'{NEAR}{formula}').explanation
+
+
+def test_the_link_that_is_missing() -> None:
+    result = decided(f'{NEAR}somewhere[0, 0.1 km] Base[s]', D21=55.0)
+    assert result.explanation == (
+        "at 0.000 s, r3 reaches no object in [0, 0.1 km] where 'Base[s]' holds; links lead from it "
+        'to r2, and the next is missing, as D[r2, r1] = 55.0'
+    )
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('somewhere[0, 5 m] p', "'somewhere' needs links between objects"),
+        ('over (L[a,b] for a,b in R) from x to s: somewhere[0, 5 m] P[s]', 'the links have none'),
+        ('over (L[a,b] for a,b in R) from x to s: somewhere[0, 2.5 hops] P[s]', 'whole links'),
+        (
+            'over (D[a,b]<3 for a,b in R) from x to s: somewhere[2, 5 m] P[s]',
+            'both distances a unit',
+        ),
+        ('over (D[a,b]<3 for a,b in R) from x to s: somewhere[5, 2] P[s]', 'is empty'),
+        ('over (L[a,b] for a,b in R) from x to s: (once P[s]) reach[0, 2 hops] P[s]', 'one state'),
+        ('over (L[a,b] for a,b in R) from x to s: escape[0, 2 hops] (always P[s])', 'one state'),
+        ('over (once L[a,b] for a,b in R) from x to s: P[s]', 'depend on the present state'),
+        ('over (L[a,b] and P[s] for a,b in R) from x to s: P[s]', "do not depend on 's'"),
+        ('over (L[a,b] by L[b,a] for a,b in R) from x to s: P[s]', 'it must be a'),
+        ('let D: m in over (D[a,b]<3 m for a,b in R) from x to s: somewhere[0, 5 kg] P[s]', 'kg'),
+    ],
+)
+def test_wrong_formulas(text: str, message: str) -> None:
+    with pytest.raises(LanguageError, match=re.escape(message)):
+        FormulaGroup().add_formula('it', text)
+
+
+def test_wrong_objects_and_lengths() -> None:
+    near = 'over (D[a, b] <= 50 for a, b in R)'
+    with pytest.raises(ReasoningError, match="'x' is no object of the sort 'R'"):
+        decided(f'{near} from x to s: somewhere[0, 1 hops] Base[s]')
+    error = decided(f'{near} from r1 to s: somewhere[0, 10] Base[s]', D12=-1.0).error
+    assert "'D[r1, r2]' is -1.0; the length of a link cannot be negative" in str(error)
+    with pytest.raises(ReasoningError, match='no margin is defined'):
+        FormulaGroup().add_formula('it', f'{near} from r1 to s: Base[s]', margin=True)
+
+
+def test_trials_and_later_formulas() -> None:
+    """The registers serve formulas that come and go, and proposed states."""
+    text = 'once over (D[a, b] <= 50 for a, b in R) from r3 to s: somewhere[0, 90] Base[s]'
+    trial = TrialFormula(text, {'R': ['r1', 'r2', 'r3']})
+    assert not trial.holds(1, {**VALUES, 'Base[r1]': False})
+    assert trial.holds(1, VALUES)
+    group = FormulaGroup()
+    group.begin({'R': ['r1', 'r2', 'r3']})
+    group.keep_history(text)
+    for time, is_base, verdict in ((0, False, Verdict.FALSE), (1, True, Verdict.TRUE)):
+        for later in range(2):
+            number = group.add_formula('it', text)
+            (result,) = group.progress(10 * time + later, {**VALUES, 'Base[r1]': is_base})
+            assert result.verdict is verdict
+            group.remove_formula(number)

@@ -31,11 +31,11 @@ from dyknow_reasoning.language.formula import (
     Formula,
     FutureFormula,
     PastAtom,
-    SpatialAtom,
     as_written,
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.spatial import SpatialAtom
 from dyknow_reasoning.language.terms import (
     Number,
     Quantity,

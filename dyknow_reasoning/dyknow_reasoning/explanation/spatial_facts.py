@@ -44,8 +44,8 @@ class SpatialFact:
     def text(self, *, holds: bool) -> str:
         """Return the reason, without the time, given whether the operator holds."""
         atom = self._atom
-        formula, name = atom.formula, atom.origin
-        operand = shortened_text(as_written(formula.right))
+        formula, name = as_written(atom.formula), atom.origin
+        operand = shortened_text(formula.right)
         within = f'in {formula.distances}'
         if formula.operator == 'everywhere':
             if holds:

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, TypeAlias
 
 from dyknow_common import SyntaxNode
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
-from dyknow_reasoning.language.spatial import Link, Over, Spatial, SpatialAtom
+from dyknow_reasoning.language.spatial import LinkEnd, LinkLength, Over, Spatial, SpatialAtom
 from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
@@ -254,6 +254,9 @@ FutureFormula: TypeAlias = Always | Eventually | Until
 PastFormula: TypeAlias = Historically | Once | Previous | Since
 """A formula whose operator looks back; its memory is in `progression.past_operators`."""
 
+SpatialSyntax: TypeAlias = Over | Spatial | SpatialAtom | LinkEnd | LinkLength
+"""Operators of space, and the links that belong to them."""
+
 StateAtom: TypeAlias = Feature | FieldReference | Comparison
 """A formula that is true or false in a single state."""
 
@@ -276,14 +279,15 @@ Formula: TypeAlias = (
     | Eventually
     | Until
     | PastFormula
-    | Over
-    | Spatial
+    | SpatialSyntax
     | Let
 )
 """A formula, which is true or false of a sequence of states."""
 
 
-def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
+def parts(  # noqa: PLR0911 - one for each kind
+    node: Formula | Term,
+) -> tuple[Formula | Term, ...]:
     """Return the formulas and terms that a node directly consists of, from left to right."""
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
@@ -292,7 +296,7 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
             return (node.links, node.origin, node.body)
         case Spatial():
             return (node.right,) if node.left is None else (node.left, node.right)
-        case Link():
+        case LinkLength():
             return (node.condition,) if node.weight is None else (node.condition, node.weight)
         case SpatialAtom():
             return tuple(node.places)
@@ -308,7 +312,9 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
             return ()
 
 
-def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
+def with_changed_parts(  # noqa: PLR0911 - one for each kind
+    node: Any, change: Callable[[Any], Any]
+) -> Any:
     """Return a node with a function applied to each of its parts."""
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
@@ -318,7 +324,7 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
         case Spatial(left=left, right=right, links=links):
             changed = {'left': left and change(left), 'links': links and change(links)}
             return replace(node, right=change(right), **changed)
-        case Link(condition, weight):
+        case LinkLength(condition, weight):
             return replace(node, condition=change(condition), weight=weight and change(weight))
         case SpatialAtom(formula):
             return replace(node, formula=change(formula))
@@ -338,6 +344,9 @@ def as_written(node: Any) -> Any:
         return as_written(node.formula)
     if isinstance(node, Function) and node.aggregate:
         return as_written(node.aggregate)
+    if isinstance(node, Spatial):
+        ends = {name: as_written(getattr(node.distances, name)) for name in ('start', 'end')}
+        node = replace(node, distances=replace(node.distances, **ends))
     if isinstance(node, Number):
         given = node.quantity
         return ShownQuantity(given.value, given.unit) if given else node

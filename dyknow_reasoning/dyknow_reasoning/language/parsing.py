@@ -26,7 +26,7 @@ from dyknow_common import (
     shortened,
 )
 from dyknow_reasoning.language import formula as syntax
-from dyknow_reasoning.language import spatial, sugar, terms
+from dyknow_reasoning.language import sugar, terms
 from dyknow_reasoning.language.constants import (
     NO_CONSTANTS,
     Constant,
@@ -51,6 +51,14 @@ from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
 from dyknow_reasoning.language.quantities import with_converted_numbers
+from dyknow_reasoning.language.spatial import (
+    DistanceInterval,
+    LinkEnd,
+    LinkLength,
+    Over,
+    Spatial,
+    compared_number,
+)
 from dyknow_reasoning.language.spatial_checks import with_links
 from dyknow_reasoning.language.terms import Term
 
@@ -287,7 +295,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
 
     def distances(
         self, opening: Token, first: Any, _: Token, last: Any, closing: Token
-    ) -> spatial.Distances:
+    ) -> DistanceInterval:
         given = [each for each in (first, last) if isinstance(each, tuple)]
         units = {str(unit or '').strip('"') for value, unit in given if unit or value}
         named, counts = units - {''}, units & {'hop', 'hops'}
@@ -297,27 +305,32 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         ):
             message = 'give both distances a unit, or count whole links: [0, 50 m], [1, 3 hops]'
             raise PositionedError(message, TextPosition.of(opening))
-        start, end = (
-            *(
-                terms.Number(value) if hops or unit is None
-                else terms.Quantity(value, _unit_text(unit))
-                for value, unit in given
-            ),
-            None,
-        )[:2]
-        return spatial.Distances(start, end, opening + closing, hops)
+        ends: list[Any] = [
+            terms.Number(value) if hops or unit is None else terms.Quantity(value, _unit_text(unit))
+            for value, unit in given
+        ]
+        start, end = (*ends, None)[:2]
+        return DistanceInterval(start, end, opening + closing, hops)
 
-    def spatial(self, word: Token, distances: spatial.Distances, body: Formula | Term) -> Formula:
-        return spatial.Spatial(str(word), distances, None, _formula(body))
+    def spatial(self, word: Token, distances: DistanceInterval, body: Formula | Term) -> Formula:
+        return Spatial(str(word), distances, None, _formula(body))
 
     def reach(
-        self, left: Formula | Term, word: Token, distances: spatial.Distances, right: Formula | Term
+        self,
+        left: Formula | Term,
+        word: Token,
+        distances: DistanceInterval,
+        right: Formula | Term,
     ) -> Formula:
         operands = _formula(left), _formula(right)
-        return spatial.Spatial(str(word), distances, *operands, position=left.position)
+        return Spatial(str(word), distances, *operands, position=left.position)
 
     def surround(
-        self, left: Formula | Term, _: Token, distances: spatial.Distances, right: Formula | Term
+        self,
+        left: Formula | Term,
+        _: Token,
+        distances: DistanceInterval,
+        right: Formula | Term,
     ) -> Formula:
         return sugar.surround(_formula(left), _formula(right), distances, left.position)
 
@@ -328,17 +341,15 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         first: Token,
         second: Token,
         sort: Token,
-    ) -> spatial.LinkEnd:
+    ) -> LinkEnd:
         condition = _formula(condition)
-        length = spatial.compared_number(condition) if weight is None else _term(weight)
-        end = spatial.LinkEnd(str(second), str(sort), spatial.Link(condition, length))
-        return spatial.LinkEnd(str(first), str(sort), end)
+        length = compared_number(condition) if weight is None else _term(weight)
+        end = LinkEnd(str(second), str(sort), LinkLength(condition, length))
+        return LinkEnd(str(first), str(sort), end)
 
-    def over(
-        self, links: spatial.LinkEnd, origin: Token, place: Token, body: Formula | Term
-    ) -> Formula:
+    def over(self, links: LinkEnd, origin: Token, place: Token, body: Formula | Term) -> Formula:
         start = terms.Object(str(origin), position=TextPosition.of(origin))
-        return spatial.Over(str(place), links.sort, _formula(body), links, start)
+        return Over(str(place), links.sort, _formula(body), links, start)
 
     def not_(self, _word: Token, body: Formula | Term) -> Formula:
         return syntax.Not(_formula(body))

@@ -118,7 +118,7 @@ def _measured_by(node: Any, length: Term | None, conversion: _Conversion) -> Any
     fields = [each for each in walk(length) if isinstance(each, Feature | FieldReference)]
     if not conversion.units and all(isinstance(each, Feature) for each in fields):
         return found
-    ends = [
+    ends: list[Any] = [
         conversion.alike((length, each))[1][0] if isinstance(each, Quantity) else each
         for each in (found.distances.start, found.distances.end)
     ]

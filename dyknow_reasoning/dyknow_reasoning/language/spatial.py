@@ -25,8 +25,9 @@ from dyknow_reasoning.language.terms import (
     operand_text,
 )
 
+
 @dataclass(frozen=True, slots=True)
-class Link(SyntaxNode):
+class LinkLength(SyntaxNode):
     """A link between two objects.
 
     Args:
@@ -54,9 +55,9 @@ class LinkEnd(Quantifier):
         return f'({end.body} for {self.variable}, {end.variable} in {self.sort})'
 
     @property
-    def link(self) -> Link:
+    def link(self) -> LinkLength:
         """The link between the variables of both ends."""
-        found: Link = self.body.body
+        found: LinkLength = self.body.body
         return found
 
 
@@ -74,13 +75,11 @@ class Over(Quantifier):
     symbol: ClassVar[str] = 'over'
 
     def __str__(self) -> str:
-        return (
-            f'over {self.links} from {self.origin} to {self.variable}: {operand_text(self.body)}'
-        )
+        return f'over {self.links} from {self.origin} to {self.variable}: {operand_text(self.body)}'
 
 
 @dataclass(frozen=True, slots=True)
-class Distances(SyntaxNode):
+class DistanceInterval(SyntaxNode):
     """An interval of distances, `[0, 100 "m"]` or `[0, 3 hops]`.
 
     Args:
@@ -96,13 +95,12 @@ class Distances(SyntaxNode):
     hops: bool
 
     def __str__(self) -> str:
-        opening, closing = self.brackets
         start, end = str(self.start), 'inf' if self.end is None else str(self.end)
         if self.hops and self.end is not None:
             end = f'{end} hops'
         elif self.hops and self.start.value:
             start = f'{start} hops'
-        return f'{opening}{start}, {end}{closing}'
+        return f'{self.brackets[0]}{start}, {end}{self.brackets[1]}'
 
     @property
     def quantities(self) -> list[Quantity]:
@@ -111,12 +109,12 @@ class Distances(SyntaxNode):
 
     def contains(self, distance: Any) -> Any:
         """Return True for a distance in the interval; also for each one of an array."""
-        opening, closing = self.brackets
-        start, end = self.start.value, None if self.end is None else self.end.value
-        found = distance > start if opening == '(' else distance >= start
-        if end is None:
+        start = self.start.value
+        found = distance > start if self.brackets[0] == '(' else distance >= start
+        if self.end is None:
             return found & (distance < float('inf'))
-        return found & (distance < end if closing == ')' else distance <= end)
+        end = self.end.value
+        return found & (distance < end if self.brackets[1] == ')' else distance <= end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,11 +131,11 @@ class Spatial(SyntaxNode):
     """
 
     operator: str
-    distances: Distances
+    distances: DistanceInterval
     left: Any
     right: Any
     place: str = ''
-    links: LinkEnd | None = None
+    links: Any = None
 
     def __str__(self) -> str:
         return self.with_right(str(self.right))

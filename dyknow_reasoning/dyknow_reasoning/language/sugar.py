@@ -28,7 +28,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
-from dyknow_reasoning.language.spatial import Distances, Spatial
+from dyknow_reasoning.language.spatial import DistanceInterval, Spatial
 
 _MAX_PARTS: Final = 20_000
 """The most parts of a formula that is written out: sides are repeated, so they may grow fast."""
@@ -59,7 +59,7 @@ def release(left: Formula, right: Formula, interval: Interval, position: TextPos
 
 
 def surround(
-    left: Formula, right: Formula, distances: Distances, position: TextPosition
+    left: Formula, right: Formula, distances: DistanceInterval, position: TextPosition
 ) -> Formula:
     """Return that objects with `left` are enclosed by objects with `right` at some distance."""
     inside = Not(Or(left, right, position=position), position=position)
@@ -67,7 +67,7 @@ def surround(
     found: Formula = And(left, Not(leaves, position=position), position=position)
     if distances.end is not None:
         bracket = '(' if distances.brackets[1] == ']' else '['
-        beyond = Distances(distances.end, None, f'{bracket})', distances.hops)
+        beyond = DistanceInterval(distances.end, None, f'{bracket})', distances.hops)
         escapes = Spatial('escape', beyond, None, left, position=position)
         found = And(found, Not(escapes, position=position), position=position)
     return _checked(found, 'surround')

@@ -29,7 +29,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.grammar import LANGUAGE
-from dyknow_reasoning.language.spatial import Link
+from dyknow_reasoning.language.spatial import LinkLength
 from dyknow_reasoning.language.terms import Term
 
 
@@ -140,7 +140,7 @@ class _TypeChecker:
                     self._require(side, Kind.STRING, f"as an operand of '{symbol}'")
             case syntax.Comparison() | terms.Arithmetic() | terms.Function():
                 self._infer_numbers(node)
-            case Link(condition, weight):
+            case LinkLength(condition, weight):
                 self._infer_use(condition)
                 if weight is not None:
                     self._infer_numbers(weight)

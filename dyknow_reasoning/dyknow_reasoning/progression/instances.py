@@ -27,14 +27,10 @@ from dyknow_reasoning.language.formula import (
     Forall,
     Formula,
     Implies,
-    Let,
     Not,
     Or,
-    Over,
     PastAtom,
     PastFormula,
-    Spatial,
-    SpatialAtom,
     StateAtom,
     Until,
     compares_past,
@@ -42,6 +38,7 @@ from dyknow_reasoning.language.formula import (
     parts,
     with_changed_parts,
 )
+from dyknow_reasoning.language.spatial import Over, Spatial, SpatialAtom
 from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.language.terms import (
     Aggregate,
@@ -120,7 +117,8 @@ def required_features(instances: Iterable[Instance]) -> list[Symbol]:
     atoms = (instance.atoms[slot] for instance in instances for slot in slots(instance.node.mask))
     # An operator of space has the same operands for all objects.
     roots = dict.fromkeys(
-        atom.formula.places if isinstance(atom, PastAtom) and isinstance(atom.formula, SpatialAtom)
+        atom.formula.places
+        if isinstance(atom, PastAtom) and isinstance(atom.formula, SpatialAtom)
         else (atom,)
         for atom in atoms
     )
@@ -164,7 +162,7 @@ def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Itera
         case Over():
             yield from _ground_atoms(formula.body, binding, domains)
         case Spatial():
-            for name in objects_of(cast('LinkEnd', formula.links).sort, domains):
+            for name in objects_of(formula.links.sort, domains):
                 for part in parts(formula):
                     there = {**binding, formula.place: name}
                     yield from _ground_atoms(cast('Formula', part), there, domains)
@@ -220,7 +218,7 @@ class _Translator:
                 return self.node(ground(formula, binding, self._domains), {})
             case Always() | Eventually() | Until():
                 return self._window(formula, binding)
-            case Let():  # pragma: no cover - parsing replaces it
+            case _:  # pragma: no cover - parsing replaces `let`, and links are no formulas
                 raise AssertionError(formula)
 
     def _past(self, formula: PastFormula, binding: Binding) -> Node:
@@ -378,7 +376,7 @@ def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
             others = {name: each for name, each in binding.items() if name != formula.place}
             return spatial_formula(with_objects(formula, others), binding, domains, ground)
         case Feature() | FieldReference() | Comparison() | Arithmetic() | Function() | Aggregate():
-            return ground_atom(formula, binding, domains)
+            return _substitute(formula, binding, domains)
         case _:
             return with_changed_parts(formula, lambda part: ground(part, binding, domains))
 

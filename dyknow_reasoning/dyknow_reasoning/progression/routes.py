@@ -44,17 +44,12 @@ def reached(formula: Spatial, lengths: Array, left: Array | None, right: Array) 
     return far & inside & both
 
 
-def truths(formula: Spatial, lengths: Array, left: Array | None, right: Array) -> Array:
+def truths(formula: Spatial, lengths: Array, left: Array | None, right: Array) -> Any:
     """Return for each object whether a spatial operator holds from there on."""
     ends = reached(formula, lengths, left, right)
-    match formula.operator:
-        case 'escape':
-            found: Array = ends.any(axis=-1)
-        case 'everywhere':
-            found = ~(ends & ~right[..., None, :]).any(axis=-1)
-        case _:
-            found = (ends & right[..., None, :]).any(axis=-1)
-    return found
+    if formula.operator == 'everywhere':
+        return ~(ends & ~right[..., None, :]).any(axis=-1)
+    return (ends & right[..., None, :]).any(axis=-1)
 
 
 def route(lengths: Array, origin: int, target: int) -> list[int]:

@@ -21,11 +21,10 @@ from dyknow_reasoning.language.formula import (
     Exists,
     Forall,
     Formula,
-    Over,
-    Spatial,
     is_about_one_state,
     parts,
 )
+from dyknow_reasoning.language.spatial import Over, Spatial
 from dyknow_reasoning.language.terms import (
     Aggregate,
     Arithmetic,
@@ -143,7 +142,9 @@ def object_counts(domains: Mapping[str, Sequence[str]], limits: FormulaLimits) -
     return {sort: len(set(objects)) for sort, objects in domains.items()}
 
 
-def _parts(formula: Formula, counts: Counts) -> int:
+def _parts(  # noqa: PLR0911 - one for each kind
+    formula: Formula, counts: Counts
+) -> int:
     match formula:
         case Comparison(_, left, right):
             return 1 + _operations(left, counts) + _operations(right, counts)
@@ -154,7 +155,7 @@ def _parts(formula: Formula, counts: Counts) -> int:
         case Count(_, sort, body, bound):
             return _sides(bound) * (1 + counts.get(sort, 1) * _parts(body, counts))
         case Spatial(right=right, links=links) if not is_about_one_state(right):
-            return 1 + counts.get(links.sort if links else '', 1) * (2 + _parts(right, counts))
+            return 1 + counts.get(links.sort, 1) * (2 + _parts(right, counts))
         case Spatial():
             return 1
         case Over(body=body):

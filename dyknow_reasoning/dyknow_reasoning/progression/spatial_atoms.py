@@ -1,6 +1,6 @@
 """Spatial operators about given objects, as atoms of each state.
 
-An operator whose operands are about one state is one atom, whose truth `execution.past` computes for
+An operator whose operands are about one state is one atom; `execution.past` computes its truth for
 all objects together. Of an operand about other states, the formula joins what remains at each
 object that the operator may reach:
 
@@ -22,11 +22,10 @@ from dyknow_reasoning.language.formula import (
     Not,
     Or,
     PastAtom,
-    Truth,
     is_about_one_state,
 )
 from dyknow_reasoning.language.spatial import LinkEnd, Spatial, SpatialAtom
-from dyknow_reasoning.language.terms import Term
+from dyknow_reasoning.language.terms import Term, Truth
 
 MAX_PLACES: Final = 500
 """The most objects between which there may be links; their pairs are as many as its square."""
@@ -122,7 +121,7 @@ def joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
 
 
 def _objects(formula: Spatial, origin: str, domains: Domains) -> tuple[str, ...]:
-    sort = _links_of(formula).sort
+    sort = formula.links.sort
     objects = tuple(dict.fromkeys(domains.get(sort, ())))
     if origin not in objects:
         raise ReasoningError(
@@ -138,12 +137,10 @@ def _objects(formula: Spatial, origin: str, domains: Domains) -> tuple[str, ...]
 
 
 @lru_cache(_KEPT)
-def _places(
-    formula: Spatial, objects: tuple[str, ...], sorts: _Sorts, ground: Ground
-) -> Places:
+def _places(formula: Spatial, objects: tuple[str, ...], sorts: _Sorts, ground: Ground) -> Places:
     domains, place = dict(sorts), formula.place
     links = _ground_links(
-        _links_of(formula), objects, sorts, ground, measured=not formula.distances.hops
+        formula.links, objects, sorts, ground, measured=not formula.distances.hops
     )
     lefts, rights = (
         tuple(ground(operand, {place: name}, domains) for name in objects if operand is not None)
@@ -166,8 +163,3 @@ def _ground_links(
         for each in (link.condition, link.weight if measured else None)
     )
     return GroundLinks(pairs, conditions, lengths)
-
-
-def _links_of(formula: Spatial) -> LinkEnd:
-    assert formula.links is not None  # noqa: S101 - parsing sets them
-    return formula.links

@@ -29,9 +29,9 @@ from dyknow_reasoning.language.formula import (
     Formula,
     PastAtom,
     PastFormula,
-    SpatialAtom,
     with_changed_parts,
 )
+from dyknow_reasoning.language.spatial import SpatialAtom
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, fields, kind_of
 from dyknow_reasoning.progression.bounds import Chronology

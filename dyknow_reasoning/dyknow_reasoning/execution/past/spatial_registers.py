@@ -1,8 +1,8 @@
 """Spatial operators over operands of one state, as registers.
 
-The operators of one formula about the objects of a sort share their truth, which is computed at each
-state for all objects together: the operands and the links are read as vectors, or one by one where
-values do not fit into these.
+The operators of one formula about the objects of a sort share their truth, which is computed at
+each state for all objects together. The operands and the links are read as vectors, or one by one
+where values do not fit into these.
 """
 
 from __future__ import annotations
@@ -208,7 +208,9 @@ class SpatialTruths:
         found[..., pairs[:, 0], pairs[:, 1]] = np.where(linked, known, np.inf)
         return found
 
-    def _vector(self, formulas: Sequence[Formula]) -> Truths | None:
+    def _vector(  # noqa: PLR0911 - one for each kind
+        self, formulas: Sequence[Formula]
+    ) -> Truths | None:
         """Return the truth of formulas that differ in their objects only; None for others."""
         if not formulas:
             return lambda: np.zeros(0, bool)
@@ -255,10 +257,10 @@ class SpatialRegister:
     """
 
     form: Final = None
-    gap: Final = None
 
     def __init__(self, atom: PastAtom, truths: SpatialTruths) -> None:
         self.field, self.users = atom.field, 0
+        self.gap: Gap | None = None
         self.first_state: int | None = None
         self.truths = truths
         self.depth, self.fields, self.memory = truths.depth, [atom.field], _NoMemory()
