@@ -1,0 +1,143 @@
+"""RCC-8: the composition table against geometry, and knowledge against all scenarios."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from itertools import combinations, permutations
+from random import Random
+
+import pytest
+
+from dyknow_space import (
+    ANY,
+    Relation,
+    SpaceError,
+    SpatialKnowledge,
+    SpatialStatement,
+    compose,
+    converse,
+    relation_of,
+)
+
+shapely = pytest.importorskip('shapely')
+
+CASES = int(os.environ.get('DYKNOW_RANDOM_CASES', '0'))
+CELLS = [shapely.box(x, y, x + 1, y + 1) for x in range(4) for y in range(4)]
+
+
+def polygon(random: Random) -> shapely.Geometry:
+    """A union of a few rectangles of a small grid, so that regions often touch or are equal."""
+    found = []
+    for _ in range(random.choice((1, 1, 1, 2))):
+        x, y = random.randrange(5), random.randrange(5)
+        found.append(shapely.box(x, y, x + random.randint(1, 5), y + random.randint(1, 5)))
+    return shapely.union_all(found)
+
+
+def test_compositions_of_drawn_regions() -> None:
+    random = Random(7)  # noqa: S311 - no secrets
+    seen: dict[tuple[Relation, Relation], Relation] = {}
+    for _ in range(CASES or 400):
+        a, b, c = (polygon(random) for _ in range(3))
+        first, second, third = relation_of(a, b), relation_of(b, c), relation_of(a, c)
+        assert relation_of(b, a) is converse(first)
+        assert third & compose(first, second), (a, b, c)
+        seen[first, second] = seen.get((first, second), Relation(0)) | third
+    if CASES >= 100_000:
+        assert all(seen[pair] == compose(*pair) for pair in seen)
+
+
+def test_laws_of_the_table() -> None:
+    for first in Relation:
+        assert compose(first, Relation.EQ) == compose(Relation.EQ, first) == first
+        assert Relation.EQ & compose(first, converse(first))
+        for second in Relation:
+            turned = compose(converse(second), converse(first))
+            assert converse(compose(first, second)) == turned
+
+
+def scenarios(
+    regions: str, told: Mapping[tuple[str, str], Relation]
+) -> Iterator[dict[tuple[str, str], Relation]]:
+    """All choices of a relation for each two regions in which each three agree with the table."""
+    pairs = list(combinations(regions, 2))
+
+    def chosen(found: dict[tuple[str, str], Relation]) -> Iterator[dict[tuple[str, str], Relation]]:
+        rest = [pair for pair in pairs if pair not in found]
+        if not rest:
+            yield dict(found)
+            return
+        a, b = rest[0]
+        for each in Relation:
+            if each & told.get((a, b), ANY):
+                longer = {**found, (a, b): each, (b, a): converse(each)}
+                triples = permutations(regions, 3)
+                if all(
+                    longer[x, z] & compose(longer[x, y], longer[y, z])
+                    for x, y, z in triples
+                    if {(x, y), (y, z), (x, z)} <= longer.keys()
+                ):
+                    yield from chosen(longer)
+
+    yield from chosen({})
+
+
+def test_knowledge_is_what_all_scenarios_agree_on() -> None:
+    for case in range(CASES or 60):
+        random = Random(case)  # noqa: S311 - no secrets
+        regions = 'abcdef'[: random.choice((2, 3, 4) if not CASES else (2, 3, 4, 5, 6))]
+        pairs = list(combinations(regions, 2))
+        # Few relations of each: six regions of which nothing is told have too many scenarios.
+        told = {
+            pair: Relation(random.choice((1, 8, 18, 24, 32, 36, 68, 130, 15))) for pair in pairs
+        }
+        statements = [SpatialStatement(a, each, b) for (a, b), each in told.items()]
+        found = list(scenarios(regions, told))
+        if not found:
+            with pytest.raises(SpaceError, match='contradict each other: ') as raised:
+                SpatialKnowledge(statements)
+            named = [each for each in statements if str(each) in str(raised.value)]
+            for left_out in named:
+                SpatialKnowledge([each for each in named if each is not left_out])
+            continue
+        knowledge = SpatialKnowledge(statements)
+        for a, b in pairs:
+            possible = Relation(0)
+            for each in found:
+                possible |= each[a, b]
+            assert knowledge.possible(a, b) == possible
+        asked = [pairs[0], pairs[-1]]
+        wanted = random.choice(list(Relation))
+        truths = {any(each[pair] is wanted for pair in asked) for each in found}
+        verdict = knowledge.verdict(asked, lambda each, w=wanted: w in each.values())
+        assert verdict == (truths.pop() if len(truths) == 1 else None)
+
+
+def test_told_and_drawn_regions() -> None:
+    drawn = {'flat': shapely.box(0, 0, 9, 9), 'office': shapely.box(20, 0, 29, 9)}
+    knowledge = SpatialKnowledge(['kitchen part_of flat', 'hall {EC, DC} flat'], drawn)
+    assert knowledge.possible('kitchen', 'office') is Relation.DC
+    assert str(knowledge.possible('hall', 'flat')) == '{DC, EC}'
+    pairs = [('kitchen', 'hall')]
+    assert knowledge.verdict(pairs, lambda each: each[pairs[0]] is not Relation.PO) is True
+    assert knowledge.verdict(pairs, lambda each: each[pairs[0]] is Relation.DC) is None
+
+
+@pytest.mark.parametrize(
+    ('statements', 'message'),
+    [
+        (['a'], "'a' is no statement about regions"),
+        (['a within b'], r"there is no relation 'within' .there are: DC, EC"),
+        (['a NTPP b', 'c DC d', 'b NTPP a'], r'contradict each other: a NTPP b; b NTPP a$'),
+        ([f'r{n} DC r{n + 1}' for n in range(120)], 'about 121 regions, more than 100'),
+    ],
+)
+def test_wrong_statements(statements: list[str], message: str) -> None:
+    with pytest.raises(SpaceError, match=message):
+        SpatialKnowledge(statements)
+
+
+def test_unknown_regions() -> None:
+    with pytest.raises(SpaceError, match=r"nothing is told of the region 'x' .there are: a, b"):
+        SpatialKnowledge(['a DC b']).possible('a', 'x')
