@@ -51,6 +51,7 @@ DOCUMENTS = (
     'docs/languages.md',
     FORMULAS,
     'docs/space_graph.md',
+    'docs/space_relations.md',
     STREAMS,
     ONTOLOGY,
     MEANING,

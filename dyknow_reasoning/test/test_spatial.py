@@ -197,6 +197,24 @@ def test_all_paths_give_the_same_results(
     assert all(each == found[0] for each in found)
 
 
+@pytest.mark.usefixtures('_objects')
+@pytest.mark.timeout(7200)
+@CASES
+@given(texts(), traces())
+def test_formulas_asked_at_every_state(text: str, trace: Trace) -> None:
+    group = FormulaGroup()
+    number = group.add_formula('it', text, every_state=True)
+    group.begin(OBJECTS)
+    for time, values in trace:
+        assert group.progress(time, values) == []
+    formula = parse_formula(text)
+    expected = [holds(formula, trace, start) for start in range(len(trace))]
+    found = group.standing.formulas[number].monitor.counts()
+    assert found.fails >= expected.count(False)
+    assert found.holds >= expected.count(True)
+    assert found.holds + found.fails + found.undecided == len(trace)
+
+
 DISTANCES = {'12': 40.0, '23': 40.0, '13': 80.0}
 VALUES: dict[str, Any] = {
     f'D[r{pair[0]}, r{pair[1]}]': length

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Mapping
 from itertools import combinations, permutations
+from pathlib import Path
 from random import Random
 
 import pytest
 
 from dyknow_space import (
     ANY,
-    Relation,
+    RegionRelation,
     SpaceError,
     SpatialKnowledge,
     SpatialStatement,
@@ -37,39 +39,41 @@ def polygon(random: Random) -> shapely.Geometry:
 
 def test_compositions_of_drawn_regions() -> None:
     random = Random(7)  # noqa: S311 - no secrets
-    seen: dict[tuple[Relation, Relation], Relation] = {}
+    seen: dict[tuple[RegionRelation, RegionRelation], RegionRelation] = {}
     for _ in range(CASES or 400):
         a, b, c = (polygon(random) for _ in range(3))
         first, second, third = relation_of(a, b), relation_of(b, c), relation_of(a, c)
         assert relation_of(b, a) is converse(first)
         assert third & compose(first, second), (a, b, c)
-        seen[first, second] = seen.get((first, second), Relation(0)) | third
+        seen[first, second] = seen.get((first, second), RegionRelation(0)) | third
     if CASES >= 100_000:
         assert all(seen[pair] == compose(*pair) for pair in seen)
 
 
 def test_laws_of_the_table() -> None:
-    for first in Relation:
-        assert compose(first, Relation.EQ) == compose(Relation.EQ, first) == first
-        assert Relation.EQ & compose(first, converse(first))
-        for second in Relation:
+    for first in RegionRelation:
+        assert compose(first, RegionRelation.EQ) == compose(RegionRelation.EQ, first) == first
+        assert RegionRelation.EQ & compose(first, converse(first))
+        for second in RegionRelation:
             turned = compose(converse(second), converse(first))
             assert converse(compose(first, second)) == turned
 
 
 def scenarios(
-    regions: str, told: Mapping[tuple[str, str], Relation]
-) -> Iterator[dict[tuple[str, str], Relation]]:
+    regions: str, told: Mapping[tuple[str, str], RegionRelation]
+) -> Iterator[dict[tuple[str, str], RegionRelation]]:
     """All choices of a relation for each two regions in which each three agree with the table."""
     pairs = list(combinations(regions, 2))
 
-    def chosen(found: dict[tuple[str, str], Relation]) -> Iterator[dict[tuple[str, str], Relation]]:
+    def chosen(
+        found: dict[tuple[str, str], RegionRelation],
+    ) -> Iterator[dict[tuple[str, str], RegionRelation]]:
         rest = [pair for pair in pairs if pair not in found]
         if not rest:
             yield dict(found)
             return
         a, b = rest[0]
-        for each in Relation:
+        for each in RegionRelation:
             if each & told.get((a, b), ANY):
                 longer = {**found, (a, b): each, (b, a): converse(each)}
                 triples = permutations(regions, 3)
@@ -90,7 +94,8 @@ def test_knowledge_is_what_all_scenarios_agree_on() -> None:
         pairs = list(combinations(regions, 2))
         # Few relations of each: six regions of which nothing is told have too many scenarios.
         told = {
-            pair: Relation(random.choice((1, 8, 18, 24, 32, 36, 68, 130, 15))) for pair in pairs
+            pair: RegionRelation(random.choice((1, 8, 18, 24, 32, 36, 68, 130, 15)))
+            for pair in pairs
         }
         statements = [SpatialStatement(a, each, b) for (a, b), each in told.items()]
         found = list(scenarios(regions, told))
@@ -103,12 +108,12 @@ def test_knowledge_is_what_all_scenarios_agree_on() -> None:
             continue
         knowledge = SpatialKnowledge(statements)
         for a, b in pairs:
-            possible = Relation(0)
+            possible = RegionRelation(0)
             for each in found:
                 possible |= each[a, b]
             assert knowledge.possible(a, b) == possible
         asked = [pairs[0], pairs[-1]]
-        wanted = random.choice(list(Relation))
+        wanted = random.choice(list(RegionRelation))
         truths = {any(each[pair] is wanted for pair in asked) for each in found}
         verdict = knowledge.verdict(asked, lambda each, w=wanted: w in each.values())
         assert verdict == (truths.pop() if len(truths) == 1 else None)
@@ -117,11 +122,11 @@ def test_knowledge_is_what_all_scenarios_agree_on() -> None:
 def test_told_and_drawn_regions() -> None:
     drawn = {'flat': shapely.box(0, 0, 9, 9), 'office': shapely.box(20, 0, 29, 9)}
     knowledge = SpatialKnowledge(['kitchen part_of flat', 'hall {EC, DC} flat'], drawn)
-    assert knowledge.possible('kitchen', 'office') is Relation.DC
+    assert knowledge.possible('kitchen', 'office') is RegionRelation.DC
     assert str(knowledge.possible('hall', 'flat')) == '{DC, EC}'
     pairs = [('kitchen', 'hall')]
-    assert knowledge.verdict(pairs, lambda each: each[pairs[0]] is not Relation.PO) is True
-    assert knowledge.verdict(pairs, lambda each: each[pairs[0]] is Relation.DC) is None
+    assert knowledge.verdict(pairs, lambda each: each[pairs[0]] is not RegionRelation.PO) is True
+    assert knowledge.verdict(pairs, lambda each: each[pairs[0]] is RegionRelation.DC) is None
 
 
 @pytest.mark.parametrize(
@@ -141,3 +146,9 @@ def test_wrong_statements(statements: list[str], message: str) -> None:
 def test_unknown_regions() -> None:
     with pytest.raises(SpaceError, match=r"nothing is told of the region 'x' .there are: a, b"):
         SpatialKnowledge(['a DC b']).possible('a', 'x')
+
+
+def test_the_example_of_the_manual() -> None:
+    page = Path(__file__).parents[2] / 'docs' / 'space_relations.md'
+    (text,) = re.findall(r'```python\n(.*?)```', page.read_text(encoding='utf-8'), re.DOTALL)
+    exec(compile(text, str(page), 'exec'), {})  # noqa: S102 - our own page

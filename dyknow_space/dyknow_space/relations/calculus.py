@@ -1,6 +1,6 @@
 """RCC-8: the eight relations between two regions, one of which holds, and their composition.
 
-Sets of relations are flags: `Relation.TPP | Relation.NTPP` is "one of both". Definitions as in
+Sets of relations are flags: TPP | NTPP is "one of both". Definitions as in
 D. Randell, Z. Cui, A. Cohn, "A spatial logic based on regions and connection" (KR 1992).
 """
 
@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Final
 
 
-class Relation(IntFlag):
+class RegionRelation(IntFlag):
     """A relation of a region to another one, or several of which one holds."""
 
     DC = 1
@@ -37,19 +37,22 @@ class Relation(IntFlag):
         return names[0] if len(names) == 1 else f'{{{", ".join(names)}}}'
 
 
-ANY: Final = Relation(255)
+ANY: Final = RegionRelation(255)
 """Nothing is known."""
 
-NAMES: Final[Mapping[str, Relation]] = {
-    **{str(each.name): each for each in Relation},
-    'part_of': Relation.TPP | Relation.NTPP | Relation.EQ,
-    'touches': Relation.EC,
-    'overlaps': ANY & ~(Relation.DC | Relation.EC),
-    'apart': Relation.DC,
+NAMES: Final[Mapping[str, RegionRelation]] = {
+    **{str(each.name): each for each in RegionRelation},
+    'part_of': RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.EQ,
+    'touches': RegionRelation.EC,
+    'overlaps': ANY & ~(RegionRelation.DC | RegionRelation.EC),
+    'apart': RegionRelation.DC,
 }
 """Relations by their names in statements."""
 
-_CONVERSES: Final = {Relation.TPP: Relation.TPPi, Relation.NTPP: Relation.NTPPi}
+_CONVERSES: Final = {
+    RegionRelation.TPP: RegionRelation.TPPi,
+    RegionRelation.NTPP: RegionRelation.NTPPi,
+}
 
 # For each relation of a to b, as rows, and of b to c, those that a may have to c, in the order of
 # the flags; `*` are all, `<` are DC EC PO TPP NTPP, `>` are DC EC PO TPPi NTPPi.
@@ -64,44 +67,46 @@ NTPPi | > | PO TPPi NTPPi | PO TPPi NTPPi | PO TPPi NTPPi | PO TPP NTPP TPPi NTP
 EQ    | DC | EC | PO | TPP | NTPP | TPPi | NTPPi | EQ
 """  # noqa: E501 - a table
 _SHORT: Final = {
-    '*': ' '.join(Relation.__members__),
+    '*': ' '.join(RegionRelation.__members__),
     '<': 'DC EC PO TPP NTPP',
     '>': 'DC EC PO TPPi NTPPi',
 }
 
 
-def bases(relation: Relation) -> Iterator[Relation]:
+def bases(relation: RegionRelation) -> Iterator[RegionRelation]:
     """Yield the single relations of a set."""
-    return (each for each in Relation if each & relation)
+    return (each for each in RegionRelation if each & relation)
 
 
-def converse(relation: Relation) -> Relation:
+def converse(relation: RegionRelation) -> RegionRelation:
     """Return the relation of the second region to the first."""
     found = relation & ~_SIDED
     for each, other in _CONVERSES.items():
         found |= (other if relation & each else 0) | (each if relation & other else 0)
-    return Relation(found)
+    return RegionRelation(found)
 
 
-_SIDED: Final = Relation.TPP | Relation.NTPP | Relation.TPPi | Relation.NTPPi
+_SIDED: Final = (
+    RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.TPPi | RegionRelation.NTPPi
+)
 
 
-def _entries() -> Iterator[tuple[tuple[Relation, Relation], Relation]]:
+def _entries() -> Iterator[tuple[tuple[RegionRelation, RegionRelation], RegionRelation]]:
     for row in _TABLE.strip().splitlines():
         first, *cells = (each.strip() for each in row.split('|'))
-        for second, cell in zip(Relation, cells, strict=True):
-            found = sum(Relation[name] for name in _SHORT.get(cell, cell).split())
-            yield (Relation[first], second), Relation(found)
+        for second, cell in zip(RegionRelation, cells, strict=True):
+            found = sum(RegionRelation[name] for name in _SHORT.get(cell, cell).split())
+            yield (RegionRelation[first], second), RegionRelation(found)
 
 
 _COMPOSITIONS: Final = dict(_entries())
 
 
 @lru_cache(1 << 16)
-def compose(first: Relation, second: Relation) -> Relation:
+def compose(first: RegionRelation, second: RegionRelation) -> RegionRelation:
     """Return what a may be to c, given what a is to b and b is to c."""
     found = 0
     for one in bases(first):
         for other in bases(second):
             found |= _COMPOSITIONS[one, other]
-    return Relation(found)
+    return RegionRelation(found)

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from typing import Any
 
-from dyknow_space.relations.calculus import Relation
+from dyknow_space.relations.calculus import RegionRelation
 
 
-def relation_of(first: Any, second: Any) -> Relation:
+def relation_of(first: Any, second: Any) -> RegionRelation:
     """Return the relation of a polygon to another one; both are valid and have an area.
 
     The coordinates are taken as they are: where regions should touch, their vertices must agree.
     """
     if first.disjoint(second):
-        return Relation.DC
+        return RegionRelation.DC
     if first.touches(second):
-        return Relation.EC
+        return RegionRelation.EC
     if first.equals(second):
-        return Relation.EQ
+        return RegionRelation.EQ
     if first.covered_by(second):
-        inner, tangential, proper = first, Relation.TPP, Relation.NTPP
+        inner, tangential, proper = first, RegionRelation.TPP, RegionRelation.NTPP
         outer = second
     elif second.covered_by(first):
-        inner, tangential, proper = second, Relation.TPPi, Relation.NTPPi
+        inner, tangential, proper = second, RegionRelation.TPPi, RegionRelation.NTPPi
         outer = first
     else:
-        return Relation.PO
+        return RegionRelation.PO
     return tangential if inner.boundary.intersects(outer.boundary) else proper

@@ -13,12 +13,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import permutations
+from itertools import combinations
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import listed
 from dyknow_space.errors import SpaceError
-from dyknow_space.relations.calculus import ANY, NAMES, Relation, bases, compose, converse
+from dyknow_space.relations.calculus import ANY, NAMES, RegionRelation, bases, compose, converse
 from dyknow_space.relations.drawn import relation_of
 
 MAX_REGIONS: Final = 100
@@ -29,7 +29,7 @@ MAX_CHOICES: Final = 20_000
 _STATEMENT: Final = re.compile(r"\s*([\w']+)\s+(\w+|\{[\w\s,]+\})\s+([\w']+)\s*", re.ASCII)
 
 Pair: TypeAlias = tuple[str, str]
-_Relations: TypeAlias = dict[Pair, Relation]
+_Relations: TypeAlias = dict[Pair, RegionRelation]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class SpatialStatement:
     """A relation between two regions that is told or drawn; `str` is its text."""
 
     first: str
-    relation: Relation
+    relation: RegionRelation
     second: str
 
     def __str__(self) -> str:
@@ -63,7 +63,7 @@ def parse_statement(text: str) -> SpatialStatement:
                 f"'{text}': there is no relation '{name}' (there are: {listed(NAMES)})"
             )
         relation |= NAMES[name]
-    return SpatialStatement(first, Relation(relation), second)
+    return SpatialStatement(first, RegionRelation(relation), second)
 
 
 class SpatialKnowledge:
@@ -86,8 +86,7 @@ class SpatialKnowledge:
         told = [parse_statement(each) if isinstance(each, str) else each for each in statements]
         told += (
             SpatialStatement(a, relation_of(first, second), b)
-            for (a, first), (b, second) in permutations((drawn or {}).items(), 2)
-            if a < b
+            for (a, first), (b, second) in combinations((drawn or {}).items(), 2)
         )
         self.regions = sorted({name for each in told for name in (each.first, each.second)})
         if len(self.regions) > MAX_REGIONS:
@@ -101,7 +100,7 @@ class SpatialKnowledge:
             shown = '; '.join(map(str, self._contradiction(told)))
             raise SpaceError(f'statements about regions contradict each other: {shown}')
 
-    def possible(self, first: str, second: str) -> Relation:
+    def possible(self, first: str, second: str) -> RegionRelation:
         """Return the relations that a region has to another one in some scenario.
 
         Raises:
@@ -111,10 +110,10 @@ class SpatialKnowledge:
         found = 0
         for each, _ in self._scenarios([pair]):
             found |= each[pair]
-        return Relation(found)
+        return RegionRelation(found)
 
     def verdict(
-        self, pairs: Sequence[Pair], holds: Callable[[Mapping[Pair, Relation]], bool]
+        self, pairs: Sequence[Pair], holds: Callable[[Mapping[Pair, RegionRelation]], bool]
     ) -> bool | None:
         """Return the truth of a condition, or None if scenarios differ.
 
@@ -141,7 +140,7 @@ class SpatialKnowledge:
         return first, second
 
     def _scenarios(self, pairs: Sequence[Pair]) -> Iterator[tuple[_Relations, _Relations]]:
-        """Yield each choice of relations of some pairs that a scenario has, and what follows."""
+        """Yield the relations of some pairs in each scenario, and what follows from them."""
         yield from self._chosen(self._relations, pairs, {})
 
     def _chosen(
@@ -165,7 +164,9 @@ class SpatialKnowledge:
         pair = min(pending, key=lambda each: relations[each].bit_count())
         return any(self._is_consistent(each) for _, each in self._narrowed(relations, pair))
 
-    def _narrowed(self, relations: _Relations, pair: Pair) -> Iterator[tuple[Relation, _Relations]]:
+    def _narrowed(
+        self, relations: _Relations, pair: Pair
+    ) -> Iterator[tuple[RegionRelation, _Relations]]:
         """Yield each relation that a pair may have, and what follows from it."""
         for each in bases(relations[pair]):
             self._choices += 1
@@ -182,7 +183,7 @@ class SpatialKnowledge:
 
     def _closed(self, told: Iterable[SpatialStatement]) -> _Relations:
         """Return what statements say of each pair; nothing is possible in a contradiction."""
-        same = {(name, name): Relation.EQ for name in self.regions}
+        same = {(name, name): RegionRelation.EQ for name in self.regions}
         found = dict.fromkeys(((a, b) for a in self.regions for b in self.regions), ANY) | same
         for each in told:
             for pair, relation in (
@@ -191,7 +192,7 @@ class SpatialKnowledge:
             ):
                 found[pair] &= relation
         closed = self._path_consistent(found, list(found)) if all(found.values()) else None
-        return closed or dict.fromkeys(found, Relation(0))
+        return closed or dict.fromkeys(found, RegionRelation(0))
 
     def _path_consistent(self, relations: _Relations, changed: Iterable[Pair]) -> _Relations | None:
         """Return relations without what compositions exclude; None if nothing is left of one."""
