@@ -25,23 +25,37 @@ from dyknow_space import (
 shapely = pytest.importorskip('shapely')
 
 CASES = int(os.environ.get('DYKNOW_RANDOM_CASES', '0'))
-CELLS = [shapely.box(x, y, x + 1, y + 1) for x in range(4) for y in range(4)]
 
 
-def polygon(random: Random) -> shapely.Geometry:
-    """A union of a few rectangles of a small grid, so that regions often touch or are equal."""
-    found = []
-    for _ in range(random.choice((1, 1, 1, 2))):
+def polygon(random: Random, near: shapely.Geometry | None = None) -> shapely.Geometry:
+    """One or two rectangles of a small grid, whose sides are often those of another polygon."""
+    if near is None:
         x, y = random.randrange(5), random.randrange(5)
-        found.append(shapely.box(x, y, x + random.randint(1, 5), y + random.randint(1, 5)))
-    return shapely.union_all(found)
+        bounds = [x, y, x + random.randint(1, 7), y + random.randint(1, 7)]
+    elif random.random() < 0.3:
+        by = random.choice((-2, -1, 1, 2))
+        bounds = [each + by * sign for each, sign in zip(near.bounds, (-1, -1, 1, 1), strict=True)]
+    else:
+        bounds = [each + random.choice((-1, 0, 0, 0, 1)) for each in near.bounds]
+    if bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
+        return polygon(random)
+    found = shapely.box(*bounds)
+    return found if random.random() < 0.7 else shapely.union(found, polygon(random))
+
+
+def triple(random: Random) -> list[shapely.Geometry]:
+    """Three polygons in any order, some like another one."""
+    found = [polygon(random)]
+    for _ in range(2):
+        found.append(polygon(random, random.choice((None, *found, *found))))
+    return random.sample(found, 3)
 
 
 def test_compositions_of_drawn_regions() -> None:
     random = Random(7)  # noqa: S311 - no secrets
     seen: dict[tuple[RegionRelation, RegionRelation], RegionRelation] = {}
     for _ in range(CASES or 400):
-        a, b, c = (polygon(random) for _ in range(3))
+        a, b, c = triple(random)
         first, second, third = relation_of(a, b), relation_of(b, c), relation_of(a, c)
         assert relation_of(b, a) is converse(first)
         assert third & compose(first, second), (a, b, c)
