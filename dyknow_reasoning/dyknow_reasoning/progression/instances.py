@@ -345,10 +345,18 @@ class PastOperands:
     value: bool | None
 
 
+def ground_nodes(
+    formulas: Iterable[Formula], store: NodeStore
+) -> tuple[tuple[Atom, ...], list[Node]]:
+    """Return the atom of each slot, and the nodes of ground formulas over these."""
+    translator = _Translator(store, {})
+    nodes = [translator.node(each, {}) for each in formulas]
+    return tuple(translator.slots), nodes
+
+
 def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
     """Return the operands of a ground past operator."""
-    translator = _Translator(store, {})
-    *lefts, right = (translator.node(cast('Formula', part), {}) for part in parts(formula))
+    atoms, (*lefts, right) = ground_nodes(cast('tuple[Formula, ...]', parts(formula)), store)
     if is_dual(formula):
         right = store.negation(right)
     value = None
@@ -356,7 +364,7 @@ def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
         known = memory_of(formula).constant(right=right.value)
         value = known if known is None else known is not is_dual(formula)
     left = lefts[0] if lefts else TRUE
-    return PastOperands(tuple(translator.slots), left, right, value)
+    return PastOperands(atoms, left, right, value)
 
 
 def ground(formula: Any, binding: Binding, domains: Domains) -> Any:

@@ -7,13 +7,15 @@ where values do not fit into these.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from functools import reduce
+from operator import or_
 from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.registers import column_array
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
@@ -30,8 +32,6 @@ from dyknow_reasoning.language.formula import (
     And,
     Atom,
     Comparison,
-    CountBound,
-    CountOf,
     Equivalent,
     Formula,
     Implies,
@@ -41,17 +41,15 @@ from dyknow_reasoning.language.formula import (
     parts,
 )
 from dyknow_reasoning.language.spatial import SpatialAtom
-from dyknow_reasoning.language.terms import Feature, FieldReference, Object, Term, Truth
+from dyknow_reasoning.language.terms import Feature, FieldReference, Term, Truth
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression import routes
-from dyknow_reasoning.progression.atoms import (
-    Predicate,
-    Values,
-    field_name,
-    predicate,
-    term_reader,
-)
+from dyknow_reasoning.progression.atoms import Values, field_name, term_reader
+from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.gaps import Gap
+from dyknow_reasoning.progression.instances import ground_nodes
+from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import holds_at
 from dyknow_reasoning.progression.spatial_atoms import Places
 
 _MOST_LENGTHS: Final = 1 << 20
@@ -62,12 +60,6 @@ _CONNECTIVES: Final[dict[type, Callable[[Any, Any], Any]]] = {
     Or: lambda left, right: left | right,
     Implies: lambda left, right: ~left | right,
     Equivalent: lambda left, right: left == right,
-}
-
-_COUNTS: Final[dict[CountBound, Callable[[int, int], bool]]] = {
-    CountBound.AT_LEAST: operator.ge,
-    CountBound.AT_MOST: operator.le,
-    CountBound.EXACTLY: operator.eq,
 }
 
 _Operands: TypeAlias = 'tuple[Array, Array | None, Array]'
@@ -102,7 +94,7 @@ class SpatialTruths:
         self._sides = [places.links.conditions, places.lefts, places.rights]
         self._conditions, self._lefts, self._rights = map(self._vector, self._sides)
         self._lengths = self._length_vector()
-        self._readers: list[list[Predicate]] | None = None
+        self._readers: list[Callable[[Values], Array]] | None = None
         self._latest: tuple[Values, Any] | None = None
         self._columns: tuple[Recording, Sequence[Any]] | None = None
 
@@ -165,23 +157,15 @@ class SpatialTruths:
             if self._lengths is None:
                 raise UnreadableError
             lengths = self._lengths()
-        shape = *states, len(self.places.links.pairs)
-        linked = np.broadcast_to(self._conditions(), shape)
-        sides = (
-            np.broadcast_to(side(), (*states, len(self._numbers))) if given else None
-            for side, given in ((self._lefts, self.places.lefts), (self._rights, True))
-        )
-        left, right = sides
-        if right is None:  # pragma: no cover - there is always one
-            raise AssertionError(self.formula)
-        return self._matrix(linked, lengths), left, right
+        linked = np.broadcast_to(self._conditions(), (*states, len(self.places.links.pairs)))
+        ends = *states, len(self._numbers)
+        left = np.broadcast_to(self._lefts(), ends) if self.places.lefts else None
+        return self._matrix(linked, lengths), left, np.broadcast_to(self._rights(), ends)
 
     def _one_by_one(self, values: Values) -> _Operands:
         if self._readers is None:
-            self._readers = [[_reader(each, self._kinds) for each in side] for side in self._sides]
-        linked, left, right = (
-            np.array([read(values) for read in side], bool) for side in self._readers
-        )
+            self._readers = [_reader(side, self._kinds) for side in self._sides]
+        linked, left, right = (read(values) for read in self._readers)
         lengths = None
         if self.places.links.lengths:
             terms = self.places.links.lengths
@@ -295,34 +279,17 @@ class SpatialRegister:
         """Take a gap before the next state, on which nothing depends."""
 
 
-def _reader(formula: Formula, kinds: Kinds) -> Predicate:
-    """Return the truth of a formula about one state, of which every part is read."""
-    match formula:
-        case Truth(value):
-            return lambda _: value
-        case Not(body):
-            holds = _reader(body, kinds)
-            return lambda values: not holds(values)
-        case And() | Or() | Implies() | Equivalent():
-            first, second = _reader(formula.left, kinds), _reader(formula.right, kinds)
-            join = _CONNECTIVES[type(formula)]
-            return lambda values: bool(join(np.bool_(first(values)), np.bool_(second(values))))
-        case CountOf(bound, number, members):
-            readers = [_reader(each, kinds) for each in members]
-            compare = _COUNTS[bound]
-            return lambda values: compare(sum(read(values) for read in readers), number)
-        case _:
-            return _atom_reader(formula, kinds)
+def _reader(formulas: Sequence[Formula], kinds: Kinds) -> Callable[[Values], Array]:
+    """Return the truth of formulas about one state, whose values may be unusual."""
+    atoms, nodes = ground_nodes(formulas, NodeStore(Chronology()))
+    mask = reduce(or_, (each.mask for each in nodes), 0)
+    read = quick_reader(atoms, kinds, mask)
 
+    def holds(values: Values) -> Array:
+        symbol = read(values)
+        return np.array([holds_at(each, symbol) for each in nodes], bool)
 
-def _atom_reader(formula: Formula, kinds: Kinds) -> Predicate:
-    atom = cast('Atom', formula)
-    if isinstance(atom, Comparison):
-        sides = atom.left, atom.right
-        if all(isinstance(each, Object) for each in sides):
-            is_equal = sides[0] == sides[1]
-            return lambda _: is_equal == (atom.operator == '=')
-    return predicate(atom, kinds)
+    return holds
 
 
 def _names(node: Formula | Term) -> Iterator[str]:
