@@ -22,6 +22,7 @@ from dyknow_reasoning import (
     FormulaResult,
     ReasoningError,
     TrialFormula,
+    UncertainFormula,
     parse_formula,
 )
 
@@ -300,6 +301,11 @@ def test_wrong_objects_and_lengths() -> None:
     assert "'D[r1, r2]' is -1.0; the length of a link cannot be negative" in str(error)
     with pytest.raises(ReasoningError, match='no margin is defined'):
         FormulaGroup().add_formula('it', f'{near} from r1 to s: Base[s]', margin=True)
+
+
+def test_samples_of_several_hosts() -> None:
+    with pytest.raises(ReasoningError, match='looks over links'):
+        UncertainFormula('over (L[a, b] for a, b in R) from x to s: P[s]', {'R': ['x']})
 
 
 def test_trials_and_later_formulas() -> None:
