@@ -23,6 +23,7 @@ from dyknow_reasoning import (
     ReasoningError,
     TrialFormula,
     UncertainFormula,
+    UnknownFeatures,
     parse_formula,
 )
 
@@ -301,6 +302,14 @@ def test_wrong_objects_and_lengths() -> None:
     assert "'D[r1, r2]' is -1.0; the length of a link cannot be negative" in str(error)
     with pytest.raises(ReasoningError, match='no margin is defined'):
         FormulaGroup().add_formula('it', f'{near} from r1 to s: Base[s]', margin=True)
+
+
+def test_unknown_values_are_errors() -> None:
+    group = FormulaGroup()
+    group.add_formula('it', f'eventually {NEAR}somewhere[0, 90 m] Base[s]')
+    group.begin({'R': ['r1', 'r2', 'r3']}, UnknownFeatures(all_may_be=True))
+    (result,) = group.progress(0, {**VALUES, 'Base[r1]': None})
+    assert "the field 'Base[r1]' holds a value of type NoneType" in str(result.error)
 
 
 def test_samples_of_several_hosts() -> None:

@@ -241,8 +241,10 @@ class SpatialRegister:
     """
 
     form: Final = None
+    is_plain: Final = True
 
     def __init__(self, atom: PastAtom, truths: SpatialTruths) -> None:
+        self.atom, self.atoms = atom, ()
         self.field, self.users = atom.field, 0
         self.gap: Gap | None = None
         self.first_state: int | None = None
