@@ -52,6 +52,8 @@ DOCUMENTS = (
     'docs/languages.md',
     UNCERTAINTY,
     FORMULAS,
+    'docs/space_graph.md',
+    'docs/space_relations.md',
     STREAMS,
     ONTOLOGY,
     MEANING,

@@ -36,9 +36,10 @@ from dyknow_reasoning.explanation.explanation import (
 )
 from dyknow_reasoning.explanation.remainders import Remainders, text_of
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
-from dyknow_reasoning.language.formula import Formula
+from dyknow_reasoning.language.formula import Formula, walk
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
+from dyknow_reasoning.language.spatial import Over
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.language.uncertain_features import check_asked_once
@@ -444,7 +445,9 @@ class FormulaGroup:
         elif verdict := verdict_of(instances):
             self._known[formula_id] = verdict
         else:
-            self._possible.watch(formula_id, instances)
+            # Over links, an unknown value is an error, as the routes may depend on it.
+            if not any(isinstance(each, Over) for each in walk(named.formula)):
+                self._possible.watch(formula_id, instances)
             monitor.add(formula_id, instances, named.kinds)
 
     def _take_as_possible(self, formulas: Iterable[int], monitor: InstanceMonitor) -> None:

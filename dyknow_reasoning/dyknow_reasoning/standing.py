@@ -106,7 +106,8 @@ class StandingFormula:
         self._histories = histories
         self._is_false = any(instance.node is FALSE for instance in instances)
         self._looks_back = any(
-            instance.node.looks_back or any(isinstance(atom, PastAtom) for atom in instance.atoms)
+            instance.node.looks_back
+            or any(isinstance(atom, PastAtom) and atom.looks_back for atom in instance.atoms)
             for instance in instances
         )
         self._error: ReasoningError | None = None

@@ -27,6 +27,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
+from dyknow_reasoning.language.spatial import Over
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.bounds import Chronology
@@ -147,8 +148,13 @@ class UncertainFormula:
 
 
 def _check_future(formula: Formula) -> None:
-    """Raise ReasoningError for a formula that looks into the past."""
+    """Raise ReasoningError for a formula that looks into the past, or over links."""
     for each in walk(formula):
+        if isinstance(each, Over):
+            raise ReasoningError(
+                f"'{each}' looks over links, which is not possible over the samples of several "
+                'hosts; write it without links'
+            )
         if isinstance(each, PastFormula) or compares_past(each):
             raise ReasoningError(
                 f"'{each}' looks into the past, which is not possible over the samples of several "

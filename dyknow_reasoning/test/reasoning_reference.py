@@ -103,7 +103,13 @@ def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901,
             return holds(body, trace, i - 1) if i else False
         case Since(left, right, interval):
             return since(left, right, interval, trace, i)
+    if (spatial := SPATIAL.get(type(formula))) is not None:
+        return spatial(formula, trace, i)
     raise AssertionError(formula)
+
+
+SPATIAL: dict[type, Any] = {}
+"""The truth of spatial operators, from `spatial_reference`."""
 
 
 def counted(bound: CountBound, number: int, values: Sequence[bool | None]) -> bool | None:

@@ -17,21 +17,32 @@ from dyknow_space.regions.region import (
 )
 from dyknow_space.regions.shapes import buffer_of, circle
 from dyknow_space.regions.units import RegionDistances, SweptDistances
+from dyknow_space.relations.calculus import ANY, RegionRelation, compose, converse
+from dyknow_space.relations.drawn import relation_of
+from dyknow_space.relations.knowledge import SpatialKnowledge, SpatialStatement, parse_statement
 
 __all__ = [
     'ALL_HEIGHTS',
     'ALL_TIMES',
+    'ANY',
     'MAX_VERTICES',
     'Region',
     'RegionDistances',
+    'RegionRelation',
     'SpaceError',
+    'SpatialKnowledge',
+    'SpatialStatement',
     'SweptDistances',
     'buffer_of',
     'circle',
+    'compose',
+    'converse',
     'geometry_of',
     'parse_region',
+    'parse_statement',
     'read_free_space',
     'read_geojson',
     'read_mask',
     'read_zone_set',
+    'relation_of',
 ]

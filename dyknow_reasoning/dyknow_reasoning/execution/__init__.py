@@ -26,6 +26,7 @@ from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories
 from dyknow_reasoning.execution.past.past_comparisons import past_terms, value_field
 from dyknow_reasoning.execution.past.past_values import PastValues
+from dyknow_reasoning.execution.past.spatial_registers import SpatialTruths
 from dyknow_reasoning.execution.probability.formula_probability import (
     FormulaProbability,
     probability_of,
@@ -68,6 +69,7 @@ __all__ = [
     'PossibleVerdict',
     'Range',
     'Recording',
+    'SpatialTruths',
     'StandingMonitor',
     'StartCounts',
     'UncertainInstance',

@@ -22,6 +22,7 @@ from dyknow_reasoning.execution import (
 )
 from dyknow_reasoning.explanation.origins import windows_of_known_origin
 from dyknow_reasoning.explanation.past_facts import PastStates, past_fact, shortened_text
+from dyknow_reasoning.explanation.spatial_facts import SpatialFact
 from dyknow_reasoning.language.formula import (
     Always,
     Comparison,
@@ -34,6 +35,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.spatial import SpatialAtom
 from dyknow_reasoning.language.terms import (
     Number,
     Quantity,
@@ -308,6 +310,10 @@ class _Explainer:
             previous = self._previous if is_known else None
             if isinstance(atom.formula, Comparison):
                 return self._past_comparison(atom, atom.formula, holds=holds)
+            if isinstance(atom.formula, SpatialAtom):
+                truths = self._histories.spatial_truths(atom)
+                fact = SpatialFact(atom.formula, truths, self._values).text(holds=holds)
+                return f'at {time}, {fact}'
             states = PastStates(self._now, previous, self._histories.first_state(atom))
             return past_fact(as_written(atom.formula), states, holds=holds)
         if not isinstance(atom, Comparison):

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, TypeAlias
 
 from dyknow_common import SyntaxNode, format_duration
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
+from dyknow_reasoning.language.spatial import LinkEnd, LinkLength, Over, Spatial, SpatialAtom
 from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
@@ -233,15 +234,20 @@ class PastAtom(SyntaxNode):
     """A past operator over ground operands without future operators: an atom of each state.
 
     Args:
-        formula: the operator, or a comparison with values of the past.
+        formula: the operator, a comparison with values of the past, or a spatial operator.
         field: the name of the field that holds its truth; empty before a group has given it one.
     """
 
-    formula: PastFormula | Comparison
+    formula: PastFormula | Comparison | SpatialAtom
     field: str = ''
 
     def __str__(self) -> str:
         return str(self.formula)
+
+    @property
+    def looks_back(self) -> bool:
+        """True if it depends on earlier states."""
+        return not isinstance(self.formula, SpatialAtom)
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +273,9 @@ FutureFormula: TypeAlias = Always | Eventually | Until
 PastFormula: TypeAlias = Historically | Once | Previous | Since
 """A formula whose operator looks back; its memory is in `progression.past_operators`."""
 
+SpatialSyntax: TypeAlias = Over | Spatial | SpatialAtom | LinkEnd | LinkLength
+"""Operators of space, and the links that belong to them."""
+
 StateAtom: TypeAlias = Feature | FieldReference | Comparison
 """A formula that is true or false in a single state."""
 
@@ -289,19 +298,28 @@ Formula: TypeAlias = (
     | Eventually
     | Until
     | PastFormula
+    | SpatialSyntax
     | Let
     | Soon
 )
 """A formula, which is true or false of a sequence of states."""
 
 
-def parts(  # noqa: PLR0911 - one for each kind
+def parts(  # noqa: C901, PLR0911 - one for each kind
     node: Formula | Term,
 ) -> tuple[Formula | Term, ...]:
     """Return the formulas and terms that a node directly consists of, from left to right."""
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return (node.left, node.right)
+        case Over():
+            return (node.links, node.origin, node.body)
+        case Spatial():
+            return (node.right,) if node.left is None else (node.left, node.right)
+        case LinkLength():
+            return (node.condition,) if node.weight is None else (node.condition, node.weight)
+        case SpatialAtom():
+            return tuple(node.places)
         case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm():
             return (node.body,)
         case PastAtom():
@@ -316,11 +334,22 @@ def parts(  # noqa: PLR0911 - one for each kind
             return ()
 
 
-def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
+def with_changed_parts(  # noqa: PLR0911 - one for each kind
+    node: Any, change: Callable[[Any], Any]
+) -> Any:
     """Return a node with a function applied to each of its parts."""
     match node:
         case Operation() | _Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
+        case Over(links=links, origin=origin, body=body):
+            return replace(node, links=change(links), origin=change(origin), body=change(body))
+        case Spatial(left=left, right=right, links=links):
+            changed = {'left': left and change(left), 'links': links and change(links)}
+            return replace(node, right=change(right), **changed)
+        case LinkLength(condition, weight):
+            return replace(node, condition=change(condition), weight=weight and change(weight))
+        case SpatialAtom(formula):
+            return replace(node, formula=change(formula))
         case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm():
             return replace(node, body=change(node.body))
         case Feature() | Function():
@@ -339,6 +368,9 @@ def as_written(node: Any) -> Any:
         return as_written(node.formula)
     if isinstance(node, Function) and node.aggregate:
         return as_written(node.aggregate)
+    if isinstance(node, Spatial):
+        ends = {name: as_written(getattr(node.distances, name)) for name in ('start', 'end')}
+        node = replace(node, distances=replace(node.distances, **ends))
     if isinstance(node, Number):
         given = node.quantity
         return ShownQuantity(given.value, given.unit) if given else node
@@ -357,6 +389,11 @@ def walk(node: Formula | Term) -> Iterator[Formula | Term]:
 def looks_forward(formula: Formula) -> bool:
     """Return True if a formula contains an operator of the future: one state may not decide it."""
     return any(isinstance(each, FutureFormula) for each in walk(formula))
+
+
+def is_about_one_state(node: Formula | Term) -> bool:
+    """Return True if a formula contains neither an operator nor a value of other states."""
+    return not any(isinstance(each, FutureFormula | PastFormula | PastTerm) for each in walk(node))
 
 
 def compares_past(node: Formula | Term) -> bool:

@@ -26,6 +26,10 @@ _SPELLINGS: Final = {
     'SOON': _FORMULA,
     '_OF': "'of'",
     '_FOR': _OPERATOR,
+    **dict.fromkeys(('SPATIAL', '_OVER'), _FORMULA),
+    **dict.fromkeys(('REACH', 'SURROUND', '_BY'), _OPERATOR),
+    '_FROM': "'from'",
+    '_TO': "'to'",
 }
 
 _CORRECTIONS: Final = {

@@ -52,6 +52,15 @@ from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.names import resolve
 from dyknow_reasoning.language.quantities import with_converted_numbers
 from dyknow_reasoning.language.soon import without_soon
+from dyknow_reasoning.language.spatial import (
+    DistanceInterval,
+    LinkEnd,
+    LinkLength,
+    Over,
+    Spatial,
+    compared_number,
+)
+from dyknow_reasoning.language.spatial_checks import with_links
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.uncertain_features import (
     stated_uncertainties,
@@ -104,7 +113,7 @@ def _parse(text: str, constants: Constants) -> Formula:
         formula, units = without_lets(formula, constants)
         formula = with_uncertain_features(without_soon(formula), uncertainties)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
-        return resolved
+        return with_links(resolved)
 
 
 _parse_again = lru_cache(1024)(_parse)
@@ -312,6 +321,67 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
             message = f"what is known of '{name}' is written as normal({name}, DEVIATION)"
             raise PositionedError(message, value.position)
         return terms.Object(str(name), position=TextPosition.of(name)), value
+
+    def distance(self, number: Token, unit: Token | None) -> tuple[int | float, Token | None]:
+        return number_value(number), unit
+
+    def distances(
+        self, opening: Token, first: Any, _: Token, last: Any, closing: Token
+    ) -> DistanceInterval:
+        given = [each for each in (first, last) if isinstance(each, tuple)]
+        units = {str(unit or '').strip('"') for value, unit in given if unit or value}
+        named, counts = units - {''}, units & {'hop', 'hops'}
+        hops = not units or (bool(named) and named == counts)
+        if (not hops and (counts or (named and '' in units))) or (
+            hops and any(isinstance(value, float) for value, _ in given)
+        ):
+            message = 'give both distances a unit, or count whole links: [0, 50 m], [1, 3 hops]'
+            raise PositionedError(message, TextPosition.of(opening))
+        ends: list[Any] = [
+            terms.Number(value) if hops or unit is None else terms.Quantity(value, _unit_text(unit))
+            for value, unit in given
+        ]
+        start, end = (*ends, None)[:2]
+        return DistanceInterval(start, end, opening + closing, hops)
+
+    def spatial(self, word: Token, distances: DistanceInterval, body: Formula | Term) -> Formula:
+        return Spatial(str(word), distances, None, _formula(body))
+
+    def reach(
+        self,
+        left: Formula | Term,
+        word: Token,
+        distances: DistanceInterval,
+        right: Formula | Term,
+    ) -> Formula:
+        operands = _formula(left), _formula(right)
+        return Spatial(str(word), distances, *operands, position=left.position)
+
+    def surround(
+        self,
+        left: Formula | Term,
+        _: Token,
+        distances: DistanceInterval,
+        right: Formula | Term,
+    ) -> Formula:
+        return sugar.surround(_formula(left), _formula(right), distances, left.position)
+
+    def links(
+        self,
+        condition: Formula | Term,
+        weight: Formula | Term | None,
+        first: Token,
+        second: Token,
+        sort: Token,
+    ) -> LinkEnd:
+        condition = _formula(condition)
+        length = compared_number(condition) if weight is None else _term(weight)
+        end = LinkEnd(str(second), str(sort), LinkLength(condition, length))
+        return LinkEnd(str(first), str(sort), end)
+
+    def over(self, links: LinkEnd, origin: Token, place: Token, body: Formula | Term) -> Formula:
+        start = terms.Object(str(origin), position=TextPosition.of(origin))
+        return Over(str(place), links.sort, _formula(body), links, start)
 
     def not_(self, _word: Token, body: Formula | Term) -> Formula:
         return syntax.Not(_formula(body))

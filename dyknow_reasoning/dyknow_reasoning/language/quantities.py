@@ -29,6 +29,7 @@ from dyknow_reasoning.language.formula import (
     walk,
     with_changed_parts,
 )
+from dyknow_reasoning.language.spatial import Over, Spatial
 from dyknow_reasoning.language.terms import (
     Aggregate,
     Arithmetic,
@@ -74,8 +75,13 @@ def check_units_are_known(formula: Formula) -> None:
         ReasoningError: names the first that was not, and a feature beside it.
     """
     for node in walk(formula):
-        if isinstance(node, Comparison) and (quantity := _quantity(node)):
-            name = next(str(each.name) for each in walk(node) if isinstance(each, Feature))
+        quantity, known = None, node
+        if isinstance(node, Comparison):
+            quantity = _quantity(node)
+        elif isinstance(node, Spatial) and node.links and node.distances.quantities:
+            quantity, known = node.distances.quantities[0], node.links
+        if quantity is not None:
+            name = next(str(each.name) for each in walk(known) if isinstance(each, Feature))
             correction = _NO_UNITS.format(name=name)
             raise ReasoningError(
                 f"'{quantity}' has a unit, and the unit of '{name}' is not known; {correction}"
@@ -90,6 +96,9 @@ _EXPONENTS: Final = frozenset({0.5, *range(-99, 100)})
 
 
 def _converted(node: Any, conversion: _Conversion) -> Any:
+    if isinstance(node, Over):
+        found = with_changed_parts(node, lambda part: _converted(part, conversion))
+        return replace(found, body=_measured_by(found.body, found.links.link.weight, conversion))
     if not isinstance(node, Comparison):
         return with_changed_parts(node, lambda part: _converted(part, conversion))
     if _quantity(node) is None:
@@ -99,6 +108,23 @@ def _converted(node: Any, conversion: _Conversion) -> Any:
         return node
     (left, _), (right, _) = conversion.alike((node.left, node.right))
     return Comparison(node.operator, left, right, position=node.position)
+
+
+def _measured_by(node: Any, length: Term | None, conversion: _Conversion) -> Any:
+    """Return a formula with the distances of its spatial operators in the unit of a length."""
+    if isinstance(node, Over):
+        return node
+    found = with_changed_parts(node, lambda part: _measured_by(part, length, conversion))
+    if not isinstance(found, Spatial) or not found.distances.quantities or length is None:
+        return found
+    fields = [each for each in walk(length) if isinstance(each, Feature | FieldReference)]
+    if not conversion.units and all(isinstance(each, Feature) for each in fields):
+        return found
+    ends: list[Any] = [
+        conversion.alike((length, each))[1][0] if isinstance(each, Quantity) else each
+        for each in (found.distances.start, found.distances.end)
+    ]
+    return replace(found, distances=replace(found.distances, start=ends[0], end=ends[1]))
 
 
 def _quantity(node: Comparison) -> Quantity | None:

@@ -11,6 +11,10 @@ Relations of objects and regions are comparisons of features, which are in metre
 
     inside(r, z)             distance(r, z) <= 0
     crosses(r, z)            swept_distance(r, z) <= 0
+
+Of the spatial operators, as in STREL:
+
+    F surround[0, d] G       F, and not F reach[0, d] not (F or G), and not escape(d, inf) F
 """
 
 from __future__ import annotations
@@ -32,6 +36,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.spatial import DistanceInterval, Spatial
 from dyknow_reasoning.language.terms import Feature, Number, Object
 
 _MAX_PARTS: Final = 20_000
@@ -71,6 +76,21 @@ def release(left: Formula, right: Formula, interval: Interval, position: TextPos
     """Return the dual of `holds until`: the right side holds until the left one has held."""
     not_left, not_right = (Not(side, position=side.position) for side in (left, right))
     return Not(holds_until(not_left, not_right, interval, position), position=position)
+
+
+def surround(
+    left: Formula, right: Formula, distances: DistanceInterval, position: TextPosition
+) -> Formula:
+    """Return that objects with `left` are enclosed by objects with `right` at some distance."""
+    inside = Not(Or(left, right, position=position), position=position)
+    leaves = Spatial('reach', distances, left, inside, position=position)
+    found: Formula = And(left, Not(leaves, position=position), position=position)
+    if distances.end is not None:
+        bracket = '(' if distances.brackets[1] == ']' else '['
+        beyond = DistanceInterval(distances.end, None, f'{bracket})', distances.hops)
+        escapes = Spatial('escape', beyond, None, left, position=position)
+        found = And(found, Not(escapes, position=position), position=position)
+    return checked_size(found, 'surround')
 
 
 def checked_size(formula: Formula, operator: str) -> Formula:

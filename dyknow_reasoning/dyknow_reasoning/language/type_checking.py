@@ -29,6 +29,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.grammar import LANGUAGE
+from dyknow_reasoning.language.spatial import LinkLength
 from dyknow_reasoning.language.terms import Term
 
 
@@ -140,6 +141,11 @@ class _TypeChecker:
                     self._require(side, Kind.STRING, f"as an operand of '{symbol}'")
             case syntax.Comparison() | terms.Arithmetic() | terms.Function():
                 self._infer_numbers(node)
+            case LinkLength(condition, weight):
+                self._infer_use(condition)
+                if weight is not None:
+                    self._infer_numbers(weight)
+                    self._require(weight, Kind.NUMBER, 'as a length of links')
             case _:
                 for part in parts(node):
                     self._infer_use(part)

@@ -29,6 +29,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from operator import attrgetter
+from typing import cast
 
 from dyknow_common import ExitCode, round_time
 from dyknow_reasoning.errors import ReasoningError
@@ -149,7 +150,8 @@ def whole_past_atoms(atoms: Sequence[Atom], mask: int) -> int:
 
 
 def _is_whole(atom: Atom) -> bool:
-    return isinstance(atom, PastAtom) and not atom.field.endswith(('+', '-'))
+    is_past = isinstance(atom, PastAtom) and atom.looks_back
+    return is_past and not cast('PastAtom', atom).field.endswith(('+', '-'))
 
 
 def _bounded(atom: Atom, side: str) -> Atom:

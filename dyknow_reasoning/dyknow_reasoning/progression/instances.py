@@ -27,12 +27,10 @@ from dyknow_reasoning.language.formula import (
     Forall,
     Formula,
     Implies,
-    Let,
     Not,
     Or,
     PastAtom,
     PastFormula,
-    Soon,
     StateAtom,
     Until,
     compares_past,
@@ -41,6 +39,7 @@ from dyknow_reasoning.language.formula import (
     walk,
     with_changed_parts,
 )
+from dyknow_reasoning.language.spatial import Over, Spatial, SpatialAtom
 from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.language.terms import (
     Aggregate,
@@ -69,6 +68,7 @@ from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
 from dyknow_reasoning.progression.past_operators import is_dual, memory_of
 from dyknow_reasoning.progression.residual import holds_at_the_end
+from dyknow_reasoning.progression.spatial_atoms import joined, spatial_formula
 from dyknow_reasoning.progression.thresholds import Thresholds
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
@@ -119,9 +119,15 @@ def verdict_of(instances: Sequence[Instance]) -> Verdict:
 def required_features(instances: Iterable[Instance]) -> list[Symbol]:
     """Return the features of objects that simplified instances depend on, each once."""
     atoms = (instance.atoms[slot] for instance in instances for slot in slots(instance.node.mask))
-    return list(
-        dict.fromkeys(feature_symbol(field, {}) for atom in atoms for field in fields(atom))
+    # An operator of space has the same operands for all objects.
+    roots = dict.fromkeys(
+        atom.formula.places
+        if isinstance(atom, PastAtom) and isinstance(atom.formula, SpatialAtom)
+        else (atom,)
+        for atom in atoms
     )
+    found = (field for root in roots for part in root for field in fields(part))
+    return list(dict.fromkeys(feature_symbol(field, {}) for field in found))
 
 
 def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tuple[StateAtom, ...]]]:
@@ -146,6 +152,12 @@ def ground_atom(atom: StateAtom, binding: Binding, domains: Domains) -> StateAto
     return ground
 
 
+def _with_origin(formula: Over, binding: Binding) -> Binding:
+    """Return a binding in which the variable of links is the object from which they lead."""
+    origin: str = formula.origin.name
+    return {**binding, formula.variable: binding.get(origin, origin)}
+
+
 def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[StateAtom]:
     match formula:
         case Feature() | FieldReference() | Comparison():
@@ -157,6 +169,13 @@ def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Itera
         ):
             for name in objects_of(sort, domains):
                 yield from _ground_atoms(body, {**binding, variable: name}, domains)
+        case Over():
+            yield from _ground_atoms(formula.body, _with_origin(formula, binding), domains)
+        case Spatial():
+            for name in objects_of(formula.links.sort, domains):
+                for part in parts(formula):
+                    there = {**binding, formula.place: name}
+                    yield from _ground_atoms(cast('Formula', part), there, domains)
         case _:
             for part in parts(formula):
                 yield from _ground_atoms(cast('Formula', part), binding, domains)
@@ -205,9 +224,11 @@ class _Translator:
                 return self._past(formula, binding)
             case PastAtom():
                 return self._literal(formula, positive=True)
+            case Over() | Spatial():
+                return self.node(ground(formula, binding, self._domains), {})
             case Always() | Eventually() | Until():
                 return self._window(formula, binding)
-            case Let() | Soon():  # pragma: no cover - parsing replaces it
+            case _:  # pragma: no cover - parsing replaces it, or it is no formula
                 raise AssertionError(formula)
 
     def _past(self, formula: PastFormula, binding: Binding) -> Node:
@@ -348,10 +369,18 @@ class PastOperands:
     value: bool | None
 
 
+def ground_nodes(
+    formulas: Iterable[Formula], store: NodeStore
+) -> tuple[tuple[Atom, ...], list[Node]]:
+    """Return the atom of each slot, and the nodes of ground formulas over these."""
+    translator = _Translator(store, {})
+    nodes = [translator.node(each, {}) for each in formulas]
+    return tuple(translator.slots), nodes
+
+
 def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
     """Return the operands of a ground past operator."""
-    translator = _Translator(store, {})
-    *lefts, right = (translator.node(cast('Formula', part), {}) for part in parts(formula))
+    atoms, (*lefts, right) = ground_nodes(cast('tuple[Formula, ...]', parts(formula)), store)
     if is_dual(formula):
         right = store.negation(right)
     value = None
@@ -359,7 +388,7 @@ def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
         known = memory_of(formula).constant(right=right.value)
         value = known if known is None else known is not is_dual(formula)
     left = lefts[0] if lefts else TRUE
-    return PastOperands(tuple(translator.slots), left, right, value)
+    return PastOperands(atoms, left, right, value)
 
 
 def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
@@ -372,23 +401,20 @@ def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
         case Forall(variable, sort, body) | Exists(variable, sort, body):
             names = objects_of(sort, domains)
             members = [ground(body, {**binding, variable: name}, domains) for name in names]
-            return _joined(members, And if isinstance(formula, Forall) else Or)
+            return joined(members, And if isinstance(formula, Forall) else Or)
         case Count(variable, sort, body, bound, number):
             names = objects_of(sort, domains)
             members = [ground(body, {**binding, variable: name}, domains) for name in names]
             return CountOf(bound, number, tuple(members))
-        case Feature() | FieldReference() | Comparison():
-            return ground_atom(formula, binding, domains)
+        case Over():
+            return ground(formula.body, _with_origin(formula, binding), domains)
+        case Spatial():
+            others = {name: each for name, each in binding.items() if name != formula.place}
+            return spatial_formula(with_objects(formula, others), binding, domains, ground)
+        case Feature() | FieldReference() | Comparison() | Arithmetic() | Function() | Aggregate():
+            return _substitute(formula, binding, domains)
         case _:
             return with_changed_parts(formula, lambda part: ground(part, binding, domains))
-
-
-def _joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
-    """Return members in a balanced tree, which functions may recurse over."""
-    if len(members) < 2:  # noqa: PLR2004 - nothing to join
-        return members[0] if members else Truth(kind is And)
-    middle = len(members) // 2
-    return kind(_joined(members[:middle], kind), _joined(members[middle:], kind))
 
 
 def _value_without_state(atom: Comparison) -> bool | None:
@@ -412,7 +438,7 @@ def _substitute(  # noqa: PLR0911 - one for each kind
             return Feature(name, tuple(map(Object, names)))
         case Aggregate(variable, sort, body):
             chosen = ({**binding, variable: name} for name in objects_of(sort, domains))
-            shown = replace(node, body=_bound(body, binding))
+            shown = replace(node, body=with_objects(body, binding))
             return _aggregated(shown, [_substitute(body, each, domains) for each in chosen])
         case Comparison(operator, left, right) | Arithmetic(operator, left, right):
             sides = (_substitute(each, binding, domains) for each in (left, right))
@@ -441,11 +467,11 @@ def _aggregated(aggregate: Aggregate, operands: Sequence[Any]) -> Term:
     return Function(aggregate.function, tuple(operands), aggregate=aggregate)
 
 
-def _bound(node: Any, binding: Binding) -> Any:
+def with_objects(node: Any, binding: Binding) -> Any:
     """Return a term with objects for those of its variables that are bound, for its text."""
     if isinstance(node, Variable) and node.name in binding:
         return Object(binding[node.name])
-    return with_changed_parts(node, lambda part: _bound(part, binding))
+    return with_changed_parts(node, lambda part: with_objects(part, binding))
 
 
 def objects_of(sort: str, domains: Domains) -> list[str]:

@@ -21,8 +21,10 @@ from dyknow_reasoning.language.formula import (
     Exists,
     Forall,
     Formula,
+    is_about_one_state,
     parts,
 )
+from dyknow_reasoning.language.spatial import Over, Spatial
 from dyknow_reasoning.language.terms import (
     Aggregate,
     Arithmetic,
@@ -140,7 +142,9 @@ def object_counts(domains: Mapping[str, Sequence[str]], limits: FormulaLimits) -
     return {sort: len(set(objects)) for sort, objects in domains.items()}
 
 
-def _parts(formula: Formula, counts: Counts) -> int:
+def _parts(  # noqa: PLR0911 - one for each kind
+    formula: Formula, counts: Counts
+) -> int:
     match formula:
         case Comparison(_, left, right):
             return 1 + _operations(left, counts) + _operations(right, counts)
@@ -150,6 +154,12 @@ def _parts(formula: Formula, counts: Counts) -> int:
             return 1 + counts.get(sort, 1) * _parts(body, counts)
         case Count(_, sort, body, bound):
             return _sides(bound) * (1 + counts.get(sort, 1) * _parts(body, counts))
+        case Spatial(right=right, links=links) if not is_about_one_state(right):
+            return 1 + counts.get(links.sort, 1) * (2 + _parts(right, counts))
+        case Spatial():
+            return 1
+        case Over(body=body):
+            return _parts(body, counts)
         case CountOf(bound, _, members):
             return _sides(bound) * (1 + sum(_parts(each, counts) for each in members))
         case _:

@@ -11,17 +11,27 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import replace
-from itertools import count
+from itertools import chain, count
 from typing import Any, TypeAlias, cast
+from weakref import WeakValueDictionary
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory, reach
 from dyknow_reasoning.execution.past.past_comparisons import ComparisonRegister, operands_of
 from dyknow_reasoning.execution.past.register_groups import RegisterGroup, units
 from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.past.spatial_registers import SpatialRegister, SpatialTruths
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import SharedVectors, VectorState
-from dyknow_reasoning.language.formula import Atom, Comparison, Formula, PastAtom, PastFormula
+from dyknow_reasoning.language.formula import (
+    Atom,
+    Comparison,
+    Formula,
+    PastAtom,
+    PastFormula,
+    with_changed_parts,
+)
+from dyknow_reasoning.language.spatial import SpatialAtom
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, fields, kind_of
 from dyknow_reasoning.progression.bounds import Chronology
@@ -30,10 +40,10 @@ from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import slots
 
-PastRegister: TypeAlias = Register | ComparisonRegister
-"""The register of a past operator, or of a comparison with values of the past."""
+PastRegister: TypeAlias = Register | ComparisonRegister | SpatialRegister
+"""The register of an operator of the past or of space, or of a comparison with past values."""
 
-_History = dict[tuple[PastFormula | Comparison, Hashable], PastRegister]
+_History = dict[tuple[PastFormula | Comparison | SpatialAtom, Hashable], PastRegister]
 
 
 class Histories:
@@ -62,6 +72,8 @@ class Histories:
         self._is_changed = False
         # The history of the formulas that begin with the next state.
         self._next: _History = {}
+        # By the spatial operators: the truth that their registers share.
+        self._spatial: WeakValueDictionary[Hashable, SpatialTruths] = WeakValueDictionary()
         self._kept: dict[Formula, _History] = {}
         # The instances of kept formulas, if they have memories.
         self._remembering: dict[Formula, list[Instance]] = {}
@@ -141,6 +153,10 @@ class Histories:
         """Return the valid time of the first state that a past operator looks back to."""
         register = self.registers.get(atom.field)
         return None if register is None else register.first_state
+
+    def spatial_truths(self, atom: PastAtom) -> SpatialTruths:
+        """Return the truth of a spatial operator from all objects on."""
+        return cast('SpatialRegister', self.registers[atom.field]).truths
 
     def extended(self, time: int, values: Values) -> Values:
         """Return the values of a state and of the registers.
@@ -234,6 +250,8 @@ class Histories:
         if not isinstance(atom, PastAtom):
             return atom
         formula = atom.formula
+        if isinstance(formula, SpatialAtom):
+            return self._spatial_field(formula, history, kinds, used)
         operands = [
             replace(each, atoms=tuple(self._field_of(a, history, kinds, used) for a in each.atoms))
             for each in operands_of(formula, self._store)
@@ -252,3 +270,36 @@ class Histories:
             self._is_changed = True
         used[register] = None
         return PastAtom(formula, register.field)
+
+    def _spatial_field(
+        self, atom: SpatialAtom, history: _History, kinds: Kinds, used: dict[PastRegister, None]
+    ) -> Atom:
+        """Return a spatial operator with its field, and a register if there is none."""
+        formula = atom.formula
+        found = chain.from_iterable(map(fields, (formula, formula.links or formula)))
+        kind = formula, bool(atom.target), tuple(kind_of(each, kinds) for each in found)
+        truths = self._spatial.get(kind)
+        if truths is None or any(each.field not in self.registers for each in truths.inner):
+            inner: dict[PastRegister, None] = {}
+            places = atom.places.changed(lambda each: self._with_field(each, history, kinds, inner))
+            known = [each for each in inner if isinstance(each, SpatialRegister)]
+            truths = SpatialTruths(atom, places, known, kinds, self._shared)
+            self._spatial[kind] = truths
+        used.update(dict.fromkeys(truths.inner))
+        key = atom, kind
+        register = history.get(key)
+        if register is None or register.field not in self.registers:
+            named = PastAtom(atom, f'#{next(self._numbers)}')
+            register = SpatialRegister(named, truths)
+            history[key] = self.registers[register.field] = register
+            self._is_changed = True
+        used[register] = None
+        return PastAtom(atom, register.field)
+
+    def _with_field(
+        self, node: Any, history: _History, kinds: Kinds, used: dict[PastRegister, None]
+    ) -> Any:
+        """Return a formula about one state with fields for its spatial operators."""
+        if isinstance(node, PastAtom):
+            return self._field_of(node, history, kinds, used)
+        return with_changed_parts(node, lambda each: self._with_field(each, history, kinds, used))

@@ -11,6 +11,7 @@ import numpy as np
 
 from dyknow_reasoning.execution.past.past_comparisons import ComparisonRegister
 from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.past.spatial_registers import SpatialRegister
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
@@ -134,13 +135,13 @@ def _rows(truths: Array) -> int:
 
 
 def units(
-    registers: Iterable[Register | ComparisonRegister], shared: SharedVectors
-) -> list[Register | ComparisonRegister | RegisterGroup]:
+    registers: Iterable[Register | ComparisonRegister | SpatialRegister], shared: SharedVectors
+) -> list[Register | ComparisonRegister | SpatialRegister | RegisterGroup]:
     """Return groups of registers that are alike, and single registers, inner ones first."""
     forms: dict[Hashable, list[Any]] = {}
     for register in sorted(registers, key=attrgetter('depth')):
         forms.setdefault(register.form or register, []).append(register)
-    found: list[Register | ComparisonRegister | RegisterGroup] = []
+    found: list[Register | ComparisonRegister | SpatialRegister | RegisterGroup] = []
     for form, each in forms.items():
         is_group = type(form) is tuple and len(each) >= MIN_REGISTERS
         found += [RegisterGroup(each, shared)] if is_group else each

@@ -174,8 +174,8 @@ class FieldVectors:
         compare: Callable[[Any, Any], Any] = COMPARISONS[atom.operator]
         if atom.operator in TEXT_COMPARISONS:
             compare = np.vectorize(compare, otypes=[bool])
-        left = self._terms([each.left for each in atoms if isinstance(each, Comparison)], kinds)
-        right = self._terms([each.right for each in atoms if isinstance(each, Comparison)], kinds)
+        left = self.terms([each.left for each in atoms if isinstance(each, Comparison)], kinds)
+        right = self.terms([each.right for each in atoms if isinstance(each, Comparison)], kinds)
         if has_unknown_kind(atom, kinds):
             return lambda: _compare_same_kind(compare, left(), right())
         return lambda: compare(left(), right())
@@ -200,20 +200,21 @@ class FieldVectors:
     def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
         return self.vector(tuple(map(field_name, terms)), kind)
 
-    def _terms(self, terms: Sequence[Any], kinds: Kinds) -> Callable[[], Any]:
+    def terms(self, terms: Sequence[Any], kinds: Kinds) -> Callable[[], Any]:
+        """Return the values of terms of one form, one for each instance."""
         match terms[0]:
             case Number() | TextLiteral() | Truth():
                 constant = _constant([term.value for term in terms if isinstance(term, _CONSTANTS)])
                 return lambda: constant
             case Arithmetic(symbol):
                 parts = [term for term in terms if isinstance(term, Arithmetic)]
-                left = self._terms([part.left for part in parts], kinds)
-                right = self._terms([part.right for part in parts], kinds)
+                left = self.terms([part.left for part in parts], kinds)
+                right = self.terms([part.right for part in parts], kinds)
                 return lambda: _calculated(symbol, left(), right())
             case Function(name):
                 calls = [term for term in terms if isinstance(term, Function)]
                 columns = zip(*(call.arguments for call in calls), strict=True)
-                operands = [self._terms(column, kinds) for column in columns]
+                operands = [self.terms(column, kinds) for column in columns]
                 return lambda: _called(name, [operand() for operand in operands])
             case Comparison():
                 return self.truths(terms, kinds)
@@ -377,22 +378,23 @@ def atom_form(atom: Atom, kinds: Kinds) -> Any:
     """
     if not isinstance(atom, Comparison):
         return ('boolean',)
-    left, right = _term_form(atom.left, kinds), _term_form(atom.right, kinds)
+    left, right = term_form(atom.left, kinds), term_form(atom.right, kinds)
     is_constant = next(fields(atom), None) is None
     return None if is_constant or None in {left, right} else (atom.operator, left, right)
 
 
-def _term_form(term: Term | Comparison, kinds: Kinds) -> Any:  # noqa: PLR0911 - one for each kind
+def term_form(term: Term | Comparison, kinds: Kinds) -> Any:  # noqa: PLR0911 - one for each kind
+    """Return all but the fields and constants of a term; None as of `atom_form`."""
     match term:
         case Number(value):
             return None if abs(value) >= EXACT else ('constant', type(value))
         case TextLiteral(value) | Truth(value):
             return ('constant', type(value))
         case Arithmetic(symbol, left, right):
-            sides = _term_form(left, kinds), _term_form(right, kinds)
+            sides = term_form(left, kinds), term_form(right, kinds)
             return None if None in sides else (symbol, *sides)
         case Function(name, arguments):
-            operands = [_term_form(each, kinds) for each in arguments]
+            operands = [term_form(each, kinds) for each in arguments]
             return None if None in operands else (name, *operands)
         case Comparison():
             return atom_form(term, kinds)

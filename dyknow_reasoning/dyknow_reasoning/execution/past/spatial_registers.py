@@ -1,0 +1,311 @@
+"""Spatial operators over operands of one state, as registers.
+
+The operators of one formula about the objects of a sort share their truth, which is computed at
+each state for all objects together. The operands and the links are read as vectors, or one by one
+where values do not fit into these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from functools import reduce
+from operator import or_
+from typing import Any, Final, TypeAlias, cast
+
+import numpy as np
+
+from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.automata.readers import quick_reader
+from dyknow_reasoning.execution.past.registers import column_array
+from dyknow_reasoning.execution.recording import Recording
+from dyknow_reasoning.execution.vectors.atom_vectors import (
+    Array,
+    Columns,
+    FieldVectors,
+    SharedVectors,
+    Truths,
+    UnreadableError,
+    atom_form,
+    term_form,
+)
+from dyknow_reasoning.language.formula import (
+    And,
+    Atom,
+    Comparison,
+    Equivalent,
+    Formula,
+    Implies,
+    Not,
+    Or,
+    PastAtom,
+    parts,
+)
+from dyknow_reasoning.language.spatial import SpatialAtom
+from dyknow_reasoning.language.terms import Feature, FieldReference, Term, Truth
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.progression import routes
+from dyknow_reasoning.progression.atoms import Values, field_name, term_reader
+from dyknow_reasoning.progression.bounds import Chronology
+from dyknow_reasoning.progression.gaps import Gap
+from dyknow_reasoning.progression.instances import ground_nodes
+from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import holds_at
+from dyknow_reasoning.progression.spatial_atoms import Places
+
+_MOST_LENGTHS: Final = 1 << 20
+"""The most links, over all states, that are taken together."""
+
+_CONNECTIVES: Final[dict[type, Callable[[Any, Any], Any]]] = {
+    And: lambda left, right: left & right,
+    Or: lambda left, right: left | right,
+    Implies: lambda left, right: ~left | right,
+    Equivalent: lambda left, right: left == right,
+}
+
+_Operands: TypeAlias = 'tuple[Array, Array | None, Array]'
+"""The lengths of the links, infinite where there are none, the left and the right operands."""
+
+
+class SpatialTruths:
+    """The truth of one spatial operator from each object on.
+
+    Args:
+        atom: the operator from any of the objects on.
+        places: its operands, whose spatial operators are atoms with fields.
+        inner: the registers of these, and of those in them.
+        kinds: the kinds of the features.
+        shared: the vectors that others read, too.
+    """
+
+    def __init__(
+        self,
+        atom: SpatialAtom,
+        places: Places,
+        inner: Sequence[SpatialRegister],
+        kinds: Kinds,
+        shared: SharedVectors,
+    ) -> None:
+        self.formula, self.places, self.inner = atom.formula, places, inner
+        self.depth: int = 1 + max((each.depth for each in inner), default=0)
+        self._is_each = bool(atom.target)
+        self._kinds = kinds
+        self._numbers = {name: index for index, name in enumerate(places.objects)}
+        self._vectors = FieldVectors(shared)
+        self._sides = [places.links.conditions, places.lefts, places.rights]
+        self._conditions, self._lefts, self._rights = map(self._vector, self._sides)
+        self._lengths = self._length_vector()
+        self._readers: list[Callable[[Values], Array]] | None = None
+        self._latest: tuple[Values, Any] | None = None
+        self._columns: tuple[Recording, Sequence[Any]] | None = None
+
+    def index(self, atom: SpatialAtom) -> Any:
+        """Return the index of the truth of an operator from one object on, to one or to any."""
+        ends = (atom.origin, atom.target) if atom.target else (atom.origin,)
+        return tuple(self._numbers[each] for each in ends)
+
+    def at(self, values: Values) -> Any:
+        """Return the truths at a state, which all registers share, or the error of an operand."""
+        if self._latest is None or self._latest[0] is not values:
+            try:
+                self._latest = values, self._truths(self.operands(values))
+            except ReasoningError as error:
+                self._latest = values, error
+        return self._latest[1]
+
+    def operands(self, values: Values) -> _Operands:
+        """Return the operands at a state; raise ReasoningError for an unusable one."""
+        try:
+            self._vectors.load(values)
+            return self._loaded(())
+        except UnreadableError:
+            return self._one_by_one(values)
+
+    def columns(self, recording: Recording) -> Sequence[Any]:
+        """Return the truths at each state of a recording, or the errors."""
+        if self._columns is None or self._columns[0] is not recording:
+            size = max(1, _MOST_LENGTHS // len(self._numbers) ** 2)
+            starts = range(0, len(recording), size)
+            blocks = [self._block(recording.part(each, each + size)) for each in starts]
+            self._columns = recording, [row for block in blocks for row in block]
+        return self._columns[1]
+
+    def _block(self, recording: Recording) -> Sequence[Any]:
+        try:
+            self._vectors.select(recording.columns, slice(0, len(recording)))
+            return list(self._truths(self._loaded((len(recording),))))
+        except UnreadableError:
+            pass
+        names = {name for part in self.places for name in _names(part)}
+        found: list[Any] = []
+        for _, values in recording.rows(names):
+            try:
+                found.append(self._truths(self._one_by_one(values)))
+            except ReasoningError as error:
+                found.append(error)
+        return found
+
+    def _truths(self, operands: _Operands) -> Array:
+        give = routes.reached if self._is_each else routes.truths
+        return give(self.formula, *operands)
+
+    def _loaded(self, states: tuple[int, ...]) -> _Operands:
+        """Return the operands that were loaded as vectors."""
+        if self._conditions is None or self._lefts is None or self._rights is None:
+            raise UnreadableError
+        lengths = None
+        if self.places.links.lengths:
+            if self._lengths is None:
+                raise UnreadableError
+            lengths = self._lengths()
+        linked = np.broadcast_to(self._conditions(), (*states, len(self.places.links.pairs)))
+        ends = *states, len(self._numbers)
+        left = np.broadcast_to(self._lefts(), ends) if self.places.lefts else None
+        return self._matrix(linked, lengths), left, np.broadcast_to(self._rights(), ends)
+
+    def _one_by_one(self, values: Values) -> _Operands:
+        if self._readers is None:
+            self._readers = [_reader(side, self._kinds) for side in self._sides]
+        linked, left, right = (read(values) for read in self._readers)
+        lengths = None
+        if self.places.links.lengths:
+            terms = self.places.links.lengths
+            found = [
+                term_reader(term, self._kinds)(values) if exists else 0.0
+                for term, exists in zip(terms, linked, strict=True)
+            ]
+            negative = next((index for index, each in enumerate(found) if each < 0), None)
+            if negative is not None:
+                raise ReasoningError(
+                    f"'{terms[negative]}' is {found[negative]}; the length of a link cannot be "
+                    'negative'
+                )
+            lengths = np.array(found, float)
+        return self._matrix(linked, lengths), left if self.places.lefts else None, right
+
+    def _matrix(self, linked: Array, lengths: Array | None) -> Array:
+        """Return the lengths of the links as a matrix: ones, where links are counted."""
+        pairs = np.array(self.places.links.pairs, int).reshape(-1, 2)
+        found = np.full((*linked.shape[:-1], len(self._numbers), len(self._numbers)), np.inf)
+        known = np.ones(()) if lengths is None else lengths
+        if (linked & (known < 0)).any():
+            raise UnreadableError
+        found[..., pairs[:, 0], pairs[:, 1]] = np.where(linked, known, np.inf)
+        return found
+
+    def _vector(  # noqa: PLR0911 - one for each kind
+        self, formulas: Sequence[Formula]
+    ) -> Truths | None:
+        """Return the truth of formulas that differ in their objects only; None for others."""
+        if not formulas:
+            return lambda: np.zeros(0, bool)
+        first = formulas[0]
+        if any(type(each) is not type(first) for each in formulas):
+            return None
+        match first:
+            case Truth():
+                values = np.array([each.value for each in cast('Sequence[Truth]', formulas)])
+                return lambda: values
+            case Not():
+                body = self._vector([each.body for each in cast('Sequence[Not]', formulas)])
+                return body and (lambda: ~body())
+            case And() | Or() | Implies() | Equivalent():
+                sides = cast('Sequence[And]', formulas)
+                left = self._vector([each.left for each in sides])
+                right = self._vector([each.right for each in sides])
+                join = _CONNECTIVES[type(first)]
+                return left and right and (lambda: join(left(), right()))
+            case Feature() | FieldReference() | Comparison() | PastAtom():
+                atoms = cast('Sequence[Atom]', formulas)
+                forms = {atom_form(each, self._kinds) for each in atoms}
+                is_one = len(forms) == 1 and None not in forms
+                return self._vectors.truths(atoms, self._kinds) if is_one else None
+            case _:
+                return None
+
+    def _length_vector(self) -> Callable[[], Any] | None:
+        terms = self.places.links.lengths
+        forms = {term_form(each, self._kinds) for each in terms}
+        is_one = len(forms) == 1 and None not in forms
+        return self._vectors.terms(terms, self._kinds) if is_one else None
+
+
+class SpatialRegister:
+    """A spatial operator from one object on; it remembers nothing.
+
+    Args:
+        atom: the operator, with the name of its field.
+        truths: its truth from each object on.
+        index: the index of its own.
+
+    Attributes as of `Register`.
+    """
+
+    form: Final = None
+    is_plain: Final = True
+
+    def __init__(self, atom: PastAtom, truths: SpatialTruths) -> None:
+        self.atom, self.atoms = atom, ()
+        self.field, self.users = atom.field, 0
+        self.gap: Gap | None = None
+        self.first_state: int | None = None
+        self.truths = truths
+        self.depth, self.fields, self.memory = truths.depth, [atom.field], _NoMemory()
+        self._index = truths.index(cast('SpatialAtom', atom.formula))
+
+    def begin_with(self, memory: _NoMemory) -> None:
+        """Replace the memory: there is none."""
+
+    def tried(self, memory: _NoMemory, time: int, values: Values) -> bool:  # noqa: ARG002
+        """Return the truth at a state; raise ReasoningError for an unusable operand."""
+        found = self.truths.at(values)
+        if isinstance(found, ReasoningError):
+            raise found
+        return bool(found[self._index])
+
+    def step(self, time: int, values: MutableMapping[str, Any]) -> None:
+        """Take a state, and set the field of the register."""
+        try:
+            values[self.field] = self.tried(self.memory, time, values)
+        except ReasoningError as error:
+            values[self.field] = error
+
+    def columns(self, recording: Recording) -> Columns:
+        """Return the field of the register at the states of a recording."""
+        rows = self.truths.columns(recording)
+        found = [
+            each if isinstance(each, ReasoningError) else bool(each[self._index]) for each in rows
+        ]
+        return {self.field: column_array(found)}
+
+    def pass_gap(self, gap: Gap) -> None:
+        """Take a gap before the next state, on which nothing depends."""
+
+
+def _reader(formulas: Sequence[Formula], kinds: Kinds) -> Callable[[Values], Array]:
+    """Return the truth of formulas about one state, whose values may be unusual."""
+    atoms, nodes = ground_nodes(formulas, NodeStore(Chronology()))
+    mask = reduce(or_, (each.mask for each in nodes), 0)
+    read = quick_reader(atoms, kinds, mask)
+
+    def holds(values: Values) -> Array:
+        symbol = read(values)
+        return np.array([holds_at(each, symbol) for each in nodes], bool)
+
+    return holds
+
+
+def _names(node: Formula | Term) -> Iterator[str]:
+    """Return the names of the fields that a formula is read from."""
+    if isinstance(node, PastAtom | Feature | FieldReference):
+        yield field_name(node)
+    else:
+        for part in parts(node):
+            yield from _names(part)
+
+
+class _NoMemory:
+    """The memory of a register without any."""
+
+    def of_row(self, _row: int) -> _NoMemory:
+        """Return itself."""
+        return self

@@ -1,0 +1,1 @@
+"""The eight relations between regions (RCC-8), drawn or told."""

@@ -1,0 +1,112 @@
+"""RCC-8: the eight relations between two regions, one of which holds, and their composition.
+
+Sets of relations are flags: TPP | NTPP is "one of both". Definitions as in
+D. Randell, Z. Cui, A. Cohn, "A spatial logic based on regions and connection" (KR 1992).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from enum import IntFlag
+from functools import lru_cache
+from typing import Final
+
+
+class RegionRelation(IntFlag):
+    """A relation of a region to another one, or several of which one holds."""
+
+    DC = 1
+    """They have no point in common."""
+    EC = 2
+    """They touch: their boundaries have a point in common, their insides none."""
+    PO = 4
+    """Each contains a part of the other, and none is a part of the other."""
+    TPP = 8
+    """The first is a part of the second, and touches its boundary."""
+    NTPP = 16
+    """The first is a part of the second, and does not touch its boundary."""
+    TPPi = 32
+    """The second is a TPP of the first."""
+    NTPPi = 64
+    """The second is an NTPP of the first."""
+    EQ = 128
+    """They are equal."""
+
+    def __str__(self) -> str:
+        names = [str(each.name) for each in bases(self)]
+        return names[0] if len(names) == 1 else f'{{{", ".join(names)}}}'
+
+
+ANY: Final = RegionRelation(255)
+"""Nothing is known."""
+
+NAMES: Final[Mapping[str, RegionRelation]] = {
+    **{str(each.name): each for each in RegionRelation},
+    'part_of': RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.EQ,
+    'touches': RegionRelation.EC,
+    'overlaps': ANY & ~(RegionRelation.DC | RegionRelation.EC),
+    'apart': RegionRelation.DC,
+}
+"""Relations by their names in statements."""
+
+_CONVERSES: Final = {
+    RegionRelation.TPP: RegionRelation.TPPi,
+    RegionRelation.NTPP: RegionRelation.NTPPi,
+}
+
+# For each relation of a to b, as rows, and of b to c, those that a may have to c, in the order of
+# the flags; `*` are all, `<` are DC EC PO TPP NTPP, `>` are DC EC PO TPPi NTPPi.
+_TABLE: Final = """
+DC    | * | < | < | < | < | DC | DC | DC
+EC    | > | DC EC PO TPP TPPi EQ | < | EC PO TPP NTPP | PO TPP NTPP | DC EC | DC | EC
+PO    | > | > | * | PO TPP NTPP | PO TPP NTPP | > | > | PO
+TPP   | DC | DC EC | < | TPP NTPP | NTPP | DC EC PO TPP TPPi EQ | > | TPP
+NTPP  | DC | DC | < | NTPP | NTPP | < | * | NTPP
+TPPi  | > | EC PO TPPi NTPPi | PO TPPi NTPPi | PO TPP TPPi EQ | PO TPP NTPP | TPPi NTPPi | NTPPi | TPPi
+NTPPi | > | PO TPPi NTPPi | PO TPPi NTPPi | PO TPPi NTPPi | PO TPP NTPP TPPi NTPPi EQ | NTPPi | NTPPi | NTPPi
+EQ    | DC | EC | PO | TPP | NTPP | TPPi | NTPPi | EQ
+"""  # noqa: E501 - a table
+_SHORT: Final = {
+    '*': ' '.join(RegionRelation.__members__),
+    '<': 'DC EC PO TPP NTPP',
+    '>': 'DC EC PO TPPi NTPPi',
+}
+
+
+def bases(relation: RegionRelation) -> Iterator[RegionRelation]:
+    """Yield the single relations of a set."""
+    return (each for each in RegionRelation if each & relation)
+
+
+def converse(relation: RegionRelation) -> RegionRelation:
+    """Return the relation of the second region to the first."""
+    found = relation & ~_SIDED
+    for each, other in _CONVERSES.items():
+        found |= (other if relation & each else 0) | (each if relation & other else 0)
+    return RegionRelation(found)
+
+
+_SIDED: Final = (
+    RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.TPPi | RegionRelation.NTPPi
+)
+
+
+def _entries() -> Iterator[tuple[tuple[RegionRelation, RegionRelation], RegionRelation]]:
+    for row in _TABLE.strip().splitlines():
+        first, *cells = (each.strip() for each in row.split('|'))
+        for second, cell in zip(RegionRelation, cells, strict=True):
+            found = sum(RegionRelation[name] for name in _SHORT.get(cell, cell).split())
+            yield (RegionRelation[first], second), RegionRelation(found)
+
+
+_COMPOSITIONS: Final = dict(_entries())
+
+
+@lru_cache(1 << 16)
+def compose(first: RegionRelation, second: RegionRelation) -> RegionRelation:
+    """Return what a may be to c, given what a is to b and b is to c."""
+    found = 0
+    for one in bases(first):
+        for other in bases(second):
+            found |= _COMPOSITIONS[one, other]
+    return RegionRelation(found)
