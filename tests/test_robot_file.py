@@ -38,7 +38,7 @@ RUNNING = EvaluationStatus.RUNNING
 def rover() -> Iterator[tuple[Rover, dict[str, str]]]:
     """The rover, and a system that its file describes."""
     environment = private_environment()
-    with running(command('dyknow', 'up', str(ROBOT)), environment) as process:
+    with running(command('dyknow', 'up', str(ROBOT), '--no-monitor'), environment) as process:
         assert process.stdout is not None
         start = 'DyKnow runs in /: 1 ontology (3 concepts, 2 features, 1 object), 2 annotations'
         assert any(start in line for line in process.stdout)

@@ -1,6 +1,6 @@
 """What a running monitor of formulas has found, for a second one that shows it.
 
-`dyknow up robot.yaml --monitor` runs a `formula_monitor`. Another one for the same formulas would
+`dyknow up robot.yaml` runs a `formula_monitor`. Another one for the same formulas would
 evaluate each of them again, and run their triggers twice.
 """
 
