@@ -6,7 +6,7 @@ from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
 from dyknow_configuration.federation import RequestedFederation, RequestedShare
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
-from dyknow_configuration.nodes import PACKAGES
+from dyknow_configuration.nodes import PACKAGES, is_parameter_file, parameter_faults
 from dyknow_configuration.proposals.observations import (
     MAX_MESSAGES,
     ObservedTopic,
@@ -85,6 +85,8 @@ __all__ = [
     'fields_of_interest',
     'filled',
     'find_faults',
+    'is_parameter_file',
+    'parameter_faults',
     'proposed_timing',
     'read_formulas',
     'read_recipes',

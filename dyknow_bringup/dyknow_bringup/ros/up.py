@@ -188,7 +188,6 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
         'Start the nodes of DyKnow and the guards of a robot, monitor its formulas, and show '
         'warnings and errors of all nodes.',
         (
-            'dyknow up',
             'dyknow up robot.yaml',
             'dyknow up robot.yaml --no-monitor',
             'dyknow up --ontology robot.owl --annotations robot.ssl --streams robot.streams',
