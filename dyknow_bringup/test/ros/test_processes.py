@@ -144,6 +144,9 @@ def test_the_formulas_of_a_robot_are_monitored_if_there_are_any(tmp_path: Path) 
 
     assert monitors(config=str(robot)) == ['formula_monitor']
     assert monitors(config=str(robot), monitor='false') == []
+    found = dyknow_processes(configuration(robot_arguments(config=str(robot))))
+    (coordinator,) = [each for each in found if each.name == 'stream_reasoning_coordinator']
+    assert coordinator.parameters['keep_ended'] == 86_400.0
     assert monitors() == []
     robot.write_text('{}', encoding='utf-8')
     assert monitors(config=str(robot)) == []
