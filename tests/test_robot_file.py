@@ -280,7 +280,7 @@ def test_launch_files_take_the_same_file() -> None:
         (path,) = given[node][parameter]
         assert path.endswith(f'/{ending}')
         assert Path(path).is_file()
-    assert given['stream_reasoning_coordinator'] == {'silence_limit': 10.0}
+    assert given['stream_reasoning_coordinator']['silence_limit'] == 10.0
     with pytest.raises(ConfigurationError, match='cannot read'):
         configuration({**values, 'config': 'missing.yaml'})
 

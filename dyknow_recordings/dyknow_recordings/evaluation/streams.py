@@ -227,7 +227,7 @@ class RecordedStreams:
         elif valid_time == 0 < now:
             self._unstamped.add(topic)
             valid_time = now
-        sample = replace(sample, valid_time=valid_time)
+            sample = replace(sample, valid_time=now)
         self._kept.pop(topic, None)
         if content.is_kept and not fault:
             self._kept[topic] = lambda: sample
@@ -241,9 +241,13 @@ class RecordedStreams:
 
     def _repeat_kept(self, now: int) -> None:
         """Give streams that were made since the last message what publishers keep for them."""
-        for name in self.dataflow.owed:
-            if (kept := self._kept.get(self.absolute(name))) is not None:
-                self.dataflow.repeat(name, replace(kept(), available_time=now))
+        for name in self._repeatable():
+            kept = self._kept[self.absolute(name)]()
+            self.dataflow.repeat(name, replace(kept, available_time=now))
+
+    def _repeatable(self) -> list[str]:
+        """Return the topics with a kept message that a stream lacks."""
+        return [each for each in self.dataflow.owed if self.absolute(each) in self._kept]
 
     def _sample_of(self, recorded: RecordedFields) -> Sample:
         """Return a message as a sample that is valid from its stamp, or else its log time."""
@@ -272,7 +276,7 @@ class RecordedStreams:
             The samples of each stream, with their available times, for which no callback is called;
             None, without an effect, if more happens than samples.
         """
-        if self.dataflow.owed:
+        if self._repeatable():
             return None
         batches = {topic: self._plain_batch(topic, each) for topic, each in parts.items()}
         plain = {topic: each for topic, each in batches.items() if each is not None}
