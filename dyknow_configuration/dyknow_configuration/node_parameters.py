@@ -71,6 +71,7 @@ PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
         'object_limit',
         'orphan_limit',
         'part_limit',
+        'possibility_limit',
         'progress_period',
         'total_part_limit',
         'violation_patience',
