@@ -153,8 +153,8 @@ def row(robots: int, engines: int, seconds: float) -> dict[str, Any]:
             time.sleep(2.0)
             baseline = share_of(bare.pid, seconds)
         up = subprocess.Popen(
-            [str(executable_path('dyknow_command', 'dyknow')), 'up', str(path), '--engines',
-             str(engines), '--logs', str(folder / 'logs')],
+            [str(executable_path('dyknow_command', 'dyknow')), 'up', str(path), '--no-monitor',
+             '--engines', str(engines), '--logs', str(folder / 'logs')],
         )  # fmt: skip
         stack.callback(up.wait, 60.0)
         stack.callback(up.terminate)

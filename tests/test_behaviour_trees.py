@@ -231,7 +231,7 @@ def test_formulas_of_a_robot_by_name() -> None:
 def test_the_tree_of_the_rover(faults: tuple[str, ...], code: int, words: str) -> None:
     configuration = str(Example('rover').configuration)
     environment: dict[str, Any] = private_environment()
-    with running(command('dyknow', 'up', configuration), environment) as process:
+    with running(command('dyknow', 'up', configuration, '--no-monitor'), environment) as process:
         assert process.stdout is not None
         assert any('DyKnow runs in /: ' in line for line in process.stdout)
         with running([sys.executable, str(SIMULATE), 'rover', *faults], environment):

@@ -163,7 +163,7 @@ def test_the_running_system_finds_a_fault(name: str, fault: str) -> None:
     environment = private_environment()
     robot = [sys.executable, str(SIMULATE), name, '--fault', fault]
     configuration = str(example.configuration)
-    with running(command('dyknow', 'up', configuration), environment) as process:
+    with running(command('dyknow', 'up', configuration, '--no-monitor'), environment) as process:
         assert process.stdout is not None
         assert any('DyKnow runs in /: ' in line for line in process.stdout)
         with running(robot, environment):

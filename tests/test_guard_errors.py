@@ -27,7 +27,7 @@ guards:
         (('linear.x', 'linear.w'), "geometry_msgs/msg/Twist has no field 'linear.w'"),
         (
             ('    type', '    safe: {linear: {z1: 0}}\n    type'),
-            "safe: field 'linear': geometry_msgs/msg/Vector3 has no field 'z1' (it has: x, y, z)",
+            "safe: field 'linear': geometry_msgs/msg/Vector3 has no field 'z1'; did you mean 'z'?",
         ),
         (
             ('    type', '    safe: {linear: {x: fast}}\n    type'),

@@ -38,7 +38,7 @@ RUNNING = EvaluationStatus.RUNNING
 def rover() -> Iterator[tuple[Rover, dict[str, str]]]:
     """The rover, and a system that its file describes."""
     environment = private_environment()
-    with running(command('dyknow', 'up', str(ROBOT)), environment) as process:
+    with running(command('dyknow', 'up', str(ROBOT), '--no-monitor'), environment) as process:
         assert process.stdout is not None
         start = 'DyKnow runs in /: 1 ontology (3 concepts, 2 features, 1 object), 2 annotations'
         assert any(start in line for line in process.stdout)
@@ -280,7 +280,7 @@ def test_launch_files_take_the_same_file() -> None:
         (path,) = given[node][parameter]
         assert path.endswith(f'/{ending}')
         assert Path(path).is_file()
-    assert given['stream_reasoning_coordinator'] == {'silence_limit': 10.0}
+    assert given['stream_reasoning_coordinator']['silence_limit'] == 10.0
     with pytest.raises(ConfigurationError, match='cannot read'):
         configuration({**values, 'config': 'missing.yaml'})
 

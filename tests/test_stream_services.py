@@ -105,6 +105,19 @@ def test_samples_of_messages_without_a_header(engine: Nodes) -> None:
     assert list(samples[0].fields) == [Field(type='float', name='level', value='0.5')]
 
 
+def test_a_later_stream_has_the_value_that_is_kept(engine: Nodes) -> None:
+    publisher = engine.client.node.create_publisher(Float64, '/mode', LATEST)
+    found = {name: engine.collect(Sample, f'/dyknow/streams/{name}') for name in ('mode', 'later')}
+    create(engine, 'mode', 'select data from "/mode"')
+    publisher.publish(Float64(data=3.0))
+    engine.client.spin_until(lambda: found['mode'], 'a sample')
+    create(engine, 'later', 'select data as kept from "/mode" with max_delay = 10 ms')
+    engine.client.spin_until(lambda: found['later'], 'the value that is kept')
+    first, later = found['mode'][0], found['later'][0]
+    assert list(later.fields) == [Field(type='float', name='kept', value='3.0')]
+    assert later.valid_time == first.valid_time
+
+
 def test_telemetry_that_stops_violates_its_period(engine: Nodes) -> None:
     spec = StreamSpec(
         name='fading',

@@ -378,7 +378,7 @@ BAD = {
     ),
     '{publish: {topic: /a, type: std_msgs/msg/Strin}}': ('std_msgs has no such type', 'std_msgs'),
     '{publish: {topic: /a, type: std_msgs/msg/String, message: {dat: x}}}': (
-        "std_msgs/msg/String has no field 'dat' (it has: data)",
+        "std_msgs/msg/String has no field 'dat'; did you mean 'data'?",
         'dat: x',
     ),
     '{publish: {topic: /a, type: std_msgs/msg/Float64, message: {data: "{name}"}}}': (

@@ -191,7 +191,7 @@ def surroundings(tmp_path: Path) -> Iterator[tuple[Surroundings, subprocess.Pope
     """DyKnow and a monitor that one robot.yaml describes, and what the monitor acts on."""
     environment, log = private_environment(), tmp_path / 'log'
     path = robot_file(tmp_path, log)
-    with running(command('dyknow', 'up', str(path)), environment) as system:
+    with running(command('dyknow', 'up', str(path), '--no-monitor'), environment) as system:
         assert system.stdout is not None
         assert any('DyKnow runs in /' in line for line in system.stdout)
         rover = Rover(environment)

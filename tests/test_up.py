@@ -181,7 +181,7 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
     levels = [3.0]
     reports: list[Any] = []
     with (
-        up(environment, str(robot), '--monitor') as terminal,
+        up(environment, str(robot)) as terminal,
         closing(Client(environment)) as client,
         ThreadPoolExecutor() as threads,
     ):
@@ -246,7 +246,6 @@ def syntax_error(folder: Path) -> list[str]:
             lambda _: ['--reasoner', 'guess'],
             "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'",
         ),
-        (lambda _: ['--monitor'], '--monitor: there are no formulas; name a robot.yaml'),
         (lambda _: ['--namespace', 'a b'], 'must not contain characters'),
         (lambda _: ['--params-file', 'nope.yaml'], 'params_file: there is no file /'),
         (

@@ -38,6 +38,7 @@ def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
         ('unfitting_bridges', ['unfitting.bridges', ROVER / 'rover.owl']),
         ('broken_streams', ['broken.streams']),
         ('formulas', ['formulas.txt']),
+        ('parameters', ['parameters.yaml']),
     ],
 )
 def test_findings(

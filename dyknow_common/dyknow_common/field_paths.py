@@ -11,9 +11,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import cached_property
 from typing import Final, NamedTuple
 
+from dyknow_common.fields.near_fields import entry_names, near_fields, overview
 from dyknow_common.fields.paths import (
     AGGREGATES,
     CONDITIONED,
@@ -157,6 +159,8 @@ def element_fields(fields: FieldTypes, elements: ArrayElements) -> FieldTypes | 
 def absence(owner: str, fields: Collection[str] | FieldTypes, path: str) -> str:
     """Return the message that a path is not among the fields of a stream or message.
 
+    It suggests what may be meant, or else lists a few fields.
+
     Args:
         owner: of the fields, `stream 'a'`.
         fields: all fields of the owner.
@@ -172,7 +176,10 @@ def absence(owner: str, fields: Collection[str] | FieldTypes, path: str) -> str:
     inside = [each for each in fields if _shape(each).startswith((f'{shape}.', f'{shape}['))]
     if inside:
         return f'{lack}: it is not a single value; ask for {_suggestion(path, shape, inside)}'
-    return f'{lack} (it has: {", ".join(sorted(fields)) or "none"})'
+    meant = dict.fromkeys(_in_place_of(path, each, fields) for each in near_fields(fields, path))
+    if meant:
+        return f'{lack}; did you mean {" or ".join(map(repr, meant))}?'
+    return f'{lack} ({overview(fields, path)})'
 
 
 class _Lookup:
@@ -335,6 +342,20 @@ def _parsed_entry(entry: str) -> tuple[tuple[str, ...], ListedArray]:
         float(last.rstrip(']') or math.inf) if bracket else None for _, bracket, last in steps
     )
     return tuple(name for name, _, _ in steps), ListedArray(entry, lasts)
+
+
+def _in_place_of(path: str, entry: str, fields: Collection[str]) -> str:
+    """Return a listed path of the entry's names, with the selectors and the function of `path`."""
+    field, names = parse_field(path), entry_names(entry)
+    if isinstance(field, MessagePath | ComputedField):
+        written = field.path if isinstance(field, ComputedField) else field
+        if len(names) == len(written.steps):
+            pairs = zip(written.steps, names, strict=True)
+            renamed = MessagePath(tuple(replace(step, name=name) for step, name in pairs))
+            moved = replace(field, path=renamed) if isinstance(field, ComputedField) else renamed
+            if listed_as(fields, str(moved)):
+                return str(moved)
+    return _INDEX.sub(lambda index: f'[{index["first"]}]', entry)
 
 
 def _shape(path: str) -> str:

@@ -46,16 +46,17 @@ def test_paths_that_are_listed(path: str, listed: str) -> None:
     [
         ('a[3]', "': the last element of 'a' is [2]"),
         ('a[-4]', "': the last element of 'a' is [2]"),
-        ('a[-0]', '(it has: a[0..2],'),
+        ('a[-0]', "; did you mean 'a[0]'?"),
         ('m.v[9].w[2]', "': the last element of 'm.v[9].w' is [1]"),
         ('a', 'it is not a single value; ask for a[0]'),
         ('m', 'it is not a single value; ask for m.v[0].y, m.v[0].w[0] or m.t'),
         ('m.v[7]', 'it is not a single value; ask for m.v[7].y or m.v[7].w[0]'),
         ('m.v[7].w', 'it is not a single value; ask for m.v[7].w[0]'),
         ('e', 'it is not a single value; ask for e[4] or e[5]'),
-        ('e[6]', '(it has: a[0..2], e[4], e[5],'),
-        ('x[0]', '(it has: a[0..2], e[4], e[5], m.t, m.v[0..].w[0..1], m.v[0..].y, x)'),
-        ('m.v.y', '(it has: a[0..2],'),
+        ('e[6]', "; did you mean 'e[4]' or 'e[5]'?"),
+        ('x[0]', "; did you mean 'x'?"),
+        ('q', '(it has: a, e, m, x)'),
+        ('m.v.y', "; did you mean 'm.v[0].y'?"),
     ],
 )
 def test_paths_that_are_not(path: str, why: str) -> None:
@@ -132,7 +133,7 @@ def test_values_in_arrays_that_are_listed(path: str, entry: str, value_type: Val
         ('any(ranges)', ": 'ranges[0..]' is a float; give a condition, such as any(ranges > 1)"),
         ('any(name > 3)', ": 'name[0..]' is a string, which cannot be compared with an int"),
         ('text(ranges[0])', ": 'ranges[0..]' is a float, and text takes an int or a string"),
-        ('x[name = "a"]', ' (it has: '),
+        ('x[name = "a"]', "; did you mean 'x'?"),
         ('position[x = 1]', ": the elements of 'position' have no 'x', and no array 'x' is beside"),
         ('position[name = 3]', ": 'name[0..]' is a string, which cannot be compared with an int"),
         ('status[name = "a"]', ': it is not a single value; ask for status[name = "a"].'),
@@ -197,3 +198,45 @@ def test_elements_as_samples() -> None:
 def test_texts_like_those_of_elements(text: str) -> None:
     assert parse_field(text) is None
     assert listed_as(TYPES, text) is None
+
+
+ODOMETRY = (
+    'child_frame_id',
+    'header.frame_id',
+    'pose.covariance[0..35]',
+    *(f'pose.pose.position.{axis}' for axis in 'xyz'),
+    *(f'twist.twist.{part}.{axis}' for part in ('angular', 'linear') for axis in 'xyz'),
+)
+
+
+@pytest.mark.parametrize(
+    ('path', 'hint'),
+    [
+        ('twist.twist.linaer.x', "; did you mean 'twist.twist.linear.x'?"),
+        ('pose.position.x', "; did you mean 'pose.pose.position.x'?"),
+        ('linear.x', "; did you mean 'twist.twist.linear.x'?"),
+        ('pose.covarance[3]', "; did you mean 'pose.covariance[3]'?"),
+        ('max(pose.covarance[1:4])', "; did you mean 'max(pose.covariance[1:4])'?"),
+        ('count(pose.covarance > 2)', "; did you mean 'count(pose.covariance > 2)'?"),
+        ('twist.linear.x', "; did you mean 'twist.twist.linear.x'?"),
+        ('twist.linear.q', ' (twist has: twist)'),
+        ('twist.twist.linear.q', ' (twist.twist.linear has: x, y, z)'),
+        ('pose.pose.position.x.y', ' (pose.pose.position has: x, y, z)'),
+        ('speed', ' (it has: child_frame_id, pose, twist, header)'),
+    ],
+)
+def test_hints_at_misspelt_fields(path: str, hint: str) -> None:
+    assert absence('it', ODOMETRY, path) == f"it has no field '{path}'{hint}"
+
+
+def test_few_fields_are_listed() -> None:
+    text = absence('it', [f'f{number}' for number in range(9)], 'speed')
+    assert text == "it has no field 'speed' (it has: f0, f1, f2, f3, f4 and 4 more)"
+
+
+@given(st.sampled_from(sorted(TYPES)), st.integers(0, 30), st.sampled_from('aexyz_'))
+def test_what_is_suggested_is_there(entry: str, place: int, letter: str) -> None:
+    path = entry.replace('[0..8]', '[3]').replace('[0..]', '[3]')
+    misspelt = path[: place % len(path)] + letter + path[place % len(path) :]
+    for each in re.findall(r"'([^']*)'", absence('it', TYPES, misspelt).partition('mean ')[2]):
+        assert listed_as(TYPES, each)

@@ -7,7 +7,7 @@ from dyknow_configuration.faults import RobotFaults, find_faults
 from dyknow_configuration.federation import RequestedFederation, RequestedShare
 from dyknow_configuration.forecasts import table_text
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
-from dyknow_configuration.nodes import PACKAGES
+from dyknow_configuration.nodes import PACKAGES, is_parameter_file, parameter_faults
 from dyknow_configuration.proposals.observations import (
     MAX_MESSAGES,
     ObservedTopic,
@@ -94,6 +94,8 @@ __all__ = [
     'fields_of_interest',
     'filled',
     'find_faults',
+    'is_parameter_file',
+    'parameter_faults',
     'proposed_timing',
     'read_formulas',
     'read_recipes',

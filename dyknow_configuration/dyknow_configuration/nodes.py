@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from typing import Any, Final
 
 from dyknow_common import unknown
 from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.node_parameters import COMMON, PARAMETERS
 from dyknow_configuration.robot import ParameterValue
 
 PACKAGES: Final = {
@@ -21,6 +25,14 @@ PACKAGES: Final = {
 
 _CONFIGURED: Final = (*PACKAGES, 'black_box_recorder')
 """The nodes whose parameters a file may give."""
+
+_ROS_KEY: Final = 'ros__parameters'
+_MAX_DEPTH: Final = 5
+"""The most namespaces of a node that are keys of their own."""
+
+_ENGINE_NUMBER: Final = re.compile(r'(?<=engine)_[0-9]+\Z')
+_QUALITY_OF_SERVICE: Final = 'qos_overrides'
+"""The parameters of rclpy for topics, which DyKnow does not list."""
 
 _FILES: Final = {
     ('stream_manager', 'streams'): 'streams',
@@ -48,6 +60,51 @@ def read_parameters(value: YamlValue) -> dict[str, dict[str, ParameterValue]]:
                 raise parameter.error(f"the key '{key}' of the file sets this parameter")
             found[node][parameter.text()] = _parameter(given)
     return found
+
+
+def is_parameter_file(document: YamlValue) -> bool:
+    """Return True for a file of parameters as ROS has them."""
+    return any(_ros_parameters(document))
+
+
+def parameter_faults(document: YamlValue) -> Iterator[ConfigurationError]:
+    """Yield the parameters that their nodes do not have, and so ignore.
+
+    Args:
+        document: a robot.yaml, or a file of parameters as ROS has them. Nodes that are not
+            DyKnow's are skipped, and so are wildcards, which may stand for these.
+    """
+    stated = [nodes for name, _, nodes in _named(document) if name == 'nodes']
+    own = ((node, parameters) for nodes in stated for node, _, parameters in _named(nodes))
+    for node, parameters in (*own, *_ros_parameters(document)):
+        known = _known_parameters(node)
+        for name, key, _ in _named(parameters) if known else ():
+            if name not in known and not name.startswith(_QUALITY_OF_SERVICE):
+                yield key.error(unknown(f'parameter of {node}', name, known))
+
+
+def _ros_parameters(
+    value: YamlValue, node: str = '', depth: int = 0
+) -> Iterator[tuple[str, YamlValue]]:
+    """Yield the parameters in a ROS file, by the names of their nodes without a namespace."""
+    for name, _, inner in _named(value) if depth < _MAX_DEPTH else ():
+        if name == _ROS_KEY:
+            yield node, inner
+        else:
+            yield from _ros_parameters(inner, name.rpartition('/')[2], depth + 1)
+
+
+def _named(value: YamlValue) -> Iterator[tuple[str, YamlValue, YamlValue]]:
+    """Yield the entries of a mapping with their names; others are refused where it is read."""
+    for key, entry in value.node.value if value.is_mapping else ():
+        if isinstance(key.value, str):
+            yield key.value, YamlValue(value.document, key), YamlValue(value.document, entry)
+
+
+def _known_parameters(node: str) -> tuple[str, ...]:
+    """Return the parameters of a node; none if it is no node of DyKnow."""
+    found = PARAMETERS.get(_ENGINE_NUMBER.sub('', node))
+    return () if found is None else (*COMMON, *found)
 
 
 def _parameter(value: YamlValue) -> ParameterValue:

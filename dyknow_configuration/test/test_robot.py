@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from dyknow_configuration import (
     read_robot,
     write_texts,
 )
+from dyknow_configuration.node_parameters import COMMON, PARAMETERS
 from dyknow_semantics import Ontology, check_annotation, match, parse_annotations, parse_concept
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
@@ -318,3 +320,14 @@ def test_exported_expectations(tmp_path: Path) -> None:
     assert [each.topic for each in exported.topics] == ['/a', '/b']
     assert [each.document for each in exported.topics] == [each.document for each in robot.topics]
     assert robot.topics[0].constraints.max_gap == 1_500_000_000
+
+
+def test_the_parameters_of_nodes_are_those_of_the_reference() -> None:
+    reference = Path(__file__).parents[2] / 'docs' / 'reference' / 'nodes.md'
+    found: dict[str, tuple[str, ...]] = {}
+    for section in reference.read_text(encoding='utf-8').split('\n## ')[1:]:
+        name = section.partition('\n')[0]
+        found[name] = tuple(re.findall(r'^\| `(\w+)` \|.*\| (?:yes|no) \|', section, re.MULTILINE))
+    assert {*COMMON} - {'use_sim_time'} == {*found['Every node']}
+    assert {name: found[name] for name in PARAMETERS} == PARAMETERS
+    assert PARAMETERS.keys() == {*PACKAGES, 'black_box_recorder'}

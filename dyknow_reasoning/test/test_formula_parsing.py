@@ -370,6 +370,14 @@ def test_no_advice_where_none_is_known(text: str) -> None:
     assert '(unexpected' not in error.value.message
 
 
+def test_the_greatest_absolute_value_of_an_array() -> None:
+    formula = parse_formula('max(abs("/arm".effort[1:])) < 40')
+    assert str(formula) == 'max(max("/arm".effort[1:]), 0 - min("/arm".effort[1:])) < 40'
+    assert parse_formula(str(formula)) == formula
+    with pytest.raises(LanguageError, match="'min' takes a field of a stream, not 'abs"):
+        parse_formula('min(abs("/arm".effort)) < 40')
+
+
 @pytest.mark.parametrize(
     ('text', 'expected', 'reference'),
     [

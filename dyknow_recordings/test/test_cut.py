@@ -187,6 +187,8 @@ def test_latched_messages_come_again(tmp_path: Path, capsys: pytest.CaptureFixtu
     with Bag(part) as bag:
         found = [(each.log_time - START, each.topic) for each in bag.messages()]
         qualities = {each.name: each.quality_of_service for each in bag.topics}
+        assert bag.contents['/mode'].is_kept
+        assert not bag.contents['/a'].is_kept
         begin = bag.start_time - START
     with Bag(path) as bag:
         assert qualities == {each.name: each.quality_of_service for each in bag.topics}

@@ -127,7 +127,7 @@ def test_objects_whose_names_no_value_makes(knowledge: Knowledge) -> None:
         ),
         (
             'stream "/d" contains Altitude[u] = level for every u in UAV where u = "a%b%"',
-            "a/msg/B has no field 'level' (it has: header.stamp.sec, status[0..].level,",
+            "a/msg/B has no field 'level'; did you mean 'status[0].level'?",
         ),
     ],
 )

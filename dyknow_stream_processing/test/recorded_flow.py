@@ -30,6 +30,7 @@ class Flow:
         self.receipt_topics: set[str] = set()
         self.sent_topics: set[str] = set()
         self.ordered_topics: set[str] = set()
+        self.kept_topics: set[str] = set()
         self.types: dict[str, Mapping[str, ValueType]] = {}
         units = load_units() if units is None else units
         self.dataflow = Dataflow(units, self._source_type, _ns(max_lead), remark)
@@ -63,6 +64,9 @@ class Flow:
         promise = None if watermark is None else _ns(watermark)
         sample = Sample(_ns(valid_time), _ns(available_time), fields, promise)
         self.dataflow.push(topic, sample, is_checked=is_checked, is_initial=is_initial)
+
+    def repeat(self, topic: str, valid_time: float, now: float, **fields: Value) -> None:
+        self.dataflow.repeat(topic, Sample(_ns(valid_time), _ns(now), fields))
 
     def feed(self, topic: str, valid_times: Iterable[float]) -> None:
         for valid_time in valid_times:
@@ -99,9 +103,10 @@ class Flow:
     def _source_type(self, topic: str) -> SourceType | None:
         receipt_time, is_ordered = topic in self.receipt_topics, topic in self.ordered_topics
         is_sent = topic in self.sent_topics
-        if topic not in self.types and not (receipt_time or is_ordered or is_sent):
+        is_kept = topic in self.kept_topics
+        if topic not in self.types and not (receipt_time or is_ordered or is_sent or is_kept):
             return None
-        return SourceType(self.types.get(topic), receipt_time, is_ordered, is_sent)
+        return SourceType(self.types.get(topic), receipt_time, is_ordered, is_sent, is_kept)
 
 
 def _ns(milliseconds: float) -> int:

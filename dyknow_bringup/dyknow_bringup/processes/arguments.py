@@ -13,7 +13,7 @@ from dyknow_bringup.processes.robot import with_robot
 
 CONFIGURATION: Final = {
     'config': ('', 'robot.yaml, which describes the robot'),
-    'monitor': ('false', 'monitor the formulas of the robot.yaml, and run their triggers'),
+    'monitor': ('true', 'monitor the formulas of the robot.yaml, and run their triggers'),
     'ontology': ('', 'OWL files, separated by commas'),
     'annotations': ('', 'files in SSL, separated by commas'),
     'streams': ('', 'files in the stream language, separated by commas'),
@@ -51,8 +51,6 @@ def configuration(values: Mapping[str, str]) -> SystemConfiguration:
     monitor = is_true('monitor', values['monitor'])
     if values['config']:
         return with_robot(files, Path(values['config']).resolve(), monitor=monitor)
-    if monitor:
-        raise BringupError('monitor: there are no formulas; name a robot.yaml as config')
     return files
 
 

@@ -15,6 +15,9 @@ from dyknow_configuration import PACKAGES, ParameterValue
 ENGINE: Final = 'stream_processing_engine'
 """The executable of an engine, and the name of the first one."""
 
+COORDINATOR: Final = 'stream_reasoning_coordinator'
+"""The executable that evaluates formulas, and its name."""
+
 RECORDER: Final = 'black_box_recorder'
 """The executable that records black boxes, and its name."""
 
@@ -26,6 +29,9 @@ MONITOR: Final = 'formula_monitor'
 
 NO_TIMEOUT_S: Final = 1e9
 """The longest that a formula may be monitored: 30 years."""
+
+KEEP_VERDICTS_S: Final = 86_400.0
+"""Time for which verdicts of monitored formulas are reported, unless the parameters say another."""
 
 MAX_ENGINES: Final = 32
 """The most stream processing engines of a system."""
@@ -127,7 +133,10 @@ def dyknow_processes(configuration: SystemConfiguration) -> tuple[Process, ...]:
             annotations=configuration.annotations, store=store and store / 'annotations.sqlite3'
         ),
     }
-    given = configuration.parameters
+    given = dict(configuration.parameters)
+    if configuration.monitored is not None:
+        coordinator = given.get(COORDINATOR, {})
+        given[COORDINATOR] = {'keep_ended': KEEP_VERDICTS_S, **coordinator}
     nodes = [
         Process(
             package,

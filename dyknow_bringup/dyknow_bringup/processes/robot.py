@@ -18,12 +18,12 @@ from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 
 def with_robot(
-    configuration: SystemConfiguration, path: Path, *, monitor: bool = False
+    configuration: SystemConfiguration, path: Path, *, monitor: bool = True
 ) -> SystemConfiguration:
     """Return a configuration with what a robot.yaml describes added to it.
 
-    The recorder of black boxes is started if a formula asks for one, and a monitor of the formulas
-    if that is requested.
+    The recorder of black boxes is started if a formula asks for one. If there are formulas, a
+    monitor is started, unless `monitor` is False.
 
     The nodes read files: the texts of the robot are written to a folder that exists as long as this
     process.
@@ -37,8 +37,6 @@ def with_robot(
             f"{path}: 'domains' is for recordings only, as a running system takes the objects of "
             "its ontologies; list them as 'objects' instead"
         )
-    if monitor and not robot.formulas:
-        raise BringupError(f"{path}: there is no formula; add one under 'formulas'")
     if configuration.recorder is not None or any(each.record for each in robot.formulas):
         recorder = {'robot': str(path.absolute()), **(configuration.recorder or {})}
         configuration = replace(configuration, recorder=recorder)
@@ -50,7 +48,7 @@ def with_robot(
         written,
         guards=guards,
         federated=path.resolve() if robot.federation else None,
-        monitored=path.resolve() if monitor else None,
+        monitored=path.resolve() if monitor and robot.formulas else None,
     )
 
 

@@ -1,6 +1,6 @@
 """What a running monitor of formulas has found, for a second one that shows it.
 
-`dyknow up robot.yaml --monitor` runs a `formula_monitor`. Another one for the same formulas would
+`dyknow up robot.yaml` runs a `formula_monitor`. Another one for the same formulas would
 evaluate each of them again, and run their triggers twice.
 """
 
@@ -31,7 +31,8 @@ SEARCH_S: Final = 10.0
 """The longest search for the node that evaluates formulas; it ends as soon as it is found."""
 
 NOT_MONITORED: Final = (
-    f'{MONITOR} does not monitor it: it was started with another file; end it, or start it anew'
+    f'{MONITOR} does not evaluate it: it had its verdict some time ago, which its log has, or it '
+    f'is not in the file that {MONITOR} was started with; start that anew'
 )
 
 
@@ -87,6 +88,7 @@ class AttachedMonitor(MonitorNode):
         self.formulas = [MonitoredFormula(formula) for formula in formulas]
         self._started: dict[str, int] = {}
         self._decided: set[str] = set()
+        self._has_report = False
         self.create_subscription(
             EvaluationStatusArray,
             f'{self.coordinator}/evaluations',
@@ -101,6 +103,16 @@ class AttachedMonitor(MonitorNode):
         return ()
 
     @property
+    def is_connected(self) -> bool:
+        """True if the coordinator has reported what it evaluates."""
+        return self._has_report
+
+    def explain_wait(self, hint: str) -> None:
+        """Report why there is no report; of a formula that is not in it, that is said once."""
+        if not self._has_report:
+            super().explain_wait(hint)
+
+    @property
     def has_ended(self) -> bool:
         """True if all formulas have a verdict: after an error, the other monitor tries again."""
         return len(self._decided) == len(self.formulas)
@@ -110,6 +122,7 @@ class AttachedMonitor(MonitorNode):
         self._decided.update(each.name for each in self.formulas)
 
     def _on_evaluations(self, report: Any) -> None:
+        self._has_report = True
         statuses = map(status_from_message, report.evaluations)
         latest = {each.name: each for each in sorted(statuses, key=lambda each: each.started)}
         for monitored in self.formulas:
@@ -123,12 +136,16 @@ class AttachedMonitor(MonitorNode):
         if self._started.get(monitored.name) != status.started:
             self._started[monitored.name] = status.started
             monitored.verdicts = StandingVerdicts()
-        if monitored.outcome == NOT_CONNECTED:
+        is_new = monitored.outcome == NOT_CONNECTED
+        if is_new:
             monitored.outcome, monitored.explanation = WAITING, ''
         if status.phase is not EvaluationPhase.ENDED:
             self.note_progress(monitored, _progress(status))
         elif monitored.name not in self._decided:
-            self.note_answer(monitored, _answer(status))
+            # The first report is of a verdict that the other monitor had before.
+            self.note_answer(
+                monitored, _answer(status), known_at=status.decided_at if is_new else None
+            )
             if status.error is None:
                 self._decided.add(monitored.name)
 

@@ -110,8 +110,10 @@ class MonitorNode(DyKnowNode):
         if progress.states_progressed and monitored.outcome != outcome:
             self.set_outcome(monitored, outcome, '')
 
-    def note_answer(self, monitored: MonitoredFormula, answer: Answer) -> None:
-        """Note the end of an evaluation."""
+    def note_answer(
+        self, monitored: MonitoredFormula, answer: Answer, *, known_at: int | None = None
+    ) -> None:
+        """Note the end of an evaluation, and when it was known, in nanoseconds; None: now."""
         monitored.margin = answer.margin or monitored.margin
         if answer.episodes is not None:
             self._follow(monitored, answer.episodes)
@@ -120,7 +122,9 @@ class MonitorNode(DyKnowNode):
             self.set_outcome(monitored, answer.error.code.name, f'{answer.error.message}{hint}')
             return
         monitored.has_states = True
-        self.set_outcome(monitored, answer.verdict.name.lower(), answer.explanation)
+        self.set_outcome(
+            monitored, answer.verdict.name.lower(), answer.explanation, known_at=known_at
+        )
 
     def explain(self, monitored: MonitoredFormula, reason: str) -> None:
         """Note why a formula has no state, and report it until it has one."""
@@ -141,13 +145,20 @@ class MonitorNode(DyKnowNode):
                 begun = f'from {round_time(episode.begin)} on: {episode.text}'
                 self.set_outcome(monitored, VIOLATED, begun)
 
-    def set_outcome(self, monitored: MonitoredFormula, outcome: str, explanation: str) -> None:
-        """Note an outcome, with its reason."""
+    def set_outcome(
+        self,
+        monitored: MonitoredFormula,
+        outcome: str,
+        explanation: str,
+        *,
+        known_at: int | None = None,
+    ) -> None:
+        """Note an outcome, with its reason, and when it was known, in nanoseconds; None: now."""
         has_changed = outcome != monitored.outcome
         monitored.outcome, monitored.explanation = outcome, explanation
         monitored.has_failed |= outcome in {'false', VIOLATED}
         if has_changed:
-            monitored.known_at = None if outcome == UNDECIDED else self.now()
+            monitored.known_at = None if outcome == UNDECIDED else known_at or self.now()
             self._on_change(monitored)
 
 

@@ -231,7 +231,7 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
         'Monitor the formulas of a robot.yaml with the running system, which "dyknow up '
         'robot.yaml" starts. A formula that is false is logged as a warning or an error, as its '
         'severity says. Waits for the system. Ends by Ctrl-C, or when all formulas have a verdict. '
-        'If "dyknow up --monitor" monitors them already, shows what it finds.',
+        'If "dyknow up" monitors them already, shows what it finds.',
         (
             'dyknow monitor robot.yaml',
             'dyknow monitor robot.yaml --retry',

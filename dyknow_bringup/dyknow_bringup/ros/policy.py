@@ -63,7 +63,7 @@ def add_policy_options(parser: argparse.ArgumentParser) -> None:
     )
     for name, description in (
         ('guards', 'whose guards get an enclave each'),
-        ('triggers', 'whose triggers "dyknow monitor" runs'),
+        ('triggers', 'whose triggers are run'),
     ):
         parser.add_argument(
             f'--{name}',

@@ -177,8 +177,6 @@ def _configuration(chosen: argparse.Namespace) -> SystemConfiguration:
     )
     if chosen.robot is not None:
         return with_robot(files, chosen.robot, monitor=chosen.monitor)
-    if chosen.monitor:
-        raise BringupError('--monitor: there are no formulas; name a robot.yaml')
     return files
 
 
@@ -187,11 +185,11 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=up)
     describe(
         parser,
-        'Start the nodes of DyKnow and the guards of a robot, load files, and show warnings and '
-        'errors of all nodes.',
+        'Start the nodes of DyKnow and the guards of a robot, monitor its formulas, and show '
+        'warnings and errors of all nodes.',
         (
-            'dyknow up',
-            'dyknow up robot.yaml --monitor',
+            'dyknow up robot.yaml',
+            'dyknow up robot.yaml --no-monitor',
             'dyknow up --ontology robot.owl --annotations robot.ssl --streams robot.streams',
             'dyknow up --namespace /robot1 --use-sim-time',
             'dyknow up robot.yaml & dyknow up --wait && dyknow monitor robot.yaml',
@@ -202,9 +200,10 @@ def add_up_options(parser: argparse.ArgumentParser) -> None:
     _add_settings(parser)
     parser.add_argument(
         '--monitor',
-        action='store_true',
-        help='monitor the formulas of the robot.yaml, too, and run their triggers, as "dyknow '
-        'monitor robot.yaml --retry" does',
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help='monitor the formulas of the robot.yaml, and run their triggers, as "dyknow monitor '
+        'robot.yaml --retry" does (default: yes)',
     )
     parser.add_argument(
         '--no-respawn', action='store_true', help='end when a node dies (default: start it again)'

@@ -166,6 +166,9 @@ CLIENT: Final = MONITOR | Interfaces(
 )
 """`FormulaClient`: asks for verdicts, reads the verdict topics, and changes nothing."""
 
+MONITOR_COMMAND: Final = ROS_NODE | Interfaces(subscribes=frozenset({f'{COORDINATOR}/evaluations'}))
+"""`dyknow monitor`, which looks for another monitor of its formulas."""
+
 COMMANDS: Final = MONITOR | Interfaces(
     subscribes=frozenset({f'{COORDINATOR}/evaluations', 'stream_manager/streams'}),
     requests=frozenset(
@@ -269,7 +272,7 @@ def guard_interfaces(engines: Collection[str], topic: str, output: str) -> Inter
 
 
 def monitor_interfaces(triggers: Collection[Trigger]) -> Interfaces:
-    """Return the interfaces of `dyknow monitor`.
+    """Return the interfaces of a monitor of formulas.
 
     Args:
         triggers: that it runs.
@@ -281,11 +284,10 @@ def monitor_interfaces(triggers: Collection[Trigger]) -> Interfaces:
     goals = targets[TriggerKind.CANCEL_GOAL]
     used = Interfaces(
         publishes=targets[TriggerKind.PUBLISH] | ({'/diagnostics'} if triggers else set()),
-        subscribes=frozenset({f'{COORDINATOR}/evaluations'}),
         requests=targets[TriggerKind.CALL] | {f'{each}/_action/cancel_goal' for each in goals},
         calls=targets[TriggerKind.SEND_GOAL],
     )
-    return ROS_NODE | MONITOR | used
+    return MONITOR | used
 
 
 def dashboard_interfaces(engines: Collection[str], guards: Collection[str]) -> Interfaces:

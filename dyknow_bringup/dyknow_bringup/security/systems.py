@@ -9,6 +9,7 @@ from itertools import product
 from typing import Final
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.processes import MONITOR as FORMULA_MONITOR
 from dyknow_bringup.processes.processes import join_namespaces
 from dyknow_bringup.security.interfaces import (
     CLIENT,
@@ -17,7 +18,7 @@ from dyknow_bringup.security.interfaces import (
     DYKNOW_NODE,
     ENGINE,
     FEDERATION,
-    MONITOR,
+    MONITOR_COMMAND,
     PLAIN_NODE,
     RECORDER,
     REMOTE_STREAMS,
@@ -67,7 +68,7 @@ class SecuredSystem:
         clients: the names of nodes that ask for verdicts, likewise.
         outputs: the topics that sinks name for their messages, likewise.
         guards: of the robot.
-        triggers: that `dyknow monitor` runs.
+        triggers: that the monitors of formulas run.
         has_peers: True if the host is part of a federation.
 
     Raises:
@@ -116,7 +117,8 @@ class SecuredSystem:
             self.node(RECORDER, recorder_interfaces(self.topics, engines)),
             self.node('dyknow_up', start),
             self._enclave('dyknow_client', commands),
-            self._enclave('dyknow_monitor', {'dyknow_monitor_*': monitor}),
+            self.node(FORMULA_MONITOR, DYKNOW_NODE | monitor),
+            self._enclave('dyknow_monitor', {'dyknow_monitor_*': MONITOR_COMMAND | monitor}),
             self._enclave('dyknow_dashboard', {'dyknow_dashboard_*': page}),
             self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines)}),
             *map(self._client, self.clients),
@@ -193,6 +195,5 @@ def _uav_monitoring(vehicles: int = 3) -> tuple[Enclave, ...]:
     return (
         *system.enclaves(),
         system.node('uav_simulation', DYKNOW_NODE | Interfaces(publishes=telemetry)),
-        system.node('formula_monitor', DYKNOW_NODE | MONITOR),
         system.node('formula_markers', DYKNOW_NODE | markers),
     )

@@ -135,17 +135,21 @@ def test_a_namespace_that_begins_like_another() -> None:
     assert len(robots(robot_arguments(robots='robot1,robot10'))) == 14
 
 
-def test_the_formulas_of_a_robot_are_monitored_where_that_is_asked_for(tmp_path: Path) -> None:
+def test_the_formulas_of_a_robot_are_monitored_if_there_are_any(tmp_path: Path) -> None:
     robot = tmp_path / 'robot.yaml'
     robot.write_text('formulas: [{name: a, formula: \'always "/a".b < 1\'}]', encoding='utf-8')
-    for monitor, names in (('true', ['formula_monitor']), ('false', [])):
-        found = configuration(robot_arguments(config=str(robot), monitor=monitor))
-        assert [each.name for each in watching_processes(found)] == names
-    with pytest.raises(BringupError, match='monitor: there are no formulas'):
-        configuration(robot_arguments(monitor='true'))
+
+    def monitors(**values: str) -> list[str]:
+        return [each.name for each in watching_processes(configuration(robot_arguments(**values)))]
+
+    assert monitors(config=str(robot)) == ['formula_monitor']
+    assert monitors(config=str(robot), monitor='false') == []
+    found = dyknow_processes(configuration(robot_arguments(config=str(robot))))
+    (coordinator,) = [each for each in found if each.name == 'stream_reasoning_coordinator']
+    assert coordinator.parameters['keep_ended'] == 86_400.0
+    assert monitors() == []
     robot.write_text('{}', encoding='utf-8')
-    with pytest.raises(BringupError, match='there is no formula; add one under'):
-        configuration(robot_arguments(config=str(robot), monitor='true'))
+    assert monitors(config=str(robot)) == []
 
 
 def test_the_recorder_is_started_where_a_formula_has_a_black_box(tmp_path: Path) -> None:

@@ -26,6 +26,8 @@ from dyknow_configuration import (
     TopicExpectation,
     YamlValue,
     find_faults,
+    is_parameter_file,
+    parameter_faults,
     read_formulas,
     read_yaml,
 )
@@ -128,6 +130,11 @@ def read_inputs(paths: Iterable[Path]) -> LintInputs:
 def _read_yaml_file(inputs: LintInputs, path: Path) -> None:
     document = read_yaml(path)
     inputs.texts[str(path)] = document.document.text
+    inputs.findings += [
+        robot_error(each, document.document.text, str(path)) for each in parameter_faults(document)
+    ]
+    if is_parameter_file(document):
+        return
     if document.is_list:
         try:
             formulas = read_formulas(path)

@@ -77,7 +77,7 @@ class _Listener:
         for path, value in self._extract(message).items() if self._extract else ():
             self._values.setdefault(path, SeenValues()).add([value])
 
-    def on_publishers(self, count: int) -> None:
+    def on_publishers(self, count: int, *, is_latched: bool) -> None:
         """Ignore the number of publishers: it is asked for at the end."""
 
     def on_watermark(self, watermark: int, now: int) -> None:

@@ -13,7 +13,14 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.srv import CancelEvaluation, EvaluateFormula
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, check_name, listed
+from dyknow_common import (
+    SECOND_NS,
+    DyKnowError,
+    ExitCode,
+    check_name,
+    listed,
+    with_readable_times,
+)
 from dyknow_common.ros import (
     RUNNING,
     Background,
@@ -191,7 +198,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         level = alarm_level(status, is_monitored=evaluation.request.is_monitored)
         if level is not Level.OK:
             logger = self.get_logger()
-            text = f'{status.name}: {diagnosis_of_ended(status).text}'
+            text = f'{status.name}: {with_readable_times(diagnosis_of_ended(status).text)}'
             # A logger of rclpy has one severity for each call in the code.
             if level is Level.ERROR:
                 logger.error(text)

@@ -55,12 +55,18 @@ def field_reference(token: Token) -> FieldReference:
     return FieldReference(stream, str(message_path(Token.new_borrow_pos('FIELD', path, token))))
 
 
-def function_of_field(name: Token, argument: Formula | Term) -> FieldReference:
+def function_of_field(name: Token, argument: Formula | Term) -> Term:
     """Return a function of a field, or of a comparison of its elements with a value.
+
+    `max(abs(x))` is written out as `max(max(x), 0 - min(x))`.
 
     Raises:
         PositionedError: for another argument.
     """
+    if name == 'max' and isinstance(argument, Function) and argument.name == 'abs':
+        (values,) = argument.arguments
+        least = function_of_field(Token.new_borrow_pos(name.type, 'min', name), values)
+        return Function('max', (function_of_field(name, values), Arithmetic('-', Number(0), least)))
     condition, reference = None, argument
     if isinstance(argument, Comparison) and isinstance(
         argument.right, Number | TextLiteral | Truth

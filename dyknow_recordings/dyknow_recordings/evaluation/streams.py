@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
+from functools import partial
 from math import nan
 
 import numpy as np
@@ -15,7 +17,7 @@ from dyknow_configuration import TextSource
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
 from dyknow_recordings.reading.columns import MessageColumns
 from dyknow_recordings.reading.contents import TopicContent
-from dyknow_recordings.reading.recording import RecordedFields
+from dyknow_recordings.reading.recording import RecordedFields, rows_of
 from dyknow_stream_processing import (
     ALL,
     SAMPLE_TYPE,
@@ -78,6 +80,7 @@ class RecordedStreams:
         self._latest_valid_times: dict[str, int] = {}
         self._rejected: dict[str, str] = {}
         self._unstamped: set[str] = set()
+        self._kept: dict[str, Callable[[], Sample]] = {}
         self.known = self._known_streams()
 
     @property
@@ -188,6 +191,8 @@ class RecordedStreams:
         names = {name for each in self.dataflow.names() for name in self.dataflow.topics(each)}
         found = {name for name in names if topics is None or self.absolute(name) in topics}
         self.dataflow.forget(found)
+        for each in found:
+            self._kept.pop(self.absolute(each), None)
 
     def has_memory(self, name: str) -> bool:
         """Return True if the samples of a stream depend on more than the latest messages."""
@@ -211,18 +216,10 @@ class RecordedStreams:
     def push(self, recorded: RecordedFields) -> None:
         """Process a message at the time of its recording."""
         topic, now, content = recorded.topic, recorded.log_time, self._topics[recorded.topic]
+        self._repeat_kept(now)
         self._received[topic] = now
-        valid_time = now if recorded.stamp is None else recorded.stamp
-        fields, fault = recorded.values, ''
-        rows = {name: each for name, each in fields.items() if isinstance(each, list)}
-        absent = recorded.absent
-        if absent and self._absent_is_unknown:
-            fields, absent = {**fields, **dict.fromkeys(absent, nan)}, {}
-        if absent or rows:
-            others = {name: each for name, each in fields.items() if name not in rows}
-            fields = PartialFields(others, absent, rows)
-        if WHOLE in recorded.values:
-            fields = WholeMessage(fields, recorded.values[WHOLE])
+        sample, fault = self._sample_of(recorded), ''
+        valid_time = sample.valid_time
         if recorded.message_type != content.message_type:
             fault = 'the type of the topic has changed'
         elif valid_time < 0:
@@ -230,13 +227,45 @@ class RecordedStreams:
         elif valid_time == 0 < now:
             self._unstamped.add(topic)
             valid_time = now
+            sample = replace(sample, valid_time=now)
+        self._kept.pop(topic, None)
+        if content.is_kept and not fault:
+            self._kept[topic] = lambda: sample
         if valid_time > self.latest_valid_time(topic):
             self._latest_valid_times[topic] = valid_time
         for name in self._consumers.get(topic, ()):
             if fault:
                 self._reject(name, valid_time, now, fault)
             else:
-                self.dataflow.push(name, Sample(valid_time, now, fields))
+                self.dataflow.push(name, sample)
+
+    def _repeat_kept(self, now: int) -> None:
+        """Give streams that were made since the last message what publishers keep for them."""
+        for name in self._repeatable():
+            kept = self._kept[self.absolute(name)]()
+            self.dataflow.repeat(name, replace(kept, available_time=now))
+
+    def _repeatable(self) -> list[str]:
+        """Return the topics with a kept message that a stream lacks."""
+        return [each for each in self.dataflow.owed if self.absolute(each) in self._kept]
+
+    def _sample_of(self, recorded: RecordedFields) -> Sample:
+        """Return a message as a sample that is valid from its stamp, or else its log time."""
+        valid_time = recorded.log_time if recorded.stamp is None else recorded.stamp
+        fields, absent = recorded.values, recorded.absent
+        rows = {name: each for name, each in fields.items() if isinstance(each, list)}
+        if absent and self._absent_is_unknown:
+            fields, absent = {**fields, **dict.fromkeys(absent, nan)}, {}
+        if absent or rows:
+            others = {name: each for name, each in fields.items() if name not in rows}
+            fields = PartialFields(others, absent, rows)
+        if WHOLE in recorded.values:
+            fields = WholeMessage(fields, recorded.values[WHOLE])
+        return Sample(valid_time, recorded.log_time, fields)
+
+    def _last_of(self, parts: Sequence[MessageColumns]) -> Sample:
+        *_, last = rows_of(parts)
+        return self._sample_of(last)
 
     def step_many(
         self, parts: Mapping[str, Sequence[MessageColumns]], end: int
@@ -247,6 +276,8 @@ class RecordedStreams:
             The samples of each stream, with their available times, for which no callback is called;
             None, without an effect, if more happens than samples.
         """
+        if self._repeatable():
+            return None
         batches = {topic: self._plain_batch(topic, each) for topic, each in parts.items()}
         plain = {topic: each for topic, each in batches.items() if each is not None}
         if len(plain) < len(batches):
@@ -261,6 +292,8 @@ class RecordedStreams:
         for topic, each in plain.items():
             self._received[topic] = int(each.emission_times()[-1])
             self._latest_valid_times[topic] = int(each.valid_times[-1])
+            if len(each) and self._topics[topic].is_kept:
+                self._kept[topic] = partial(self._last_of, parts[topic])
         return found
 
     def _plain_batch(self, topic: str, parts: Sequence[MessageColumns]) -> SampleBatch | None:
@@ -323,7 +356,9 @@ class RecordedStreams:
         is_ordered = content.publishers == 1 and content.message_type != SAMPLE_TYPE
         is_sent = content.has_sent_times
         is_received = not (content.has_stamp or is_sent)
-        return SourceType(content.fields, is_received, is_ordered, sent_time=is_sent)
+        return SourceType(
+            content.fields, is_received, is_ordered, sent_time=is_sent, is_kept=content.is_kept
+        )
 
     def _make(self, names: Sequence[str]) -> None:
         """Make requested streams; one may be made of another that comes later."""

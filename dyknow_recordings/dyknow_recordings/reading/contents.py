@@ -21,6 +21,7 @@ class TopicContent:
         publishers: their number when the recording began; None if it is unknown.
         has_sent_times: True if messages without a stamp are valid from the time at which they were
             sent, False if from that of their recording.
+        is_kept: True if its publishers kept messages for late subscribers.
     """
 
     message_type: str
@@ -29,3 +30,4 @@ class TopicContent:
     count: int
     publishers: int | None = None
     has_sent_times: bool = False
+    is_kept: bool = False

@@ -19,7 +19,7 @@ from dyknow_common import (
     ValueType,
     format_time,
     round_duration,
-    shortened,
+    unknown,
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns
@@ -330,11 +330,8 @@ class RecordingReader(ABC):
         recorded = sorted({topic.name for topic in self.topics})
         for topic in topics:
             if topic not in recorded:
-                known = ', '.join(recorded) or 'none'
-                raise RecordingError(
-                    f"{self.path}: no topic '{shortened(topic)}' (it has: {known})",
-                    ExitCode.NOT_FOUND,
-                )
+                message = f'{self.path}: {unknown("topic", topic, recorded)}'
+                raise RecordingError(message, ExitCode.NOT_FOUND)
 
 
 @dataclass(frozen=True, slots=True)

@@ -206,6 +206,26 @@ class Dataflow:
             )
         scheduler.run(scheduler.now)
 
+    @property
+    def owed(self) -> frozenset[str]:
+        """The topics of which a new stream lacks a value that is kept; see `repeat`."""
+        return self._graph.owed
+
+    def repeat(self, topic: str, sample: Sample) -> None:
+        """Give the latest kept value to the streams that were made after it came.
+
+        Args:
+            topic: its name.
+            sample: its available time is now; it is treated as initial, see `push`.
+        """
+        scheduler = self._scheduler
+        scheduler.run(sample.available_time)
+        for source in self._graph.sources.get(topic, ()):
+            if source.is_owed and source.emitted_at is None:
+                source.push(sample.valid_time, sample.fields, scheduler.now, False, None, True)
+        scheduler.run(scheduler.now)
+        self._graph.note_owed()
+
     def step_many(self, messages: Mapping[str, SampleBatch], end: int) -> Mapping[str, SampleBatch]:
         """Process messages as columns, and the time until the last one, as `push` would.
 

@@ -103,6 +103,8 @@ class OperatorGraph:
         self._operators: dict[Hashable, Operator] = {}
         self.sources: Mapping[str, tuple[SourceOperator, ...]] = {}
         """The source operators of each topic."""
+        self.owed: frozenset[str] = frozenset()
+        """The topics with an operator that lacks a kept value which former ones have received."""
 
     def connect(self, term: Term) -> Operator:
         """Return the operator that emits a stream; attach a listener before the next `sweep`.
@@ -126,6 +128,14 @@ class OperatorGraph:
             if isinstance(operator, SourceOperator):
                 sources[operator.label] = (*sources.get(operator.label, ()), operator)
         self.sources = sources
+        self.note_owed()
+
+    def note_owed(self) -> None:
+        """Find the topics with a source that still lacks a kept value."""
+        found = (each for sources in self.sources.values() for each in sources)
+        self.owed = frozenset(
+            each.label for each in found if each.is_owed and each.emitted_at is None
+        )
 
     def ticks(self) -> Mapping[TickKey, int]:
         """Return the next tick of each periodic `sync` that has begun."""
@@ -237,14 +247,24 @@ class OperatorGraph:
         self, name: str, label: str, *, may_be_late: bool, arrival: _ArrivalChecks
     ) -> Operator:
         type_ = self._source_type(name)
-        source = self._operator(SourceOperator, label, [], type_.receipt_time)
+        source = self._source(label, type_)
         # Streams share the operator, also those made before the type was known.
-        cast('SourceOperator', source).set_type(type_)
+        source.set_type(type_)
         max_lead = arrival.max_lead
         limit = (self._max_lead, True) if max_lead is None else (max_lead, False)
         if may_be_late:
             return self._operator(ArrivalOperator, label, [source], *limit, arrival.reorder)
         return self._operator(OrderOperator, label, [source], *limit, self._delays)
+
+    def _source(self, label: str, type_: SourceType) -> SourceOperator:
+        """Return the operator of a topic; a new one if a kept value has passed the former one."""
+        source = self._operator(SourceOperator, label, [], type_.receipt_time)
+        if type_.is_kept and source.emitted_at is not None:
+            key = _key(SourceOperator, label, [], type_.receipt_time)
+            self._operators[key, id(source)] = self._operators.pop(key)
+            source = self._operator(SourceOperator, label, [], type_.receipt_time)
+            cast('SourceOperator', source).is_owed = True
+        return cast('SourceOperator', source)
 
     def _built_in(self, term: BuiltInSource, label: str, arrival: _ArrivalChecks) -> Operator:
         topic = term.inputs[0]
@@ -285,7 +305,7 @@ class OperatorGraph:
         inputs: Sequence[Operator],
         *details: object,
     ) -> Operator:
-        key = (kind, label, tuple(map(id, inputs)), details)
+        key = _key(kind, label, inputs, *details)
         if key not in self._operators:
             wiring = Wiring(self._scheduler, label, tuple(inputs))
             operator = self._operators[key] = kind(wiring, *details)
@@ -298,6 +318,12 @@ _SYNCS: Final = {
     Approximation.LATEST: SyncOperator,
     Approximation.LINEAR: LinearSyncOperator,
 }
+
+
+def _key(
+    kind: Callable[..., Operator], label: str, inputs: Sequence[Operator], *details: object
+) -> Hashable:
+    return kind, label, tuple(map(id, inputs)), details
 
 
 def _label(term: Term) -> str:

@@ -70,12 +70,14 @@ class SourceType:
         receipt_time: True if the valid time of a sample is the time of its receipt.
         has_ordered_stamps: True if its messages are stamped in order, as one publisher does.
         sent_time: True if the valid time of a sample is the time at which it was sent.
+        is_kept: True if its publishers keep messages for late subscribers.
     """
 
     fields: Mapping[str, ValueType] | None
     receipt_time: bool
     has_ordered_stamps: bool = False
     sent_time: bool = False
+    is_kept: bool = False
 
 
 class DelayLimits(NamedTuple):
@@ -271,6 +273,8 @@ class SourceOperator(Operator):
         """True while a sample is pushed whose stamps another engine has checked."""
         self.is_initial = False
         """True while a sample is pushed that was sent before anybody here could receive it."""
+        self.is_owed = False
+        """True if former operators of the topic have received a value that is kept."""
         self.dropped: Counter[str] = Counter()
         """The numbers of its samples that operators of them alone have dropped, by reason."""
         self._latest_receipt = BEGINNING

@@ -190,7 +190,7 @@ def test_a_field_that_the_type_lacks_is_left_out_and_explained_where_that_is_wan
         (Odometry, 'pose.covariance[0..35]', 'has no field'),
         (SolidPrimitive, 'dimensions[3]', 'is [2]'),
         (Path, 'poses[2]', 'ask for poses[2].header.stamp.sec'),
-        (Odometry, 'pose.speed', '(it has: child_frame_id,'),
+        (Odometry, 'pose.speed', '(pose has: covariance, pose)'),
         (Empty, 'data', '(it has: none)'),
     ],
 )

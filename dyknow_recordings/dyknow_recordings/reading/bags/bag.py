@@ -226,6 +226,7 @@ class Bag(RecordingReader):
                 count,
                 _publishers(channels),
                 has_sent_times=self._has_sent_times and not has_stamp,
+                is_kept=_is_kept(channels),
             )
         return TopicContent(used[0].definition.name, None, has_stamp=False, count=count)
 
@@ -358,6 +359,12 @@ def _publishers(channels: Sequence[StoredChannel]) -> int | None:
     qualities = [each.quality_of_service for each in channels]
     known = [each.publishers for each in qualities if each is not None]
     return sum(known) if len(known) == len(qualities) else None
+
+
+def _is_kept(channels: Sequence[StoredChannel]) -> bool:
+    """Return True if the publishers of a topic kept messages for late subscribers."""
+    qualities = [each.quality_of_service for each in channels]
+    return all(each is not None and each.transient_local for each in qualities)
 
 
 def _topics(counts: Mapping[StoredChannel, int]) -> tuple[RecordedTopic, ...]:

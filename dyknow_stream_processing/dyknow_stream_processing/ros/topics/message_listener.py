@@ -17,8 +17,8 @@ class MessageListener(Protocol):
             StreamError: the first time, if it cannot use them.
         """
 
-    def on_publishers(self, count: int) -> None:
-        """Receive the number of publishers, again and again."""
+    def on_publishers(self, count: int, *, is_latched: bool) -> None:
+        """Receive the number of publishers, and whether all keep messages, again and again."""
 
     def valid_time(self, message: Any) -> int | None:
         """Return the stamp of a message in nanoseconds; None if it has none."""

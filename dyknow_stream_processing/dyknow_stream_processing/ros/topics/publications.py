@@ -193,17 +193,19 @@ def source_type(
         StreamError: if the publishers have several types, the type is not installed, or it lacks
             the field.
     """
-    publishers = 0
+    publishers, is_kept = 0, False
     if message_type is None:
         publication = find_publication(node, topic)
         if publication is None:
             return None
         message_type = message_class(publication.type_name)
-        publishers = len(publication.publishers)
-    return type_of_class(node, message_type, valid_time, publishers)
+        publishers, is_kept = len(publication.publishers), publication.latched
+    return type_of_class(node, message_type, valid_time, publishers, is_kept=is_kept)
 
 
-def type_of_class(node: Node, class_: Any, valid_time: str | None, publishers: int) -> SourceType:
+def type_of_class(
+    node: Node, class_: Any, valid_time: str | None, publishers: int, *, is_kept: bool
+) -> SourceType:
     """Return the type of a topic whose messages are of a class."""
     is_stamped = valid_time_reader(class_, valid_time) is not None
     # Times of sending are by the clocks of computers.
@@ -214,4 +216,6 @@ def type_of_class(node: Node, class_: Any, valid_time: str | None, publishers: i
         receipt_time=not is_stamped and is_simulated,
         has_ordered_stamps=publishers == 1,
         sent_time=not is_stamped and not is_simulated,
+        # What an engine makes has its watermarks, which are not kept.
+        is_kept=is_kept and not is_sample(class_),
     )

@@ -122,7 +122,7 @@ class TopicFeed:
             self._set_fault(self.refusal)
         else:
             self._set_fault(incompatible_publisher(self.node, self.topic, requested))
-        self._inform(class_, len(request.publishers))
+        self._inform(class_, request)
         held, self.request = self.request, request
         try:
             if self.relay is not None:
@@ -212,11 +212,11 @@ class TopicFeed:
             self.node.get_logger().error(fault)
         self.fault = fault
 
-    def _inform(self, class_: Any, publishers: int) -> None:
+    def _inform(self, class_: Any, request: Publication) -> None:
         for listener in self.listeners:
             try:
                 listener.on_type(class_)
-                listener.on_publishers(publishers)
+                listener.on_publishers(len(request.publishers), is_latched=request.latched)
             except StreamError as error:
                 self.node.get_logger().error(f"topic '{self.topic}': {error}")
 

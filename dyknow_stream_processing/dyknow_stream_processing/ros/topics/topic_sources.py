@@ -99,7 +99,16 @@ class TopicSources:
             else:
                 known[0].set_fields(fields)
         self._topics.refresh()
+        self._repeat_kept()
         self._schedule()
+
+    def _repeat_kept(self) -> None:
+        """Give new streams what a subscription of their own would receive from its publisher."""
+        now = self._node.get_clock().now().nanoseconds
+        for topic in self._dataflow.owed & self._sources.keys():
+            source, _ = self._sources[topic]
+            if (kept := source.kept_sample(now)) is not None:
+                self._dataflow.repeat(topic, kept)
 
     def catch_up(self) -> bool:
         """Do the work that is due now; return False if messages of before may not be there yet."""
@@ -295,6 +304,8 @@ class _Source:
     type_: SourceType | None = None
     read_valid_time: Callable[[Any], int] | None = None
     extract: Callable[[Any], Mapping[str, Value]] | None = None
+    kept: _Arrival | None = None
+    """The latest message, if all publishers keep what they publish."""
 
     def set_fields(self, fields: Demand) -> None:
         if fields != self.fields:
@@ -305,10 +316,10 @@ class _Source:
     def on_type(self, class_: Any) -> None:
         if class_ is self.class_:
             return
-        self.class_, self.extract, self.type_ = class_, None, None
+        self.class_, self.extract, self.type_, self.kept = class_, None, None, None
         self.is_sample = is_sample(class_)
         try:
-            self.type_ = type_of_class(self.node, class_, self.valid_time_field, 0)
+            self.type_ = type_of_class(self.node, class_, self.valid_time_field, 0, is_kept=False)
         except StreamError as error:
             self.fault = f'messages of {self.topic} cannot be used: {error}'
             raise
@@ -317,10 +328,11 @@ class _Source:
         self.extract = _extractor(class_, self.fields)
         self.dataflow.set_source_type(self.topic, self.type_)
 
-    def on_publishers(self, count: int) -> None:
+    def on_publishers(self, count: int, *, is_latched: bool) -> None:
         if self.type_ is not None:
-            type_ = replace(self.type_, has_ordered_stamps=count == 1)
-            self.dataflow.set_source_type(self.topic, type_)
+            is_kept = is_latched and not self.is_sample
+            self.type_ = replace(self.type_, has_ordered_stamps=count == 1, is_kept=is_kept)
+            self.dataflow.set_source_type(self.topic, self.type_)
 
     def valid_time(self, message: Any) -> int | None:
         return None if self.read_valid_time is None else self.read_valid_time(message) or None
@@ -370,6 +382,7 @@ class _Source:
             self._reject(valid_time, now, str(error))
             return
         self.fault = ''
+        self.kept = arrival if self.type_ is not None and self.type_.is_kept else None
         self.dataflow.push(
             self.topic,
             sample,
@@ -377,6 +390,18 @@ class _Source:
             is_initial=arrival.is_initial,
         )
         self.schedule()
+
+    def kept_sample(self, now: int) -> Sample | None:
+        """Return the sample that a new subscription would receive now; None if there is none."""
+        if self.kept is None or self.extract is None:
+            return None
+        try:
+            publication = find_publication(self.node, self.topic)
+            fields = self.extract(self.kept.message)
+        except StreamError:
+            return None  # It is reported with the next message.
+        is_there = publication is not None and publication.latched
+        return Sample(self.kept.valid_time, now, fields) if is_there else None
 
     def on_watermark(self, watermark: int, now: int) -> None:
         self.dataflow.vouch(self.topic, min(watermark, now + self.dataflow.max_lead), now)
@@ -413,6 +438,7 @@ class _Source:
     def _reject(self, valid_time: int, now: int, fault: str) -> None:
         text = f"stream '{self.topic}': a message cannot be used: {fault}"
         self.fault = self.fault or f'messages of {self.topic} cannot be used: {fault}'
+        self.kept = None
         self.on_dropped(ViolationKind.MESSAGE, 1)
         self.on_violation(Violation(self.topic, ViolationKind.MESSAGE, valid_time, now, 0, 0, text))
 
