@@ -45,7 +45,7 @@ class OwnStream:
     def on_type(self, class_: Any) -> None:
         """Do nothing: the samples name their fields."""
 
-    def on_publishers(self, count: int) -> None:
+    def on_publishers(self, count: int, *, is_latched: bool) -> None:
         """Do nothing."""
 
     def valid_time(self, message: Any) -> int | None:
