@@ -336,6 +336,20 @@ def test_a_stand_in_that_waits_for_a_topic_of_another_group(start: EpisodeStart)
     assert report.formulas[1].waits_for == '/d has fallen silent'
 
 
+def test_a_better_source_that_has_begun_since_the_last_look() -> None:
+    drawn: Drawn = [
+        ('a', 1, 0, 0.0, 'lacks'),
+        ('d', 1, 0, 0.0, 'silent'),
+        ('e', 1, 0, 0.0, ''),
+        ('c', 100, 0, 0.0, ''),
+        ('a', 400, 0, 0.0, ''),
+        ('d', 1, 0, 0.0, ''),
+    ]
+    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+        compare(made(drawn), 1, formulas)
+
+
 def test_a_group_that_has_ended_stands_by_no_more() -> None:
     """Its standby shared operators with the streams of another group, which had other faults."""
     drawn: Drawn = [

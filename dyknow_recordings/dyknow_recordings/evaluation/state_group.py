@@ -128,6 +128,8 @@ class StateGroup:
         is_well = self._stream and not (self._is_in_gap or self._is_paused or self._faults)
         if not is_well or self.has_ended or self._is_behind or self._standby.is_better:
             return ()
+        if self._begun_topics():
+            return ()  # At the next look, their sources may be better.
         stream = GroupStream(
             self._stream,
             self._created_at,
@@ -312,10 +314,14 @@ class StateGroup:
     def _renew_standby(self, now: int) -> None:
         if not self._stream or self.episodes.has_ended:
             return
-        begun = {each for each in self._topics_to_begin if self._streams.received_at(each)}
+        begun = self._begun_topics()
         self._topics_to_begin -= begun
         if begun or self._standby.is_outdated(now):
             self._stand_by(now)
+
+    def _begun_topics(self) -> set[str]:
+        """Return the topics that have begun since the last look for a standby."""
+        return {each for each in self._topics_to_begin if self._streams.received_at(each)}
 
     def _note_gap(self) -> None:
         if self._latest is not None and not self._is_in_gap:
