@@ -159,7 +159,7 @@ declarations = (
     | st.builds(
         UnitDeclaration,
         unit_names,
-        typed_fields,
+        field_lists.map(tuple),
         st.lists(field_lists.map(tuple), min_size=1, max_size=3).map(tuple),
     )
     | st.builds(StreamDeclaration, names, terms)

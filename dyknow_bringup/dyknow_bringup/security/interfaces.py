@@ -369,11 +369,17 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
     )
 
 
-def administration(engines: Collection[str]) -> Interfaces:
-    """Return what changes a running system: all services of its nodes, with their parameters."""
+def administration(engines: Collection[str], others: Collection[str]) -> Interfaces:
+    """Return what changes a running system: all services of its nodes, with their parameters.
+
+    Args:
+        engines: the names of the engines.
+        others: nodes that have parameters, and no services of their own.
+    """
     nodes = {node: services for node, services in SERVICES.items() if node != ENGINE}
     nodes.update(dict.fromkeys(engines, SERVICES[ENGINE]))
     nodes[RECORDER] = RECORDER_SERVICES
+    nodes.update(dict.fromkeys(others, ()))
     return Interfaces(
         requests=frozenset().union(
             *(_services(node, *names, *PARAMETER_SERVICES) for node, names in nodes.items())

@@ -103,10 +103,12 @@ class SecuredSystem:
             self.topics,
         )
         federation: list[Enclave] = []
+        changed = [FORMULA_MONITOR]
         if self.has_peers:
             commands[f'{FEDERATION}_*'] = PLAIN_NODE | SHOW_FEDERATION
             start, topics = START | WATCH_FEDERATION, topics | {REMOTE_STREAMS}
             federation.append(self.node(FEDERATION, federation_interfaces(engines)))
+            changed.append(FEDERATION)
         return (
             *(
                 self.node(each, engine_interfaces(each, engines, topics, self.outputs))
@@ -120,7 +122,7 @@ class SecuredSystem:
             self.node(FORMULA_MONITOR, DYKNOW_NODE | monitor),
             self._enclave('dyknow_monitor', {'dyknow_monitor_*': MONITOR_COMMAND | monitor}),
             self._enclave('dyknow_dashboard', {'dyknow_dashboard_*': page}),
-            self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines)}),
+            self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines, changed)}),
             *map(self._client, self.clients),
             *(
                 self.node(each.name, guard_interfaces(engines, each.input, each.output))

@@ -24,6 +24,9 @@ Floats = NDArray[np.float64]
 _LEAST: Final = np.finfo(np.float64).tiny
 """The least distance of a position outside."""
 
+_SHORTEST_M: Final = 1e-150
+"""The length of a way whose square is hardly a number."""
+
 
 @dataclass(frozen=True, slots=True)
 class Positions:
@@ -201,8 +204,10 @@ class _Way:
 
 
 def _line(begin: list[float], end: list[float]) -> Any:
-    """Return a line, or a point if it has no length."""
-    return shapely().points(begin) if begin == end else shapely().linestrings([begin, end])
+    """Return a line, or its ends if it is so short that GEOS would divide by 0."""
+    if math.dist(begin, end) < _SHORTEST_M:
+        return shapely().multipoints([begin, end])
+    return shapely().linestrings([begin, end])
 
 
 def common_frame(regions: Sequence[Region]) -> str:
