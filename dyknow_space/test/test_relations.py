@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Mapping
+from importlib.util import find_spec
 from itertools import combinations, permutations
 from pathlib import Path
 from random import Random
@@ -22,7 +23,10 @@ from dyknow_space import (
     relation_of,
 )
 
-shapely = pytest.importorskip('shapely')
+if find_spec('shapely'):
+    import shapely
+
+pytestmark = pytest.mark.skipif(find_spec('shapely') is None, reason='shapely is not installed')
 
 CASES = int(os.environ.get('DYKNOW_RANDOM_CASES', '0'))
 

@@ -122,7 +122,9 @@ class SecuredSystem:
             self.node(FORMULA_MONITOR, DYKNOW_NODE | monitor),
             self._enclave('dyknow_monitor', {'dyknow_monitor_*': MONITOR_COMMAND | monitor}),
             self._enclave('dyknow_dashboard', {'dyknow_dashboard_*': page}),
-            self._enclave('dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines, changed)}),
+            self._enclave(
+                'dyknow_admin', {_ROS2_NODES: ROS_NODE | administration(engines, changed)}
+            ),
             *map(self._client, self.clients),
             *(
                 self.node(each.name, guard_interfaces(engines, each.input, each.output))

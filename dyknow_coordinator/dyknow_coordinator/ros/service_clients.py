@@ -21,6 +21,7 @@ from dyknow_interfaces.srv import (
     StreamDestroy,
     StreamGetTopic,
 )
+from rclpy.task import Future
 
 from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol, SymbolKind
 from dyknow_common.ros import (
@@ -51,6 +52,9 @@ _SERVICES: Final = {
 
 _ALL_KNOWN: Final[Mapping[str, tuple[float, float]]] = {}
 
+_MOST_QUERIES: Final = 4
+"""The queries of the ontology that are sent at a time."""
+
 _LONG_TEXT: Final = 5000
 """The characters of a specification that takes tens of milliseconds to parse."""
 
@@ -59,7 +63,9 @@ class ServiceClients:
     """Clients of the nodes that the coordinator orchestrates."""
 
     def __init__(self, node: DyKnowNode, background: Background) -> None:
-        self._background = background
+        self._node, self._background = node, background
+        self._waiting: dict[str, Future] = {}
+        self._senders = 0
         names = {
             role: node.parameter(role, role, f'Name of the {role.replace("_", " ")} node.')
             for role in (*_SERVICES, 'stream_semantics_manager')
@@ -122,10 +128,32 @@ class ServiceClients:
         return {sort: tuple((await call(concept_name=sort)).instances) for sort in sorts}
 
     async def query(self, sparql: str) -> list[tuple[str, ...]]:
-        """Return the solutions of a query of the ontology."""
-        response = await self.ontology_manager.call(OntologyQuery, sparql=sparql)
-        values = iter(response.values)
-        return list(zip(*[values] * len(response.variables), strict=True))
+        """Return the solutions of a query of the ontology.
+
+        A few queries are sent at a time, so that many formulas at once do not fill the queue of the
+        ontology manager. Equal ones that wait are sent once.
+        """
+        solutions = self._waiting.get(sparql)
+        if solutions is None:
+            solutions = self._waiting[sparql] = Future()
+            if self._senders < _MOST_QUERIES:
+                self._senders += 1
+                self._node.spawn(self._send_queries)
+        found: list[tuple[str, ...]] = await solutions
+        return found
+
+    async def _send_queries(self) -> None:
+        while self._waiting:
+            sparql = next(iter(self._waiting))
+            solutions = self._waiting.pop(sparql)
+            try:
+                response = await self.ontology_manager.call(OntologyQuery, sparql=sparql)
+            except DyKnowError as error:
+                solutions.set_exception(error)
+                continue
+            values = iter(response.values)
+            solutions.set_result(list(zip(*[values] * len(response.variables), strict=True)))
+        self._senders -= 1
 
     async def matching_streams(self, concept: str) -> tuple[str, ...]:
         """Return the specifications of the streams that match a concept, best first."""

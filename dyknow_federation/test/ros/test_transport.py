@@ -8,6 +8,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ from dyknow_common import DyKnowError
 from dyknow_configuration import RequestedFederation
 from dyknow_federation.ros.transport import ZenohTransport
 
-pytest.importorskip('zenoh')
+pytestmark = pytest.mark.skipif(find_spec('zenoh') is None, reason='zenoh is not installed')
 
 EXAMPLES = Path(__file__).parents[3] / 'docs' / 'examples' / 'federation'
 ALONE = '{scouting: {multicast: {enabled: false}}, connect: {retry: {period_init_ms: 100}}}'
