@@ -237,7 +237,12 @@ def test_the_engine_lists_and_destroys_streams(engine: Nodes) -> None:
         ('new', 'select a from nowhere', MISSING, ("'nowhere'", 'altitude')),
         ('new', 'select depth from altitude', INVALID, ("'depth'", 'has: altitude', '^')),
         ('new', 'select a from "/a//b"', INVALID, ("'/a//b'", 'cannot be the name')),
-        ('new', 'select z from "/robot/odometry"', INVALID, ("'z'", 'pose.pose.position.z', '^')),
+        (
+            'new',
+            'select z from "/robot/odometry"',
+            INVALID,
+            ("'z'", 'has: child_frame_id, pose, twist', '^'),
+        ),
         ('new', 'select pose.covariance from "/robot/odometry"', INVALID, ('covariance[0]', '^')),
     ],
 )
