@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from dyknow_interfaces.msg import EvaluationStatusArray
+from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
 from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import Float64
 
@@ -207,7 +207,12 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
         assert 'as formula_monitor monitors them' in done.stderr
         outcomes = [json.loads(each)['outcome'] for each in done.stdout.splitlines()]
         assert (done.returncode, outcomes[-1]) == (1, 'false')
-        assert len(reports[-1].evaluations) == 1
+        # One that a busy machine has ended is begun anew.
+        open_at_once = [
+            sum(each.phase != EvaluationStatus.ENDED for each in report.evaluations)
+            for report in reports
+        ]
+        assert max(open_at_once) == 1
 
 
 def test_parameters_and_engines(tmp_path: Path) -> None:
