@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from dyknow_common import (
     TEXT_COMPARISONS,
@@ -29,7 +29,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.grammar import LANGUAGE
-from dyknow_reasoning.language.spatial import LinkLength
+from dyknow_reasoning.language.spatial import LinkLength, Over, Spatial
 from dyknow_reasoning.language.terms import Term
 
 
@@ -287,6 +287,9 @@ def _check_before(node: terms.ValueBefore) -> None:
         raise PositionedError(f'{message}; leave out the prev()', node.position)
 
 
+_WITHOUT_PROBABILITY: Final = syntax.PastFormula | terms.PastTerm | Over | Spatial
+
+
 def _check_probabilities(
     node: Formula | Term, outer: Formula | Term | None = None, *, is_within: bool = False
 ) -> None:
@@ -301,7 +304,7 @@ def _check_probabilities(
         case terms.Uncertain() if not is_within:
             message = f"'{node}' is not known exactly; compare it within P(...), and that with"
             raise PositionedError(f'{message} a probability', node.position)
-        case _ if is_within and isinstance(node, syntax.PastFormula | terms.PastTerm):
+        case _ if is_within and isinstance(node, _WITHOUT_PROBABILITY):
             message = f"'{node}' has no probability; leave it out of P(...)"
             raise PositionedError(message, node.position)
         case syntax.Comparison('=' | '!=') if _holds_probability(node):
