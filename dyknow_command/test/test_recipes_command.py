@@ -42,7 +42,8 @@ def test_the_list_fits_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     ('words', 'found'),
     [
         (['px4', 'COM_DISARM_LAND'], {'landing_disarms'}),
-        (['GoalStatus'], set()),
+        (['GoalStatus'], {'goal_aborted'}),
+        (['GoalStatusArray', 'px4'], set()),
         (['nav2_msgs/action/DockRobot'], {'docking_charges'}),
         (['singularity', 'servo'], {'singularity_halt'}),
     ],

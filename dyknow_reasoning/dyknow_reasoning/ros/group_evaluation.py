@@ -22,7 +22,7 @@ from dyknow_common.ros import (
     absolute_topic,
 )
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import UnknownFeatures
+from dyknow_reasoning.execution import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.results import FormulaResult
@@ -181,7 +181,7 @@ class GroupEvaluation:
         domains: Mapping[str, Sequence[str]],
         state_stream: str,
         result_topic: str,
-        unknown: UnknownFeatures,
+        unknown: UnknownFeatures = ALL_KNOWN,
     ) -> None:
         """Fix the domains and the features that may be unknown, and subscribe to the states.
 

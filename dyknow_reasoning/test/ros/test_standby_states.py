@@ -14,7 +14,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dyknow_common.ros import nanoseconds_to_time
-from dyknow_reasoning import ALL_KNOWN, FormulaGroup, StandbyStates
+from dyknow_reasoning import FormulaGroup, StandbyStates
 from dyknow_reasoning.ros import group_evaluation
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 from dyknow_reasoning.ros.state_subscription import State, StateSubscription
@@ -68,7 +68,7 @@ class Group:
         with mock.patch.object(group_evaluation, 'DirectPublisher'):
             self._patch = mock.patch.object(group_evaluation, 'StateSubscription', subscribe)
             self._patch.start()
-            run_to_end(self.evaluation.begin({}, '/former', '/results', ALL_KNOWN))
+            run_to_end(self.evaluation.begin({}, '/former', '/results'))
 
     def __enter__(self) -> Self:
         return self
