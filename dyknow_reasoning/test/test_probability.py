@@ -353,8 +353,10 @@ def test_missing_states_leave_a_probability_unknown() -> None:
         ('P(prev(x) > 1) > 0.5', "'prev(x)' has no probability"),
         ('P(once x > 1) > 0.5', 'has no probability'),
         (
-            'forall r in R: P(over (near[a, b] for a, b in R) from r to s: '
-            'somewhere[0, 2 hops] normal(x[s], 1) > 1) > 0.5',
+            (
+                'forall r in R: P(over (near[a, b] for a, b in R) from r to s: '
+                'somewhere[0, 2 hops] normal(x[s], 1) > 1) > 0.5'
+            ),
             'has no probability',
         ),
         ('P(normal(x) > 1) > 0.5', "'normal' has a mean, a standard deviation"),

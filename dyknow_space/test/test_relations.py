@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from itertools import combinations, permutations
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import pytest
 
@@ -22,16 +23,14 @@ from dyknow_space import (
     converse,
     relation_of,
 )
-
-if find_spec('shapely'):
-    import shapely
+from dyknow_space.regions.library import shapely
 
 pytestmark = pytest.mark.skipif(find_spec('shapely') is None, reason='shapely is not installed')
 
 CASES = int(os.environ.get('DYKNOW_RANDOM_CASES', '0'))
 
 
-def polygon(random: Random, near: shapely.Geometry | None = None) -> shapely.Geometry:
+def polygon(random: Random, near: Any = None) -> Any:
     """One or two rectangles of a small grid, whose sides are often those of another polygon."""
     if near is None:
         x, y = random.randrange(5), random.randrange(5)
@@ -43,11 +42,11 @@ def polygon(random: Random, near: shapely.Geometry | None = None) -> shapely.Geo
         bounds = [each + random.choice((-1, 0, 0, 0, 1)) for each in near.bounds]
     if bounds[0] >= bounds[2] or bounds[1] >= bounds[3]:
         return polygon(random)
-    found = shapely.box(*bounds)
-    return found if random.random() < 0.7 else shapely.union(found, polygon(random))
+    found = shapely().box(*bounds)
+    return found if random.random() < 0.7 else shapely().union(found, polygon(random))
 
 
-def triple(random: Random) -> list[shapely.Geometry]:
+def triple(random: Random) -> list[Any]:
     """Three polygons in any order, some like another one."""
     found = [polygon(random)]
     for _ in range(2):
@@ -138,7 +137,7 @@ def test_knowledge_is_what_all_scenarios_agree_on() -> None:
 
 
 def test_told_and_drawn_regions() -> None:
-    drawn = {'flat': shapely.box(0, 0, 9, 9), 'office': shapely.box(20, 0, 29, 9)}
+    drawn = {'flat': shapely().box(0, 0, 9, 9), 'office': shapely().box(20, 0, 29, 9)}
     knowledge = SpatialKnowledge(['kitchen part_of flat', 'hall {EC, DC} flat'], drawn)
     assert knowledge.possible('kitchen', 'office') is RegionRelation.DC
     assert str(knowledge.possible('hall', 'flat')) == '{DC, EC}'
