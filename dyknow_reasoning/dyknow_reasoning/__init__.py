@@ -12,7 +12,7 @@ from dyknow_reasoning.execution import (
     probability_of,
 )
 from dyknow_reasoning.explanation.explanation import objects_text
-from dyknow_reasoning.formula_group import FormulaGroup
+from dyknow_reasoning.formula_group import FOR_WANT, FormulaGroup
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants, literal_of
 from dyknow_reasoning.language.formula import (
     Always,
@@ -69,6 +69,7 @@ __all__ = [
     'ALL_KNOWN',
     'ANY_NUMBER',
     'CALCULATE',
+    'FOR_WANT',
     'NO_CONSTANTS',
     'SPATIAL',
     'Always',

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from itertools import chain, count, islice
-from typing import Any
+from typing import Any, Final
 
 from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, amount, round_time
 from dyknow_reasoning.errors import ReasoningError
@@ -63,6 +63,9 @@ from dyknow_reasoning.progression.sizes import (
 )
 from dyknow_reasoning.results import FormulaResult, NamedFormula
 from dyknow_reasoning.standing import StandingFormula, StandingFormulas
+
+FOR_WANT: Final = 'undecided for want of'
+"""The words before the unknown values that make a difference, in what remains of a formula."""
 
 _MAX_NODES = 10_000
 
@@ -467,7 +470,7 @@ class FormulaGroup:
         text = text_of(states, self._begun().latest or 0) if states else ''
         if not (wants := formula.wants):
             return text
-        want = f'undecided for want of {wants_text(wants)}'
+        want = f'{FOR_WANT} {wants_text(wants)}'
         return f'{text} (in one of {amount(formula.cases)} cases; {want})' if text else want
 
     def _results_of_known(self) -> list[FormulaResult]:

@@ -83,3 +83,4 @@ def test_a_robot_says_what_may_be_unknown(
     ):
         (row,) = (line for line in output.splitlines() if f'│ {name} ' in line)
         assert f'│ {outcome} ' in row
+    assert 'it may be false; what remains: ' in output

@@ -7,6 +7,7 @@ from enum import StrEnum
 
 from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict
 from dyknow_coordinator import SymbolGrounding
+from dyknow_reasoning import FOR_WANT
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.evaluation.recorded_map import RecordedMap
 from dyknow_recordings.health.expectations import BrokenExpectation
@@ -59,6 +60,15 @@ class Episode:
     def outcome(self) -> Outcome:
         """The outcome."""
         return Outcome.ERROR if self.error is not None else Outcome(self.verdict.name.lower())
+
+    @property
+    def remainder(self) -> str:
+        """How an undecided formula has ended, and what remains of it, for people."""
+        end = 'nothing broke it'
+        if self.presumably_false:
+            is_unknown = FOR_WANT in self.residual_formula
+            end = 'it may be false' if is_unknown else 'an obligation was not met'
+        return f'{end}; what remains: {self.residual_formula}'
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,8 +36,7 @@ def reasons(report: FormulaReport, decisive: Episode | None) -> Iterator[str]:
     elif decisive.error is not None:
         yield decisive.error.message
     elif report.outcome is Outcome.UNDECIDED:
-        end = 'an obligation was not met' if decisive.presumably_false else 'nothing broke it'
-        yield f'{end}; what remains: {decisive.residual_formula}'
+        yield decisive.remainder
         if report.waits_for:
             yield report.waits_for
     else:

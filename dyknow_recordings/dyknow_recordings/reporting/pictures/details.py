@@ -73,8 +73,7 @@ def _episode_reason(episode: Episode) -> str:
     if episode.error is not None:
         return episode.error.message
     if episode.outcome is Outcome.UNDECIDED:
-        end = 'an obligation was not met' if episode.presumably_false else 'nothing broke it'
-        return f'{end}; what remains: {episode.residual_formula}'
+        return episode.remainder
     return episode.explanation
 
 
