@@ -29,7 +29,7 @@ class Simulation:
         self.now = 1000 * SECOND
         self.speed = 1
         self.periods = 1
-        """The periods of the timer for one step. A busy machine is late for a clock that is fast."""
+        """The periods of the timer for a step. A busy machine is late for a clock that is fast."""
         self.tick = TICK
         self.clock_is_last = False
         self.level = 10.0

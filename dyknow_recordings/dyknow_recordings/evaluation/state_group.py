@@ -128,7 +128,7 @@ class StateGroup:
         is_well = self._stream and not (self._is_in_gap or self._is_paused or self._faults)
         if not is_well or self.has_ended or self._is_behind or self._standby.is_better:
             return ()
-        if self._begun_topics():
+        if self._is_replaceable and self._begun_topics():
             return ()  # At the next look, their sources may be better.
         stream = GroupStream(
             self._stream,
@@ -278,10 +278,14 @@ class StateGroup:
 
     def _switch(self, chosen: tuple[FeatureSource, ...], now: int) -> None:
         """Make the states of other sources from now on."""
-        self._destroy()
+        self._standby.end()
         stream = StandbyStream(self._next_name(), chosen, now)
         self._note_gap()
-        self._create(stream.name, chosen)
+        try:
+            # Operators that both streams share go on, as those of other groups would let them.
+            self._create(stream.name, chosen)
+        finally:
+            self._destroy()
         self._use(stream, now)
 
     def _take_over(self, standby: StandbyStream, now: int) -> None:
