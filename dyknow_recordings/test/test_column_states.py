@@ -306,18 +306,6 @@ def test_stand_ins_of_several_features(
         compare(made(drawn), batch, formulas, start)
 
 
-def test_a_standby_whose_first_state_waits() -> None:
-    drawn: Drawn = [
-        *((name, 1, 0, 0.0, '') for name in 'ebc'),
-        ('a', 400, 0, 5.0, ''),
-        ('b', 1, 0, 0.0, ''),
-        ('a', 100, 0, 0.0, ''),
-    ]
-    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
-        compare(made(drawn), 1, formulas)
-
-
 @pytest.mark.parametrize('start', STARTS[:3])
 def test_a_stand_in_that_waits_for_a_topic_of_another_group(start: EpisodeStart) -> None:
     """The other group has an operator of /d, with a sample from before the stand-in was made."""
@@ -336,31 +324,54 @@ def test_a_stand_in_that_waits_for_a_topic_of_another_group(start: EpisodeStart)
     assert report.formulas[1].waits_for == '/d has fallen silent'
 
 
-def test_a_better_source_that_has_begun_since_the_last_look() -> None:
-    drawn: Drawn = [
-        ('a', 1, 0, 0.0, 'lacks'),
-        ('d', 1, 0, 0.0, 'silent'),
-        ('e', 1, 0, 0.0, ''),
-        ('c', 100, 0, 0.0, ''),
-        ('a', 400, 0, 0.0, ''),
-        ('d', 1, 0, 0.0, ''),
-    ]
+@pytest.mark.parametrize(
+    ('drawn', 'start'),
+    [
+        pytest.param(
+            [
+                *((name, 1, 0, 0.0, '') for name in 'ebc'),
+                ('a', 400, 0, 5.0, ''),
+                ('b', 1, 0, 0.0, ''),
+                ('a', 100, 0, 0.0, ''),
+            ],
+            FROM_FIRST_STATE,
+            id='the first state of a standby waits',
+        ),
+        pytest.param(
+            [
+                ('a', 1, 0, 0.0, 'lacks'),
+                ('d', 1, 0, 0.0, 'silent'),
+                ('e', 1, 0, 0.0, ''),
+                ('c', 100, 0, 0.0, ''),
+                ('a', 400, 0, 0.0, ''),
+                ('d', 1, 0, 0.0, ''),
+            ],
+            FROM_FIRST_STATE,
+            id='a better source has begun since the last look',
+        ),
+        # Its standby shared operators with the streams of another group, which had other faults.
+        pytest.param(
+            [
+                ('a', 1, 0, 5.0, ''),
+                ('c', 1, 3, 2.0, ''),
+                ('a', 400, 0, 1.0, ''),
+                ('e', 400, 0, 0.0, ''),
+            ],
+            FROM_FIRST_STATE,
+            id='a group that has ended stands by no more',
+        ),
+        # Without the memory of the former operator, the end of /a would go unnoticed.
+        pytest.param(
+            [('b', 1, 0, 0.0, ''), ('a', 400, 0, 5.0, 'silent'), ('e', 400, 0, 0.0, '')],
+            EpisodeStart(begin=at(1)),
+            id='the next stream shares an operator with the former one',
+        ),
+    ],
+)
+def test_other_sources(drawn: Drawn, start: EpisodeStart) -> None:
     formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
     with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
-        compare(made(drawn), 1, formulas)
-
-
-def test_a_group_that_has_ended_stands_by_no_more() -> None:
-    """Its standby shared operators with the streams of another group, which had other faults."""
-    drawn: Drawn = [
-        ('a', 1, 0, 5.0, ''),
-        ('c', 1, 3, 2.0, ''),
-        ('a', 400, 0, 1.0, ''),
-        ('e', 400, 0, 0.0, ''),
-    ]
-    formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
-        compare(made(drawn), 1, formulas)
+        compare(made(drawn), 1, formulas, start)
 
 
 @pytest.mark.parametrize('batch', [16, 64, 1000])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Sequence
-from typing import Final
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from typing import Final, TypeVar
+
+T = TypeVar('T')
 
 Rows = Sequence[tuple[str, ...]]
 """The solutions of a query."""
@@ -38,3 +40,15 @@ def property_query(feature: str, name: str) -> str:
         name: of the property, such as `unit`.
     """
     return _QUERY.format(feature=feature, name=name)
+
+
+def own_or_inherited(feature: str, stated: Iterable[tuple[str, T]]) -> list[T]:
+    """Return the values that a feature states itself; if it states none, those that it inherits.
+
+    Args:
+        feature: its name.
+        stated: concepts that are the feature or above it, and the values that they state.
+    """
+    found = list(stated)
+    own = [value for concept, value in found if concept.rpartition(':')[2] == feature]
+    return own or [value for _, value in found]

@@ -21,6 +21,7 @@ from dyknow_coordinator.grounding.declared_properties import (
     FEATURE_QUERY,
     QueryFunction,
     Rows,
+    own_or_inherited,
     property_query,
 )
 from dyknow_coordinator.grounding.symbols import feature_symbols
@@ -115,8 +116,7 @@ def only_unit(feature: str, rows: Rows) -> str:
     Raises:
         CoordinationError: if there are several.
     """
-    own = {unit for concept, unit in rows if concept.rpartition(':')[2] == feature}
-    found = own or {unit for _, unit in rows}
+    found = set(own_or_inherited(feature, ((concept, unit) for concept, unit in rows)))
     if len(found) > 1:
         raise CoordinationError(
             f"the unit of '{feature}' is ambiguous, as concepts above it have different ones: "

@@ -13,7 +13,7 @@ from typing import Final
 
 from dyknow_common import Symbol
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.grounding.declared_properties import QueryFunction
+from dyknow_coordinator.grounding.declared_properties import QueryFunction, own_or_inherited
 from dyknow_coordinator.grounding.symbols import feature_symbols
 
 # Without the first condition, owlready2 does not follow the path.
@@ -46,14 +46,12 @@ async def unknown_features(
     names = {each.name for each in feature_symbols(symbols) if not each.is_reference}
     if not names:
         return {}
-    own: dict[str, list[_Range]] = {}
-    inherited: dict[str, list[_Range]] = {}
+    stated: dict[str, list[tuple[str, _Range]]] = {}
     for feature, above, value in await query(_QUERY):
         name = feature.rpartition(':')[2]
         if name in names:
-            found = own if above == feature else inherited
-            found.setdefault(name, []).append(_range(name, value))
-    return {name: _widest(found) for name, found in {**inherited, **own}.items()}
+            stated.setdefault(name, []).append((above, _range(name, value)))
+    return {name: _widest(own_or_inherited(name, found)) for name, found in stated.items()}
 
 
 def _widest(found: Iterable[_Range]) -> _Range:
