@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from fractions import Fraction
 
@@ -32,7 +33,8 @@ def distance_to_boundary(ring: Sequence[Point], x: float, y: float) -> float:
 def signed_distance(ring: Sequence[Point], x: float, y: float) -> float:
     """Return the distance to a polygon, negative inside."""
     size = distance_to_boundary(ring, x, y)
-    return -size if is_inside(ring, x, y) else size
+    # The rounded distance of a point outside may be 0.
+    return -size if is_inside(ring, x, y) else max(size, sys.float_info.min)
 
 
 def prism_distance(

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from naive_geometry import Point, prism_distance, signed_distance
 
@@ -41,6 +41,7 @@ def text_of(ring: list[Point], rest: str = '') -> str:
     return f'POLYGON (({points})); frame map{rest}'
 
 
+@example([[(0.0, -3.0), (0.5, -3.0), (0.5, -2.5), (0.0, -2.5)]], [(-2e-309, -2.5, 0.0)])
 @given(st.lists(rings(), min_size=1, max_size=3), st.lists(POINTS, min_size=1, max_size=5))
 def test_distances_are_those_of_plain_geometry(
     shapes: list[list[Point]], points: list[tuple[float, float, float]]

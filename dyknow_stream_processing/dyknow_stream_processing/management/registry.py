@@ -84,6 +84,10 @@ class StreamRegistry:
                     found.add(name)
         return tuple(sorted(found))
 
+    def is_stream_topic(self, topic: str) -> bool:
+        """Return True if an absolute topic is one of a stream of this system, by the convention."""
+        return self.engine_namespaces.contain(topic) and self._convention.name(topic) is not None
+
     def waiting(self) -> tuple[CreatedStream, ...]:
         """Return the streams that wait for an engine, in the order of the requests."""
         return tuple(each for each in self._created() if each.waits)

@@ -153,7 +153,8 @@ class Placement:
 
         The id is 0 while it is not certain that an engine makes the requested stream there, from
         the requested streams: its report may not have been compared yet, or it may have received
-        samples of another stream than the one that the manager knows.
+        samples of another stream than the one that the manager knows, or of one that no known
+        stream is.
         """
         made = {each.topic: each for each in self._registry.streams() if _is_made(each)}
         found = {topic: self._reported_id(stream) for topic, stream in made.items()}
@@ -163,9 +164,10 @@ class Placement:
             report = self._engines.reports(str(stream.engine)).get(stream.name)
             for source in report.sources if report else ():
                 readers.setdefault(source.topic, []).append(topic)
-                if source.stream_id and source.stream_id != found.get(
-                    source.topic, source.stream_id
-                ):
+                # Streams of other systems, such as remote ones, are not in the registry.
+                is_own = self._registry.is_stream_topic(source.topic)
+                expected = found.get(source.topic, 0 if is_own else source.stream_id)
+                if source.stream_id not in (0, expected):
                     doubtful.append(topic)
         for topic in doubtful:  # The list grows in the loop.
             found[topic] = 0
