@@ -45,7 +45,7 @@ from dyknow_configuration import ParameterValue
 PATIENCE = 3.0
 """Seconds after which a request that is not answered is sent again."""
 
-LIMIT = 40.0
+LIMIT = 100.0
 """Seconds after which a wait has failed; on a machine with nothing else to do it takes a few."""
 
 NOTICED = 15.0

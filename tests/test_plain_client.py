@@ -44,7 +44,7 @@ from std_msgs.msg import Float64
 
 from system import System
 
-LIMIT = 40.0
+LIMIT = 100.0
 
 
 class Plain:
