@@ -3,6 +3,7 @@
     positions:
       - {of: {u: UAV}, frame: map, topic: '/{u}/odometry', field: pose.pose.position}
       - {of: {r: Rover}, frame: map, tf: '{r}/base_link'}
+      - {of: {b: Boat}, frame: wgs84, topic: '/{b}/fix'}
 
 For the object uav1 and the region dock, this makes the stream
 
@@ -30,11 +31,12 @@ from dyknow_configuration.regions import (
     DISTANCES,
     POSITION_KEYS,
     StatedRegion,
+    frame_of,
     position_variable,
 )
 from dyknow_configuration.robot import RobotVocabulary
 from dyknow_configuration.topics import MAX_TEXTS, constraint_text
-from dyknow_space import ALL_HEIGHTS, Region
+from dyknow_space import ALL_HEIGHTS, WGS84, Region
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 _SOURCES: Final = ('topic', 'stream', 'tf')
@@ -47,7 +49,8 @@ class PositionTexts:
     Args:
         streams: of the distances to regions.
         annotations: of these streams.
-        topics: the topic, and the fields of x and y, of each object that has one.
+        topics: the topic, and the fields of x and y, of each object that has one, and whose
+            position is in the frame of the first region.
     """
 
     streams: tuple[InlineText, ...] = ()
@@ -89,7 +92,10 @@ def read_positions(
         if of_frame:
             streams.append(source.streams(of_frame))
             annotations += source.annotations(of_frame)
-    topics = {name: fields for each in sources for name, fields in each.topics()}
+    drawn = regions[0].region.frame if regions else ''
+    topics = {
+        name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
+    }
     return PositionTexts(tuple(streams), tuple(annotations), topics)
 
 
@@ -115,11 +121,16 @@ class _PositionSource:
         self._source = stated[self._kind]
         self._variable, sort = position_variable(stated['of'])
         self.objects = vocabulary.objects(sort.text().strip())
-        self.frame = stated['frame'].text('a frame').strip()
+        self.frame = frame_of(stated['frame'])
+        if self._kind == 'tf' and self.frame == WGS84:
+            raise self._source.error(f'tf has no {WGS84}; give the topic of a NavSatFix')
+        self._axes = _axes(stated.get('axes'), self.frame)
         self._field = stated['field'].text('a field').strip() if 'field' in stated else ''
         self._field_value = stated.get('field', self._source)
         has_header = stated['header'].truth() if 'header' in stated else self._kind == 'topic'
-        self._frame_field = 'header.frame_id' if has_header else ''
+        # The header of a position in degrees names the antenna.
+        is_checked = has_header and self.frame != WGS84
+        self._frame_field = 'header.frame_id' if is_checked else ''
         self.is_swept = 'moves' in stated and bool(stated['moves'].choice('motion', ('straight',)))
         self._units = tuple(DISTANCES) if self.is_swept else tuple(DISTANCES)[:1]
         self._constraints = {
@@ -160,14 +171,16 @@ class _PositionSource:
         before = f'{self._field}.' if self._field else ''
         for name in self.objects if self._kind == 'topic' else ():
             topic = ComposedText().add_template(self._source, {self._variable: name})
-            yield name, (str(topic).strip(), f'{before}x', f'{before}y')
+            x, y, _ = self._axes
+            yield name, (str(topic).strip(), f'{before}{x}', f'{before}{y}')
 
     def _selections(self, axes: str) -> str:
         frame = [f'{self._frame_field} as frame'] if self._frame_field else []
         before = f'{self._field}.' if self._field else ''
         if self._kind == 'tf':
             before = 'translation.'
-        return ', '.join([*frame, *(f'{before}{axis} as {axis}' for axis in axes)])
+        fields = zip(self._axes, axes, strict=False)
+        return ', '.join([*frame, *(f'{before}{name} as {axis}' for name, axis in fields)])
 
     def _add_source(self, text: ComposedText, name: str) -> None:
         objects = {self._variable: name}
@@ -180,6 +193,16 @@ class _PositionSource:
         if self._constraints:
             given = ', '.join(f'{key} = {each}' for key, each in self._constraints.items())
             text.add(f' with {given}', self.value)
+
+
+def _axes(value: YamlValue | None, frame: str) -> tuple[str, str, str]:
+    """Return the fields of x, y and z: those of a NavSatFix for positions in degrees."""
+    if value is None:
+        return ('longitude', 'latitude', 'altitude') if frame == WGS84 else ('x', 'y', 'z')
+    names = [each.text('a field').strip() for each in value.one_or_more()]
+    if len(names) != 3:  # noqa: PLR2004
+        raise value.expected('the fields of x, y and z, such as [lon, lat, alt],')
+    return names[0], names[1], names[2]
 
 
 def _typed(names: Iterable[str]) -> str:

@@ -4,7 +4,7 @@
       dock: {is: Aisle, frame: map, wkt: 'POLYGON ((0 0, 4 0, 4 3, 0 0))', altitude: [0, 2.5]}
       tower: {is: NoFly, frame: map, circle: {center: [10, 4], radius: 3}}
       margin: {is: NoFly, frame: map, buffer: {of: dock, by: 1.5}}
-      fences: {frame: map, geojson: fences.geojson}
+      fences: {frame: wgs84, geojson: fences.geojson}
       keep_out: {is: KeepOut, frame: map, mask: keepout_mask.yaml}
 
 A file may hold several regions, which have their own names.
@@ -21,6 +21,7 @@ from dyknow_common import CONSTRAINT_KINDS
 from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_space import (
     ALL_HEIGHTS,
+    WGS84,
     Region,
     SpaceError,
     buffer_of,
@@ -40,6 +41,9 @@ _FILES: Final[Mapping[str, Callable[..., Iterable[Region]]]] = {
 }
 """The readers of files, by the key that names the file."""
 
+_METRIC: Final = frozenset({'free', 'mask', 'vda5050'})
+"""The documents that have no degrees."""
+
 _SHAPES: Final = ('wkt', 'circle', 'buffer', *_FILES)
 
 _TIMES: Final = ('since', 'until')
@@ -49,7 +53,7 @@ _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES)
 
 POSITION_KEYS: Final = (
-    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'header', 'moves', *CONSTRAINT_KINDS
+    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'axes', 'header', 'moves', *CONSTRAINT_KINDS
 )  # fmt: skip
 
 DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}
@@ -100,7 +104,9 @@ def _regions(
         raise value.error(f'give one of {", ".join(_SHAPES)}')
     (kind,) = shapes
     shape = stated[kind]
-    name, frame = key.text('the name of a region').strip(), stated['frame'].text('a frame').strip()
+    name, frame = key.text('the name of a region').strip(), frame_of(stated['frame'])
+    if kind in _METRIC and frame == WGS84:
+        raise shape.error(f'{kind} is in metres; state its frame, which is not {WGS84}')
     sorts = tuple(each.text() for each in stated['is'].one_or_more()) if 'is' in stated else ()
     altitude = _altitude(stated['altitude']) if 'altitude' in stated else ALL_HEIGHTS
     since, until = (_time(stated[each]) if each in stated else None for each in _TIMES)
@@ -129,12 +135,18 @@ def _geometry(kind: str, shape: YamlValue, known: Mapping[str, StatedRegion], fr
     if kind == 'circle':
         given = shape.mapping(('center', 'radius'), ('center', 'radius'))
         x, y = numbers(given['center'], 2)
-        return circle(x, y, *numbers(given['radius']))
+        return circle(x, y, *numbers(given['radius']), frame)
     given = shape.mapping(('of', 'by'), ('of', 'by'))
     other = known[given['of'].choice('region', tuple(known))].region
     if other.frame != frame:
         raise SpaceError(f"region '{other.name}' is in frame '{other.frame}', not '{frame}'")
-    return buffer_of(other.geometry, *numbers(given['by']))
+    return buffer_of(other.geometry, *numbers(given['by']), frame)
+
+
+def frame_of(value: YamlValue) -> str:
+    """Return the name of a frame."""
+    name = value.text('a frame').strip()
+    return WGS84 if name.lower() == WGS84 else name
 
 
 def _time(value: YamlValue) -> int:

@@ -255,7 +255,8 @@ class RobotMap:
 
     Args:
         regions: in the order of the file.
-        positions: the topic, and the fields of x and y, of each object.
+        positions: the topic, and the fields of x and y, of each object; in the frame of the first
+            region.
     """
 
     regions: tuple[Region, ...] = ()

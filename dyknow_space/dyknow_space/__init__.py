@@ -7,6 +7,7 @@ from dyknow_space.regions.documents import (
     read_mask,
     read_zone_set,
 )
+from dyknow_space.regions.geographic import WGS84, LocalPlane
 from dyknow_space.regions.region import (
     ALL_HEIGHTS,
     ALL_TIMES,
@@ -26,6 +27,8 @@ __all__ = [
     'ALL_TIMES',
     'ANY',
     'MAX_VERTICES',
+    'WGS84',
+    'LocalPlane',
     'Region',
     'RegionDistances',
     'RegionRelation',

@@ -2,6 +2,7 @@
 
 Positions are vectors, also a single one: live and recorded evaluation compute alike. A predicate
 that does not round decides between inside and outside; the distance itself has rounding errors.
+Coordinates in degrees are rounded when they are projected.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from dyknow_common import listed
 from dyknow_space.errors import SpaceError
+from dyknow_space.regions.geographic import WGS84, LocalPlane
 from dyknow_space.regions.library import shapely
 from dyknow_space.regions.region import ALL_HEIGHTS, ALL_TIMES, Region
 
@@ -33,9 +35,9 @@ class Positions:
     """Positions at times, in one frame.
 
     Args:
-        x: in metres, as all coordinates; of shape (n,).
-        y: the same.
-        z: the heights; None if they are unknown.
+        x: in metres, or longitudes in degrees; of shape (n,).
+        y: in metres, or latitudes in degrees.
+        z: the heights in metres; None if they are unknown.
         times: in nanoseconds.
     """
 
@@ -135,6 +137,67 @@ class RegionShapes:
         base = RegionShapes([replace(self._regions[index], times=ALL_TIMES)])
         found = float(base.distances(straight.samples()).min())
         return min(found, 0.0) if is_met else max(found, float(_LEAST))
+
+
+class GeographicShapes:
+    """The geometries of regions in degrees, each projected to a plane of its own.
+
+    Args:
+        regions: at least one, all in degrees.
+    """
+
+    def __init__(self, regions: Sequence[Region]) -> None:
+        self.frame = WGS84
+        self._projected = [_projected(each) for each in regions]
+        self.bounds_height = any(shapes.bounds_height for _, shapes in self._projected)
+        """True if the heights of positions must be known."""
+
+    def distances(self, positions: Positions) -> Floats:
+        """Return the distances in metres, as `RegionShapes` does.
+
+        Raises:
+            SpaceError: also if a coordinate is no degree.
+        """
+        return np.concatenate(
+            [shapes.distances(_in_plane(positions, plane)) for plane, shapes in self._projected]
+        )
+
+    def swept(self, begin: Positions, end: Positions) -> Floats:
+        """Return the least distances on a way, as `RegionShapes` does.
+
+        Raises:
+            SpaceError: also if a coordinate is no degree.
+        """
+        return np.concatenate(
+            [
+                shapes.swept(_in_plane(begin, plane), _in_plane(end, plane))
+                for plane, shapes in self._projected
+            ]
+        )
+
+
+def shapes_of(regions: Sequence[Region]) -> RegionShapes | GeographicShapes:
+    """Return the shapes of regions, in metres or in degrees.
+
+    Raises:
+        SpaceError: if the regions are of several frames.
+    """
+    return GeographicShapes(regions) if common_frame(regions) == WGS84 else RegionShapes(regions)
+
+
+def _projected(region: Region) -> tuple[LocalPlane, RegionShapes]:
+    plane = LocalPlane.of(region.geometry)
+    flat = replace(region, frame='', geometry=plane.projected(region.geometry))
+    return plane, RegionShapes([flat])
+
+
+def _in_plane(positions: Positions, plane: LocalPlane) -> Positions:
+    # Coordinates that are not finite are reported with the distances.
+    for name, values, most in (('longitude', positions.x, 180), ('latitude', positions.y, 90)):
+        if (np.abs(values[np.isfinite(values)]) > most).any():
+            raise SpaceError(f'the {name} of the position is beyond {most} degrees')
+    x, y = plane.coordinates(positions.x, positions.y)
+    return replace(positions, x=x, y=y)
 
 
 class _Way:

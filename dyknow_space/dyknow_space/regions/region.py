@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from dyknow_space.errors import SpaceError
+from dyknow_space.regions.geographic import WGS84, check_degrees
 from dyknow_space.regions.library import shapely
 
 MAX_VERTICES: Final = 10_000
@@ -33,8 +34,9 @@ class Region:
     Args:
         name: of the object that it is.
         sorts: the sorts of that object, as they are stated.
-        frame: in which its coordinates are, such as `map`.
-        geometry: a valid polygon or multipolygon of shapely, in metres; it is prepared.
+        frame: in which its coordinates are, such as `map`, or `wgs84`.
+        geometry: a valid polygon or multipolygon of shapely, in metres, or in degrees of longitude
+            and latitude; it is prepared.
         altitude: its lowest and highest height, in metres; infinite without a bound.
         times: since when and until when it exists, in nanoseconds; None without a bound.
 
@@ -51,6 +53,8 @@ class Region:
 
     def __post_init__(self) -> None:
         check_geometry(self.geometry)
+        if self.frame == WGS84:
+            check_degrees(self.geometry)
         low, high = self.altitude
         if not low < high:
             raise SpaceError(f'the altitudes are from {low} to {high}; write the lower one first')

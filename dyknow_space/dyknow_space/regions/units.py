@@ -7,7 +7,8 @@
         dock = "POLYGON ((0 0, 4 0, 4 3, 0 0)); frame map", gate = "...");
 
 A unit has an output for each region, and takes the text of the region by the same name. The fields
-of a position are `x`, `y`, `z` if a region has altitudes, and `frame` if that is to be checked.
+of a position are `x`, `y`, `z` if a region has altitudes, and `frame` if that is to be checked. In
+the frame `wgs84`, `x` is the longitude and `y` the latitude.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_space.errors import SpaceError
-from dyknow_space.regions.distances import Floats, Positions, RegionShapes, check_frame
+from dyknow_space.regions.distances import Floats, Positions, check_frame, shapes_of
 from dyknow_space.regions.region import parse_region
 
 
@@ -35,7 +36,7 @@ class RegionUnit:
 
     def __init__(self, **regions: str) -> None:
         self._names = tuple(regions)
-        self._shapes = RegionShapes([parse_region(*each) for each in regions.items()])
+        self._shapes = shapes_of([parse_region(*each) for each in regions.items()])
 
     def __call__(self, position: Mapping[str, Any], valid_time: int) -> dict[str, float]:
         """Return the number of each region.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from html import escape
 from typing import Final
 
@@ -12,6 +13,7 @@ from dyknow_recordings.evaluation.recorded_map import RecordedMap
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome
 from dyknow_recordings.reporting.pictures.timeline import Span
 from dyknow_recordings.reporting.reasons import decisive_episode
+from dyknow_space import WGS84, LocalPlane
 
 _HEIGHT: Final = 26.0
 """Of the image, in em; its width is at most twice that."""
@@ -20,10 +22,15 @@ _HEIGHT: Final = 26.0
 def map_image(found: RecordedMap, formulas: Iterable[FormulaReport], whole: Span) -> str:
     """Return the map of a recording as SVG; empty without regions of one frame."""
     frame = found.regions[0].frame if found.regions else ''
-    regions = [each for each in found.regions if each.frame == frame]
+    regions = {each.name: each.geometry for each in found.regions if each.frame == frame}
     if not regions:
         return ''
-    corners = np.array([each.geometry.bounds for each in regions]).reshape(-1, 2)
+    if frame == WGS84:
+        plane = LocalPlane.of(found.regions[0].geometry)
+        regions = {name: plane.projected(each) for name, each in regions.items()}
+        tracks = {name: (at, *plane.coordinates(x, y)) for name, (at, x, y) in found.tracks.items()}
+        found = replace(found, tracks=tracks)
+    corners = np.array([each.bounds for each in regions.values()]).reshape(-1, 2)
     points = [np.column_stack(track[1:]) for track in found.tracks.values()]
     everything = np.concatenate([corners, *points])
     everything = everything[np.isfinite(everything).all(axis=1)]
@@ -37,7 +44,7 @@ def map_image(found: RecordedMap, formulas: Iterable[FormulaReport], whole: Span
     return (
         f'<svg class="map" viewBox="{box}" style="max-height:{_HEIGHT}em" role="img" '
         f'aria-label="map in frame {escape(frame)}">'
-        + ''.join(_region(each.name, each.geometry, each.name in named) for each in regions)
+        + ''.join(_region(name, each, name in named) for name, each in regions.items())
         + ''.join(_track(name, track[1], track[2]) for name, track in found.tracks.items())
         + ''.join(_mark(*place, size / 80, text) for place, _, text in failures)
         + '</svg>'
