@@ -135,12 +135,14 @@ def _geometry(kind: str, shape: YamlValue, known: Mapping[str, StatedRegion], fr
     if kind == 'circle':
         given = shape.mapping(('center', 'radius'), ('center', 'radius'))
         x, y = numbers(given['center'], 2)
-        return circle(x, y, *numbers(given['radius']), frame)
+        (radius,) = numbers(given['radius'])
+        return circle(x, y, radius, frame)
     given = shape.mapping(('of', 'by'), ('of', 'by'))
     other = known[given['of'].choice('region', tuple(known))].region
     if other.frame != frame:
         raise SpaceError(f"region '{other.name}' is in frame '{other.frame}', not '{frame}'")
-    return buffer_of(other.geometry, *numbers(given['by']), frame)
+    (distance,) = numbers(given['by'])
+    return buffer_of(other.geometry, distance, frame)
 
 
 def frame_of(value: YamlValue) -> str:

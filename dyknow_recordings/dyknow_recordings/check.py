@@ -21,7 +21,7 @@ from dyknow_common.executables import (
     interruptible,
     run_main,
 )
-from dyknow_configuration import TopicExpectation
+from dyknow_configuration import NO_MAP, TopicExpectation
 from dyknow_reasoning import read_domains
 from dyknow_recordings.black_boxes.content import BlackBoxContent, read_black_box
 from dyknow_recordings.check_inputs import add_input_options, given_robot, read_configuration
@@ -257,7 +257,7 @@ def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:
             probabilities=options.probability,
             types=types,
             expectations=robot.topics,
-            map=robot.map,
+            map=robot.map if _draws(options) or options.verdicts is not None else NO_MAP,
         )
         for path in options.recording
     )

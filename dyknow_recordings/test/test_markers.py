@@ -21,7 +21,9 @@ from dyknow_recordings.markers.markers import (
     formula_markers,
     objects_of,
 )
+from dyknow_space import Region, geometry_of
 
+TRIANGLE = 'POLYGON ((0 0, 4 0, 4 3, 0 0))'
 AXES = ('East', 'North', 'Altitude')
 SECOND = 1_000_000_000
 NOW = 100 * SECOND
@@ -102,6 +104,32 @@ def test_a_fence_is_a_box_with_edges() -> None:
     assert box.colour[3] < edges.colour[3]
     assert box.position[2] + box.scale[2] / 2 == 30
     assert len(edges.points) == 24
+
+
+def test_the_regions_of_a_formula_have_edges() -> None:
+    zones = {
+        'pit': Region('pit', (), 'map', geometry_of(TRIANGLE)),
+        'hall': Region('hall', (), 'map', geometry_of(TRIANGLE), (0.0, 2.5)),
+        'roof': Region('roof', (), 'map', geometry_of(TRIANGLE)),
+    }
+    inside = replace(
+        CEILING,
+        groundings=grounded('distance[uav1, pit]', 'distance[uav1, hall]'),
+        phase=EvaluationPhase.ENDED,
+        verdict=Verdict.FALSE,
+        explanation='distance[uav1, hall] = 1 is not <= 0',
+    )
+    hall, pit = [
+        each
+        for each in formula_markers([inside], POSITIONS, ('E', 'N', 'A'), NOW, zones)
+        if each.shape is MarkerShape.LINES
+    ]
+    assert (hall.colour, pit.colour) == (COLOURS[Level.ERROR], NOT_RESPONSIBLE)
+    assert pit.points == (
+        *((0, 0, 0), (4, 0, 0)), *((4, 0, 0), (4, 3, 0)), *((4, 3, 0), (0, 0, 0)),
+    )  # fmt: skip
+    assert len(hall.points) == 3 * len(pit.points)
+    assert {z for _, _, z in hall.points} == {0.0, 2.5}
 
 
 def test_texts_have_name_and_reason_and_do_not_overlap() -> None:

@@ -24,6 +24,7 @@ from dyknow_recordings import (
     open_recording,
 )
 from dyknow_recordings.check import main
+from dyknow_recordings.evaluation.recorded_map import RecordedMap
 from dyknow_recordings.reporting.verdicts import message_types
 from dyknow_recordings.reporting.verdicts.verdict_recording import (
     DIAGNOSTICS,
@@ -34,6 +35,7 @@ from dyknow_recordings.reporting.verdicts.verdict_recording import (
     VerdictRecordings,
     write_verdicts,
 )
+from dyknow_space import Region, geometry_of
 from dyknow_stream_processing import Violation
 
 START = 1_700_000_000 * SECOND_NS
@@ -273,6 +275,22 @@ def test_markers_move_with_the_vehicles(
     assert 'uav2 is not shown by markers: its positions are not in the frame' in (
         capsys.readouterr().err
     )
+
+
+def test_markers_show_the_regions_of_the_frame(flight: Path, tmp_path: Path) -> None:
+    corners = geometry_of('POLYGON ((0 0, 4 0, 4 3, 0 0))')
+    zones = tuple(Region(name, (), name, corners) for name in ('map', 'odom'))
+    groundings = tuple(
+        SymbolGrounding(f'distance[uav1, {each.name}]', Grounding.SEMANTIC, 's') for each in zones
+    )
+    formula = FormulaReport('out', 'always true', (FALSE,), states=9, groundings=groundings)
+    drawn = replace(report(formula, recording=str(flight)), map=RecordedMap(zones))
+    lines = [
+        marker
+        for marker in written_of(drawn, tmp_path, MARKERS)[-1].message.markers
+        if marker.type == 5
+    ]
+    assert [len(each.points) for each in lines] == [6]
 
 
 def test_the_command_writes_a_file(flight: Path, tmp_path: Path) -> None:

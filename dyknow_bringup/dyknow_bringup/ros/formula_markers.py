@@ -1,9 +1,10 @@
-"""Show formulas as markers, for rviz2 and Foxglove: fences, lines between vehicles, and texts."""
+"""Show formulas as markers, for rviz2 and Foxglove: fences, regions, lines and texts."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -25,6 +26,7 @@ from dyknow_common.ros import (
     only_owner,
     run,
 )
+from dyknow_configuration import read_robot
 from dyknow_coordinator import EvaluationStatus
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 from dyknow_recordings.markers.fences import Point
@@ -65,6 +67,9 @@ class FormulaMarkers(DyKnowNode):
                 'The features that are the x, y and z of a vehicle, in the frame of its odometry.',
             )
         )
+        robot = self.parameter('robot', '', 'robot.yaml whose regions are shown.')
+        found = read_robot(Path(robot)).map.regions if robot else ()
+        self._regions = {each.name: each for each in found}
         self._statuses: list[EvaluationStatus] = []
         self._subscriptions_by_vehicle: dict[str, Any] = {}
         self._positions: dict[str, Point] = {}
@@ -95,10 +100,16 @@ class FormulaMarkers(DyKnowNode):
     def _publish_markers(self) -> None:
         watched = self._markers.get_subscription_count() > 0
         vehicles = {name for each in self._statuses for name in objects_of(each.groundings)}
+        vehicles -= self._regions.keys()
         # Odometry costs most: do not subscribe to it without a viewer.
         self._subscribe_to(vehicles if watched else ())
         if watched and self._frame:
-            drawn = formula_markers(self._statuses, self._positions, self._axes, self.now())
+            regions = {
+                name: each for name, each in self._regions.items() if each.frame == self._frame
+            }
+            drawn = formula_markers(
+                self._statuses, self._positions, self._axes, self.now(), regions
+            )
             self._markers.publish(MarkerArray(markers=[self._message(each) for each in drawn]))
 
     def _subscribe_to(self, vehicles: Collection[str]) -> None:

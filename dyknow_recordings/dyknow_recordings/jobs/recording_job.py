@@ -43,7 +43,7 @@ class RecordingJob:
         black_box: the content of the recording if it is one that is to be checked by itself.
         types: where the definitions of message types are that the recording lacks.
         expectations: about its topics.
-        map: the regions and positions to keep with the signals.
+        map: the regions and positions to draw.
     """
 
     name: str
@@ -82,7 +82,7 @@ class RecordingJob:
                 probabilities=self.probabilities,
             )
             report = replace(report, broken=broken_in(recording, self.expectations))
-            if self.keep_signals and self.map.regions:
+            if self.map.regions:
                 report = replace(report, map=recorded_map(recording, self.map))
             is_suffix = recording.is_suffix and self.black_box is None
         if self.black_box is not None:

@@ -1,4 +1,4 @@
-"""Formulas in a three-dimensional view: fences, lines between vehicles, and texts."""
+"""Formulas in a three-dimensional view: fences, regions, lines between vehicles, and texts."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from dyknow_coordinator import (
     diagnose,
 )
 from dyknow_recordings.markers.fences import Point, closed, fences
+from dyknow_space import Region
 
 Axes = tuple[str, str, str]
 """The features that are the x, y and z of a vehicle."""
@@ -44,6 +45,8 @@ COLOURS: Final[dict[Level, Colour]] = {
 }
 NOT_RESPONSIBLE: Final[Colour] = (0.6, 0.6, 0.6, 0.5)
 """The colour of ground features that did not make a formula false."""
+
+NO_REGIONS: Final[Mapping[str, Region]] = {}
 
 _PAIR = 2
 _OPACITY = 0.1
@@ -87,7 +90,11 @@ class Marker:
 
 
 def formula_markers(
-    statuses: Iterable[EvaluationStatus], positions: Mapping[str, Point], axes: Axes, now: int
+    statuses: Iterable[EvaluationStatus],
+    positions: Mapping[str, Point],
+    axes: Axes,
+    now: int,
+    regions: Mapping[str, Region] = NO_REGIONS,
 ) -> tuple[Marker, ...]:
     """Return the markers of all formulas; a cancelled formula has none.
 
@@ -96,6 +103,7 @@ def formula_markers(
         positions: of the vehicles, by their names.
         axes: the features that are the x, y and z of a vehicle.
         now: the time, nanoseconds.
+        regions: in the frame of the positions, by their names.
     """
     numbers: Counter[str] = Counter()
     markers: list[Marker] = []
@@ -108,6 +116,7 @@ def formula_markers(
         text = _text(status, diagnosis.text)
         drawn = [
             *_fences(status, positions, axes, colour),
+            *_regions(status, regions, colour),
             *_pairs(status, positions, colour),
             *_label(status, positions, text, lines_of_text, colour),
         ]
@@ -139,15 +148,34 @@ def _fences(
             yield Marker(status.name, MarkerShape.LINES, colour, scale=_EDGE, points=box.edges)
 
 
+def _regions(
+    status: EvaluationStatus, regions: Mapping[str, Region], colour: Colour
+) -> Iterator[Marker]:
+    """Yield the edges of each region that the ground features are about."""
+    responsible = {name for symbol in _responsible(status) for name in _arguments(symbol)}
+    for name in sorted(objects_of(status.groundings) & regions.keys()):
+        yield Marker(
+            status.name,
+            MarkerShape.LINES,
+            colour if name in responsible else NOT_RESPONSIBLE,
+            scale=_EDGE,
+            points=tuple(regions[name].edges()),
+        )
+
+
+def _responsible(status: EvaluationStatus) -> list[str]:
+    """Return the ground features that a false formula's explanation names; otherwise all."""
+    symbols = [each.symbol for each in status.groundings]
+    named = [symbol for symbol in symbols if symbol in status.explanation]
+    return named if status.verdict is Verdict.FALSE and named else symbols
+
+
 def _pairs(
     status: EvaluationStatus, positions: Mapping[str, Point], colour: Colour
 ) -> Iterator[Marker]:
     """Yield a line for each ground feature of two vehicles."""
-    symbols = [each.symbol for each in status.groundings]
-    responsible = [symbol for symbol in symbols if symbol in status.explanation]
-    if status.verdict is not Verdict.FALSE or not responsible:
-        responsible = symbols
-    for symbol in symbols:
+    responsible = _responsible(status)
+    for symbol in (each.symbol for each in status.groundings):
         arguments = _arguments(symbol)
         ends = tuple(positions[name] for name in arguments if name in positions)
         if len(arguments) == len(ends) == _PAIR:

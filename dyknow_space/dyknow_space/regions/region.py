@@ -8,7 +8,9 @@ A region is closed: its boundary is inside. Distances are in metres, negative in
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -62,6 +64,20 @@ class Region:
         if begin is not None and end is not None and begin >= end:
             raise SpaceError('the region ends before it begins; write the earlier time first')
         shapely().prepare(self.geometry)
+
+    def edges(self) -> Iterator[tuple[float, float, float]]:
+        """Yield the ends of the edges, two for each: of a prism if the altitudes are bounded."""
+        heights = [each for each in self.altitude if math.isfinite(each)] or [0.0]
+        for polygon in getattr(self.geometry, 'geoms', [self.geometry]):
+            for ring in (polygon.exterior, *polygon.interiors):
+                points = [(x, y) for x, y, *_ in ring.coords]
+                for one, other in pairwise(points):
+                    for height in heights:
+                        yield (*one, height)
+                        yield (*other, height)
+                    if len(heights) > 1:
+                        yield (*one, heights[0])
+                        yield (*one, heights[1])
 
     @property
     def text(self) -> str:
