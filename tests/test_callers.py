@@ -25,7 +25,7 @@ pytestmark = pytest.mark.usefixtures('calm')
 @pytest.fixture(scope='module')
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     folder = tmp_path_factory.mktemp('system')
-    parameters = {'stream_reasoning_engine': {'orphan_limit': 4.0}}
+    parameters = {'stream_reasoning_engine': {'orphan_limit': 12.0}}
     with System(folder, parameters=parameters, short_lease=True, composition=False) as running:
         yield running
 

@@ -239,7 +239,12 @@ class ServiceClients:
         await self.stream_reasoning_engine.call(FormulaGroupDestroy, formula_group_id=group_id)
 
     async def _call_group(self, service_type: Any, group_id: int, **fields: Any) -> Any:
-        """Call a service for a formula group that exists unless its engine was restarted."""
+        """Call a service for a formula group.
+
+        Raises:
+            DyKnowError: UNAVAILABLE if the engine no longer has the group: it was restarted, or had
+                no request for longer than its `orphan_limit`.
+        """
         try:
             return await self.stream_reasoning_engine.call(
                 service_type, formula_group_id=group_id, **fields
@@ -247,5 +252,8 @@ class ServiceClients:
         except DyKnowError as error:
             if error.code is not ExitCode.NOT_FOUND:
                 raise
-            text = f'node {self.stream_reasoning_engine.name} was restarted: {error}'
+            text = (
+                f'node {self.stream_reasoning_engine.name} was restarted, or destroyed the formula '
+                f'group as nobody seemed to use it: {error}'
+            )
             raise CoordinationError(text, ExitCode.UNAVAILABLE) from None
