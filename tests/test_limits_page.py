@@ -39,7 +39,7 @@ from dyknow_recordings.reading import recording
 from dyknow_semantics.ontology import new_entities, queries
 from dyknow_semantics.ontology.documents import access, sources
 from dyknow_semantics.ontology.taxonomy import MAX_PAIRS
-from dyknow_semantics.ros import ontology_work
+from dyknow_semantics.ros import ontology_manager
 from dyknow_stream_processing.dataflow import constraint_checks, synchronisation
 from dyknow_stream_processing.dataflow.built_in import transform_tree
 from dyknow_stream_processing.language import term_sizes
@@ -119,7 +119,7 @@ ROWS = {
     'text of an ontology in a request': (sources._MAX_TEXT // MIB,),
     'statements of an ontology': (access.MAX_STATEMENTS,),
     'characters of a query': (queries.MAX_QUERY, queries._MAX_ANSWER),
-    'queries at once': (ontology_work._QUERIES, ontology_work._WAITING, ontology_work._WAITING),
+    'queries at once': (ontology_manager._QUERIES, ontology_manager._WAITING, ontology_manager._WAITING),
     'length of the name of a concept': (texts.MAX_NAME,),
     'parents or argument sorts': (new_entities._MAX_CONCEPTS,),
     'times': (recording.MAX_TIME - 1,),
