@@ -119,7 +119,11 @@ ROWS = {
     'text of an ontology in a request': (sources._MAX_TEXT // MIB,),
     'statements of an ontology': (access.MAX_STATEMENTS,),
     'characters of a query': (queries.MAX_QUERY, queries._MAX_ANSWER),
-    'queries at once': (ontology_manager._QUERIES, ontology_manager._WAITING, ontology_manager._WAITING),
+    'queries at once': (
+        ontology_manager._QUERIES,
+        ontology_manager._WAITING,
+        ontology_manager._WAITING,
+    ),
     'length of the name of a concept': (texts.MAX_NAME,),
     'parents or argument sorts': (new_entities._MAX_CONCEPTS,),
     'times': (recording.MAX_TIME - 1,),
