@@ -13,7 +13,7 @@ from dyknow_common import MAX_DURATION_NS, MAX_RECORDED_NS, MAX_RECORDED_TOPICS,
 from dyknow_common.durations import MAX_DIGITS
 from dyknow_common.errors import _MAX_LISTED
 from dyknow_common.text_files import MAX_LINE
-from dyknow_configuration.documents import yaml_values
+from dyknow_configuration import yaml_values
 from dyknow_configuration.topics import MAX_TEXTS
 from dyknow_configuration.vocabulary import MAX_OBJECTS
 from dyknow_coordinator.ros.reporting.evaluation_messages import _MAX_TEXT

@@ -1,4 +1,4 @@
-"""Builders: lark transformers that make the abstract syntax of a text, with the values of tokens."""
+"""Builders: lark transformers that make the abstract syntax of a text, with values of tokens."""
 
 from __future__ import annotations
 
