@@ -113,7 +113,14 @@ from dyknow_common.text_files import (
     replace_text,
 )
 from dyknow_common.units import UnitConversion, check_unit, unit_conversion
-from dyknow_common.values import COMPARISONS, TEXT_COMPARISONS, Value, ValueType
+from dyknow_common.values import (
+    COMPARISONS,
+    MIRRORED_COMPARISONS,
+    ORDERS,
+    TEXT_COMPARISONS,
+    Value,
+    ValueType,
+)
 from dyknow_common.verdict import Margin, ProbabilityInterval, Verdict
 
 __all__ = [
@@ -135,10 +142,12 @@ __all__ = [
     'MAX_STREAM_PARTS',
     'MAX_TOPIC_LENGTH',
     'MAX_WORDS',
+    'MIRRORED_COMPARISONS',
     'NANOSECONDS',
     'NOT_CALIBRATED',
     'NOWHERE',
     'NO_CONSTRAINTS',
+    'ORDERS',
     'SECOND_NS',
     'SSL_WORDS',
     'TEXT_COMPARISONS',

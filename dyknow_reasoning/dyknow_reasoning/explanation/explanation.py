@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 
-from dyknow_common import COMPARISONS, TEXT_COMPARISONS, Value, format_time
+from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS, TEXT_COMPARISONS, Value, format_time
 from dyknow_reasoning.execution import (
     DecidingMoment,
     Histories,
@@ -45,7 +45,6 @@ from dyknow_reasoning.language.terms import (
     Truth,
 )
 from dyknow_reasoning.progression.atoms import (
-    MIRRORED_COMPARISONS,
     NEGATED_COMPARISONS,
     Values,
     evaluate,
