@@ -33,7 +33,7 @@ from dyknow_dashboard.server import pages, serving
 from dyknow_reasoning.execution.past.past_comparisons import MAX_COUNTED
 from dyknow_reasoning.execution.standing.standing_monitor import MAX_RUNS
 from dyknow_reasoning.language.sugar import _MAX_PARTS
-from dyknow_reasoning.ros.group_work import MAX_QUEUED_STATES
+from dyknow_reasoning.ros.group_evaluation import MAX_QUEUED_STATES
 from dyknow_recordings.evaluation.observation import MAX_SIGNALS
 from dyknow_recordings.reading import recording
 from dyknow_semantics.ontology import new_entities, queries

@@ -20,9 +20,13 @@ from dyknow_reasoning.execution import (
     past_terms,
     value_field,
 )
-from dyknow_reasoning.explanation.origins import windows_of_known_origin
-from dyknow_reasoning.explanation.past_facts import PastStates, past_fact, shortened_text
-from dyknow_reasoning.explanation.spatial_facts import SpatialFact
+from dyknow_reasoning.explanation.facts import (
+    PastStates,
+    SpatialFact,
+    past_fact,
+    shortened_text,
+)
+from dyknow_reasoning.explanation.remainders import windows_of_known_origin
 from dyknow_reasoning.language.formula import (
     Always,
     Comparison,
@@ -49,10 +53,10 @@ from dyknow_reasoning.progression.atoms import (
     Values,
     evaluate,
 )
-from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     AtLeast,
+    Bound,
     Constant,
     Junction,
     Literal,
