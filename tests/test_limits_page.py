@@ -13,7 +13,7 @@ from dyknow_common import MAX_DURATION_NS, MAX_RECORDED_NS, MAX_RECORDED_TOPICS,
 from dyknow_common.durations import MAX_DIGITS
 from dyknow_common.errors import _MAX_LISTED
 from dyknow_common.text_files import MAX_LINE
-from dyknow_configuration.documents import yaml_values
+from dyknow_configuration import yaml_values
 from dyknow_configuration.topics import MAX_TEXTS
 from dyknow_configuration.vocabulary import MAX_OBJECTS
 from dyknow_coordinator.ros.reporting.evaluation_messages import _MAX_TEXT
@@ -33,13 +33,13 @@ from dyknow_dashboard.server import pages, serving
 from dyknow_reasoning.execution.past.past_comparisons import MAX_COUNTED
 from dyknow_reasoning.execution.standing.standing_monitor import MAX_RUNS
 from dyknow_reasoning.language.sugar import _MAX_PARTS
-from dyknow_reasoning.ros.group_work import MAX_QUEUED_STATES
+from dyknow_reasoning.ros.group_evaluation import MAX_QUEUED_STATES
 from dyknow_recordings.evaluation.observation import MAX_SIGNALS
 from dyknow_recordings.reading import recording
 from dyknow_semantics.ontology import new_entities, queries
 from dyknow_semantics.ontology.documents import access, sources
 from dyknow_semantics.ontology.taxonomy import MAX_PAIRS
-from dyknow_semantics.ros import ontology_work
+from dyknow_semantics.ros import ontology_manager
 from dyknow_stream_processing.dataflow import constraint_checks, synchronisation
 from dyknow_stream_processing.dataflow.built_in import transform_tree
 from dyknow_stream_processing.language import term_sizes
@@ -119,7 +119,11 @@ ROWS = {
     'text of an ontology in a request': (sources._MAX_TEXT // MIB,),
     'statements of an ontology': (access.MAX_STATEMENTS,),
     'characters of a query': (queries.MAX_QUERY, queries._MAX_ANSWER),
-    'queries at once': (ontology_work._QUERIES, ontology_work._WAITING, ontology_work._WAITING),
+    'queries at once': (
+        ontology_manager._QUERIES,
+        ontology_manager._WAITING,
+        ontology_manager._WAITING,
+    ),
     'length of the name of a concept': (texts.MAX_NAME,),
     'parents or argument sorts': (new_entities._MAX_CONCEPTS,),
     'times': (recording.MAX_TIME - 1,),

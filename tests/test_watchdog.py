@@ -43,7 +43,7 @@ def test_a_node_that_is_stuck_in_a_callback_ends() -> None:
 
 def test_a_node_in_which_no_thread_can_run_ends() -> None:
     """As the one that hangs has the GIL: functions of `PyDLL` keep it."""
-    setting = 'import dyknow_common.ros.watchdog as watchdog; watchdog.FREEZE_GRACE_S = 1.0'
+    setting = 'import dyknow_common.ros.process as watchdog; watchdog.FREEZE_GRACE_S = 1.0'
     with node_that(
         DEADLOCK.format('PyDLL'), *HANG_LIMIT, environment=private_environment(), setting=setting
     ) as process:

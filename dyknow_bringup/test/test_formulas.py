@@ -2,8 +2,7 @@ from math import inf
 
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import parse_formula
-from dyknow_recordings.markers.fences import Fence, fences
-from dyknow_recordings.markers.markers import DEFAULT_AXES
+from dyknow_recordings.markers import DEFAULT_AXES, Fence, fences
 
 
 def test_the_formulas(formulas: dict[str, RequestedFormula]) -> None:

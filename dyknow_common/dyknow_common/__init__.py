@@ -1,14 +1,6 @@
 """The parts that every package of DyKnow shares."""
 
 from dyknow_common.black_box import MAX_RECORDED_NS, MAX_RECORDED_TOPICS, BlackBoxOptions
-from dyknow_common.builders.field_builder import (
-    FieldBuilder,
-    computed_field,
-    field_name,
-    field_text,
-    literal_value,
-    message_path,
-)
 from dyknow_common.constraints import (
     CONSTRAINT_KINDS,
     NO_CONSTRAINTS,
@@ -34,6 +26,14 @@ from dyknow_common.durations import (
     with_readable_times,
 )
 from dyknow_common.errors import DyKnowError, ExitCode, amount, listed, one_line, shortened, unknown
+from dyknow_common.field_builder import (
+    FieldBuilder,
+    computed_field,
+    field_name,
+    field_text,
+    literal_value,
+    message_path,
+)
 from dyknow_common.field_paths import (
     FieldTypes,
     absence,
@@ -44,7 +44,7 @@ from dyknow_common.field_paths import (
     key_array,
     listed_as,
 )
-from dyknow_common.fields.paths import (
+from dyknow_common.fields import (
     AGGREGATES,
     CONVERSIONS,
     INDEX,
@@ -113,7 +113,14 @@ from dyknow_common.text_files import (
     replace_text,
 )
 from dyknow_common.units import UnitConversion, check_unit, unit_conversion
-from dyknow_common.values import COMPARISONS, TEXT_COMPARISONS, Value, ValueType
+from dyknow_common.values import (
+    COMPARISONS,
+    MIRRORED_COMPARISONS,
+    ORDERS,
+    TEXT_COMPARISONS,
+    Value,
+    ValueType,
+)
 from dyknow_common.verdict import Margin, ProbabilityInterval, Verdict
 
 __all__ = [
@@ -135,10 +142,12 @@ __all__ = [
     'MAX_STREAM_PARTS',
     'MAX_TOPIC_LENGTH',
     'MAX_WORDS',
+    'MIRRORED_COMPARISONS',
     'NANOSECONDS',
     'NOT_CALIBRATED',
     'NOWHERE',
     'NO_CONSTRAINTS',
+    'ORDERS',
     'SECOND_NS',
     'SSL_WORDS',
     'TEXT_COMPARISONS',

@@ -29,6 +29,19 @@ COMPARISONS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
 }
 """The functions of the comparisons; those of numbers give an array of numpy arrays."""
 
+MIRRORED_COMPARISONS: Final[Mapping[str, str]] = {
+    '=': '=',
+    '!=': '!=',
+    '<': '>',
+    '>': '<',
+    '<=': '>=',
+    '>=': '<=',
+}
+"""Each comparison of numbers with its sides exchanged."""
+
+ORDERS: Final = frozenset({'<', '<=', '>', '>='})
+"""The comparisons of numbers by their order."""
+
 
 class ValueType(StrEnum):
     """The types of the stream language (paper, section III)."""

@@ -1,6 +1,5 @@
 """The file that describes a robot and what is monitored: robot.yaml."""
 
-from dyknow_configuration.documents.yaml_values import YamlValue, add_quotes, read_yaml
 from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
@@ -39,19 +38,18 @@ from dyknow_configuration.robot import (
     Severity,
     TextSource,
 )
-from dyknow_configuration.triggers.placeholders import (
+from dyknow_configuration.triggers import (
+    ACTION_KEYS,
     PLACEHOLDERS,
-    filled,
-    single_placeholder,
-)
-from dyknow_configuration.triggers.reading import ACTION_KEYS
-from dyknow_configuration.triggers.trigger import (
     FormulaTriggers,
     Trigger,
     TriggerEvent,
     TriggerKind,
+    filled,
+    single_placeholder,
 )
 from dyknow_configuration.writing import export, write_texts
+from dyknow_configuration.yaml_values import YamlValue, add_quotes, read_yaml
 
 __all__ = [
     'ACTION_KEYS',

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
-from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_configuration.yaml_values import YamlValue
 
 TIMING_KEYS: Final = ('max_gap', 'max_delay', 'max_lead')
 

@@ -24,10 +24,10 @@ from typing import Final
 import yaml
 
 from dyknow_common import NOWHERE, DyKnowError
-from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.reading import robot_of
 from dyknow_configuration.robot import RobotConfiguration
+from dyknow_configuration.yaml_values import YamlValue, read_yaml
 from dyknow_reasoning import ForecastFeature
 
 MAX_FAULTS: Final = 20

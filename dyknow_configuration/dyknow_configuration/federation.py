@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from dyknow_common import NANOSECONDS, shortened
-from dyknow_configuration.documents.yaml_values import YamlValue, texts
+from dyknow_configuration.yaml_values import YamlValue, texts
 
 FEDERATION_KEYS: Final = (
     'name',

@@ -41,8 +41,7 @@ from dyknow_common import (
     format_duration,
     quoted,
 )
-from dyknow_configuration.documents.composed_text import PLACEHOLDER, variables
-from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
+from dyknow_configuration.composed_text import PLACEHOLDER, variables
 from dyknow_configuration.robot import (
     FeatureForecast,
     ForecastSource,
@@ -53,6 +52,7 @@ from dyknow_configuration.robot import (
 )
 from dyknow_configuration.topics import FeatureCarrier
 from dyknow_configuration.vocabulary import read_horizons
+from dyknow_configuration.yaml_values import YamlValue, read_yaml
 from dyknow_reasoning import Feature, ForecastBound, ForecastFeature, parse_formula, walk
 from dyknow_stream_processing import MAX_STEPS, parse_specification, specifications_by_sink
 

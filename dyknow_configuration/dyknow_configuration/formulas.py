@@ -9,12 +9,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from dyknow_common import FORMULA_WORDS, BlackBoxOptions, LanguageError, read_text
-from dyknow_configuration.documents.composed_text import checked_text
-from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
+from dyknow_configuration.composed_text import checked_text
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.robot import RequestedFormula, Severity
-from dyknow_configuration.triggers.reading import NO_TRIGGERS, Triggers, read_events
-from dyknow_configuration.triggers.trigger import FormulaTriggers
+from dyknow_configuration.triggers import (
+    NO_TRIGGERS,
+    FormulaTriggers,
+    Triggers,
+    read_events,
+)
+from dyknow_configuration.yaml_values import YamlValue, read_yaml
 from dyknow_reasoning import (
     NO_CONSTANTS,
     Constants,

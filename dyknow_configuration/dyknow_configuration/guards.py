@@ -1,12 +1,12 @@
 """The guards of a robot.yaml: which messages pass while which formulas hold.
 
 guards:
-- name: cmd_vel_guard
-input: /cmd_vel_in
-output: /cmd_vel
-formulas:
-- distance                              # the name of a formula of the file
-- '"/cmd_vel_in".linear.x < 0.5'        # a formula over the messages
+  - name: cmd_vel_guard
+    input: /cmd_vel_in
+    output: /cmd_vel
+    formulas:
+      - distance                          # the name of a formula of the file
+      - '"/cmd_vel_in".linear.x < 0.5'    # a formula over the messages
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from dyknow_common import NANOSECONDS, DyKnowError, LanguageError, shortened, unknown
-from dyknow_configuration.documents.composed_text import checked_text
-from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_configuration.composed_text import checked_text
 from dyknow_configuration.robot import RequestedFormula, RequestedGuard
+from dyknow_configuration.yaml_values import YamlValue
 from dyknow_reasoning import (
     Constants,
     Feature,

@@ -25,8 +25,7 @@ from itertools import product
 from typing import Final
 
 from dyknow_common import CONSTRAINT_KINDS, InlineText, listed, quoted
-from dyknow_configuration.documents.composed_text import ComposedText
-from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_configuration.composed_text import ComposedText
 from dyknow_configuration.regions import (
     DISTANCES,
     POSITION_KEYS,
@@ -36,6 +35,7 @@ from dyknow_configuration.regions import (
 )
 from dyknow_configuration.robot import RobotVocabulary
 from dyknow_configuration.topics import MAX_TEXTS, constraint_text
+from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import ALL_HEIGHTS, WGS84, Region
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 

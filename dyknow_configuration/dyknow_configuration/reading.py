@@ -9,32 +9,51 @@
 All keys are optional. The ontology, the annotations and the streams of the robot are made from
 the file; `ontology`, `annotations`, `streams` and `bridges` may also name files, in its folder or
 relative to it.
+
+`streams` may also be texts in the stream language, for each object of a sort if wanted:
+
+    streams:
+      - compunit power: float electrical_power((voltage: float, current: float));
+      - for: {r: Rover}
+        text: |
+          stream {r}_power = electrical_power("/{r}/battery");
+          sink {r}_power;
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from html import escape
+from math import prod
 from pathlib import Path
 from typing import Final
 
-from dyknow_common import InlineText
-from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml, texts
+from dyknow_common import MAX_CHARACTERS, InlineText, unknown
+from dyknow_configuration.composed_text import ComposedText
 from dyknow_configuration.expectations import read_expectations
 from dyknow_configuration.federation import read_federation
 from dyknow_configuration.forecasts import check_calibrated, read_forecasts
 from dyknow_configuration.formulas import formulas_of, read_constants
 from dyknow_configuration.guards import read_guards
 from dyknow_configuration.nodes import read_parameters
-from dyknow_configuration.ontology_text import ontology_text
 from dyknow_configuration.positions import read_positions
 from dyknow_configuration.regions import read_regions
-from dyknow_configuration.robot import RobotConfiguration, RobotMap, RobotVocabulary
-from dyknow_configuration.stream_texts import is_stream_text, read_streams
+from dyknow_configuration.robot import (
+    RobotConfiguration,
+    RobotFeature,
+    RobotMap,
+    RobotSort,
+    RobotVocabulary,
+    choices,
+)
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
-from dyknow_configuration.triggers.reading import NO_TRIGGERS, read_triggers
+from dyknow_configuration.triggers import NO_TRIGGERS, read_triggers
 from dyknow_configuration.vocabulary import FEATURE_KEYS, read_uncertainty, read_vocabulary
+from dyknow_configuration.yaml_values import YamlValue, read_yaml, texts
 from dyknow_reasoning import NO_CONSTANTS
+from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 KEYS: Final = (
     'sorts',
@@ -58,6 +77,10 @@ KEYS: Final = (
 """The keys of a robot.yaml."""
 
 _STREAM_HINT: Final = '; a text begins with source, compunit, stream or sink'
+
+TEMPLATE_KEYS: Final = ('for', 'text')
+
+_DECLARATION: Final = re.compile(r'\s*(#|(source|compunit|stream|sink)\s)')
 
 
 def read_robot(
@@ -173,3 +196,123 @@ def _files(values: list[YamlValue], hint: str = '') -> list[Path]:
             raise each.error(f'there is no file {path}{hint}')
         paths.append(path)
     return paths
+
+
+_HEADER = """\
+<?xml version="1.0" encoding="UTF-8"?>
+<rdf:RDF xmlns="{iri}#"
+         xml:base="{iri}"
+         xmlns:dyknow="http://www.dyknow.org/ontology#"
+         xmlns:owl="http://www.w3.org/2002/07/owl#"
+         xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"
+         xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#">
+
+    <owl:Ontology rdf:about="{iri}">
+        <owl:imports rdf:resource="http://www.dyknow.org/ontology"/>
+    </owl:Ontology>
+"""
+
+
+def ontology_text(vocabulary: RobotVocabulary, name: str) -> str:
+    """Return the ontology of a vocabulary.
+
+    Args:
+        vocabulary: the sorts, objects and features.
+        name: of the ontology, which becomes the prefix of its names.
+    """
+    lines = [_HEADER.format(iri=f'http://www.dyknow.org/robots/{name}')]
+    for sort in vocabulary.sorts.values():
+        lines += _class(sort, 'Object', ())
+    for feature in vocabulary.features.values():
+        above = 'Feature' if feature.arguments else 'NullaryFeature'
+        lines += _class(feature, above, _signature(feature))
+    sorts: defaultdict[str, list[str]] = defaultdict(list)
+    for sort in vocabulary.sorts.values():
+        for object_ in sort.objects:
+            sorts[object_].append(sort.name)
+    for object_, names in sorted(sorts.items()):
+        lines.append(f'    <owl:NamedIndividual rdf:about="#{object_}">')
+        lines += [f'        <rdf:type rdf:resource="#{each}"/>' for each in names]
+        lines.append('    </owl:NamedIndividual>')
+    return '\n'.join([*lines, '</rdf:RDF>', ''])
+
+
+def _class(
+    concept: RobotSort | RobotFeature, above: str, details: tuple[str, ...]
+) -> Iterator[str]:
+    parent = f'#{concept.below}' if concept.below else f'http://www.dyknow.org/ontology#{above}'
+    yield f'    <owl:Class rdf:about="#{concept.name}">'
+    yield f'        <rdfs:subClassOf rdf:resource="{parent}"/>'
+    if concept.description:
+        yield f'        <rdfs:comment>{escape(concept.description, quote=False)}</rdfs:comment>'
+    yield from (f'        {each}' for each in details)
+    yield '    </owl:Class>'
+
+
+def _signature(feature: RobotFeature) -> tuple[str, ...]:
+    unit = escape(feature.unit, quote=False)
+    bounds = ' '.join(map(str, feature.unknown or ()))
+    uncertainty = feature.uncertainty
+    return (
+        *(
+            f'<dyknow:argument{number} rdf:resource="#{sort}"/>'
+            for number, sort in enumerate(feature.arguments.values(), start=1)
+        ),
+        f'<dyknow:value_type>{feature.value_type}</dyknow:value_type>',
+        *([f'<dyknow:unit>{unit}</dyknow:unit>'] if unit else []),
+        *([f'<dyknow:unknown>{bounds}</dyknow:unknown>'] if bounds else []),
+        *([f'<dyknow:uncertainty>{uncertainty}</dyknow:uncertainty>'] if uncertainty else []),
+    )
+
+
+def is_stream_text(value: YamlValue) -> bool:
+    """Return True if a value is a text in the stream language, and not the name of a file."""
+    return value.is_mapping or bool(_DECLARATION.match(value.text('streams or a file')))
+
+
+def read_streams(
+    values: Iterable[YamlValue], vocabulary: RobotVocabulary
+) -> tuple[InlineText, ...]:
+    """Return the text of all streams, empty if there are none.
+
+    Raises:
+        ConfigurationError: with the place of the fault.
+    """
+    text = ComposedText()
+    place = ''
+    for value in values:
+        place = place or value.place
+        _add(text, value, vocabulary)
+    if not text:
+        return ()
+    with text.errors():
+        specifications_by_sink(parse_specification(str(text)))
+    return (InlineText(place, str(text)),)
+
+
+def _add(text: ComposedText, value: YamlValue, vocabulary: RobotVocabulary) -> None:
+    if not value.is_mapping:
+        text.add_value(value).add(_separator(value), value)
+        return
+    stated = value.mapping(TEMPLATE_KEYS, TEMPLATE_KEYS)
+    sorts: dict[str, str] = {}
+    for variable, sort in stated['for'].entries('a mapping from variables to sorts'):
+        name = sort.text('the name of a sort').strip()
+        if name not in vocabulary.sorts:
+            raise sort.error(unknown('sort', name, vocabulary.sorts))
+        sorts[variable.text().strip()] = name
+    domains = {variable: vocabulary.objects(sort) for variable, sort in sorts.items()}
+    if prod(map(len, domains.values())) > MAX_TEXTS:
+        raise value.error(f'this makes more than {MAX_TEXTS} copies; split it')
+    for objects in choices(domains):
+        text.add_template(stated['text'], objects)
+        text.add(_separator(stated['text']), stated['text'])
+        if len(text) > MAX_CHARACTERS:
+            raise value.error(f'the streams have more than {MAX_CHARACTERS} characters; split them')
+
+
+def _separator(value: YamlValue) -> str:
+    """Return what separates a text from the next one."""
+    lines = [line.partition('#')[0] for line in value.text().splitlines()]
+    # Its last line may end in a comment.
+    return '\n' if ''.join(lines).rstrip().endswith(';') else '\n;\n'

@@ -18,7 +18,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
 from dyknow_common import CONSTRAINT_KINDS
-from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import (
     ALL_HEIGHTS,
     WGS84,

@@ -19,7 +19,7 @@ from dyknow_common import (
 )
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.federation import RequestedFederation
-from dyknow_configuration.triggers.trigger import FormulaTriggers
+from dyknow_configuration.triggers import FormulaTriggers
 from dyknow_reasoning import NO_CONSTANTS, Constants, FieldReference, parse_formula, walk
 from dyknow_space import Region
 

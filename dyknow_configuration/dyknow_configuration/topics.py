@@ -27,9 +27,9 @@ from dyknow_common import (
     quoted,
     unit_conversion,
 )
-from dyknow_configuration.documents.composed_text import ComposedText, variables
-from dyknow_configuration.documents.yaml_values import YamlValue
+from dyknow_configuration.composed_text import ComposedText, variables
 from dyknow_configuration.robot import RobotFeature, RobotVocabulary, choices
+from dyknow_configuration.yaml_values import YamlValue
 
 if TYPE_CHECKING:
     from dyknow_semantics import Annotation

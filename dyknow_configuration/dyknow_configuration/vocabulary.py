@@ -18,9 +18,9 @@ from dyknow_common import (
     unit_conversion,
     unknown,
 )
-from dyknow_configuration.documents.yaml_values import YamlValue, texts
 from dyknow_configuration.regions import DISTANCES, StatedRegion, positioned_sorts
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
+from dyknow_configuration.yaml_values import YamlValue, texts
 from dyknow_reasoning import ANY_NUMBER, SPATIAL, ForecastBound, ForecastFeature
 
 SORT_KEYS: Final = ('below', 'description')

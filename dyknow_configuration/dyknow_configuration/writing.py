@@ -13,8 +13,7 @@ import yaml
 from dyknow_common import BlackBoxOptions, ExitCode, InlineText, format_duration
 from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.robot import RequestedFormula, RobotConfiguration, Severity, TextSource
-from dyknow_configuration.triggers.reading import trigger_document
-from dyknow_configuration.triggers.trigger import FormulaTriggers
+from dyknow_configuration.triggers import FormulaTriggers, trigger_document
 
 
 def write_texts(

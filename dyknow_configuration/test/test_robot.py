@@ -19,7 +19,7 @@ from dyknow_configuration import (
     read_robot,
     write_texts,
 )
-from dyknow_configuration.node_parameters import COMMON, PARAMETERS
+from dyknow_configuration.nodes import COMMON, PARAMETERS
 from dyknow_semantics import Ontology, check_annotation, match, parse_annotations, parse_concept
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 

@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_configuration.documents.scalar_positions import source_offsets
+from dyknow_configuration.yaml_values import source_offsets
 
 WORDS = st.text('ab<\'"\\é:#{}%\t☃', min_size=1, max_size=8).filter(lambda each: each.strip())
 VALUES = st.lists(WORDS, min_size=1, max_size=12).map(' '.join) | st.text(

@@ -18,11 +18,10 @@ from dyknow_configuration.federation import FEDERATION_KEYS, SHARE_KEYS
 from dyknow_configuration.forecasts import FORECAST_KEYS
 from dyknow_configuration.formulas import FORMULA_KEYS
 from dyknow_configuration.guards import GUARD_KEYS
+from dyknow_configuration.reading import TEMPLATE_KEYS
 from dyknow_configuration.regions import POSITION_KEYS, REGION_KEYS
-from dyknow_configuration.stream_texts import TEMPLATE_KEYS
 from dyknow_configuration.topics import SOURCE_KEYS
-from dyknow_configuration.triggers.reading import ACTION_KEYS, TRIGGER_KEYS
-from dyknow_configuration.triggers.trigger import TriggerEvent
+from dyknow_configuration.triggers import ACTION_KEYS, TRIGGER_KEYS, TriggerEvent
 from dyknow_configuration.vocabulary import FEATURE_KEYS, SORT_KEYS
 
 ROOT = Path(__file__).parents[2]

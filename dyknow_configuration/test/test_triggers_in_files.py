@@ -20,7 +20,7 @@ from dyknow_configuration import (
     read_robot,
     single_placeholder,
 )
-from dyknow_configuration.triggers.trigger import DEFAULT_TIMEOUT
+from dyknow_configuration.triggers import DEFAULT_TIMEOUT
 
 SECOND = 1_000_000_000
 TEXT = """\

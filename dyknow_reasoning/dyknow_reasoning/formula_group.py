@@ -45,7 +45,6 @@ from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.language.uncertain_features import check_asked_once
 from dyknow_reasoning.margins.group_margins import GroupMargins
 from dyknow_reasoning.progression.atoms import Values
-from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.instances import (
     Domains,
     Instance,
@@ -54,6 +53,7 @@ from dyknow_reasoning.progression.instances import (
     verdict_of,
 )
 from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import Chronology
 from dyknow_reasoning.progression.sizes import (
     Counts,
     FormulaLimits,

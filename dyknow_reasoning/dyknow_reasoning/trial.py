@@ -30,10 +30,9 @@ from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.progression.atoms import Values, predicate
-from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.instances import Domains, instances_of
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import holds_at, slots
+from dyknow_reasoning.progression.nodes import Chronology, holds_at, slots
 from dyknow_reasoning.progression.past_operators import PastMemory
 from dyknow_reasoning.progression.sizes import (
     FormulaLimits,

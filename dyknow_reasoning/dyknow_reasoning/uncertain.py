@@ -30,10 +30,10 @@ from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.spatial import Over
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.progression.atoms import Values
-from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.gaps import UnknowableError
 from dyknow_reasoning.progression.instances import Domains, instances_of
 from dyknow_reasoning.progression.node_store import NodeStore
+from dyknow_reasoning.progression.nodes import Chronology
 from dyknow_reasoning.progression.sizes import (
     FormulaLimits,
     check_size,

@@ -15,7 +15,7 @@ from dyknow_reasoning.language.formula import Comparison, Formula
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Feature, Number
 from dyknow_reasoning.language.type_checking import check_types
-from dyknow_reasoning.margins import temporal
+from dyknow_reasoning.margins import operators
 from dyknow_reasoning.margins.formula_margin import FormulaMargin
 
 NAMES = ('x', 'y')
@@ -103,7 +103,7 @@ def test_bounds_where_values_are_missing(formula: Formula, trace: list, bad: set
 @given(formulas(3, leaves), traces)
 def test_bounds_stay_correct_where_too_many_states_wait(formula: Formula, trace: list) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(temporal, 'MAX_WAITING', 2)
+        patch.setattr(operators, 'MAX_WAITING', 2)
         found = margin_of(formula)
         times = list(accumulate(step for step, _ in trace))
         states = list(zip(times, (v for _, v in trace), strict=True))

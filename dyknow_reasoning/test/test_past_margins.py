@@ -13,14 +13,15 @@ from reasoning_reference import random_cases
 
 from dyknow_reasoning.margins.operators import (
     Assumption,
+    ExtremumMargin,
     MarginOperator,
     PairMargin,
     PreviousMargin,
     StateMargin,
     Steps,
+    TemporalMargin,
 )
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, extremum
-from dyknow_reasoning.margins.temporal import ExtremumMargin, TemporalMargin
 from dyknow_reasoning.margins.windows import ExtremumWindow, SinceWindow
 
 Window = tuple[float, float]

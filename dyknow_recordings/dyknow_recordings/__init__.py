@@ -1,8 +1,12 @@
 """Recordings of robots, and formulas over them, without ROS."""
 
 from dyknow_configuration import RequestedFormula
-from dyknow_recordings.black_boxes.content import BLACK_BOX, BlackBoxContent, read_black_box
-from dyknow_recordings.black_boxes.suffixes import horizon
+from dyknow_recordings.black_boxes import (
+    BLACK_BOX,
+    BlackBoxContent,
+    horizon,
+    read_black_box,
+)
 from dyknow_recordings.cutting.bag_writing import BAG_VERSION, offered_profile
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
@@ -20,8 +24,7 @@ from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles, Vocabulary
 from dyknow_recordings.health.observing import observe_recording
 from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
-from dyknow_recordings.reading.columns import MessageColumns
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.messages.message_types import MessageTypes
 from dyknow_recordings.reading.opening import (
     add_reading_options,

@@ -21,11 +21,13 @@ from dyknow_configuration import (
     table_text,
     write_errors,
 )
-from dyknow_recordings.calibration.alarms import AlarmRates, alarm_rates, conditions_of
-from dyknow_recordings.calibration.conformal import Floats
-from dyknow_recordings.calibration.measuring import (
+from dyknow_recordings.calibration import (
+    AlarmRates,
+    Floats,
     ForecastErrors,
+    alarm_rates,
     block_scores,
+    conditions_of,
     forecast_errors,
     widening_of,
 )

@@ -23,7 +23,7 @@ from dyknow_common.executables import (
 )
 from dyknow_configuration import NO_MAP, TopicExpectation
 from dyknow_reasoning import read_domains
-from dyknow_recordings.black_boxes.content import BlackBoxContent, read_black_box
+from dyknow_recordings.black_boxes import BlackBoxContent, read_black_box
 from dyknow_recordings.check_inputs import add_input_options, given_robot, read_configuration
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every

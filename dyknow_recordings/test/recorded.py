@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dyknow_common import SECOND_NS, Value, ValueType
-from dyknow_recordings.reading.columns import MessageColumns
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.recording import RecordedTopic, RecordingReader
 
 TYPE = 'test_msgs/msg/Values'

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from dyknow_common.executables import run_main
 from dyknow_configuration import read_robot
 from dyknow_recordings.calibrate import add_calibrate_options, calibrate
-from dyknow_recordings.calibration.conformal import block_quantile, least_blocks
+from dyknow_recordings.calibration import block_quantile, least_blocks
 from dyknow_recordings.check import main as check
 from dyknow_recordings.errors import RecordingError
 

@@ -16,7 +16,7 @@ from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import TopicContent
 
 ONTOLOGY = """
 @prefix : <http://example.org/robots#> .

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_recordings.markers.fences import Fence, closed, fences
+from dyknow_recordings.markers import Fence, closed, fences
 
 AXES = ('East', 'North', 'Altitude')
 COORDINATES = st.floats(-1e4, 1e4)

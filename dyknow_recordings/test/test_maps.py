@@ -10,7 +10,7 @@ from dyknow_common import Verdict
 from dyknow_configuration import RobotMap
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, recorded_map
 from dyknow_recordings.evaluation.results import Episode, FormulaReport
-from dyknow_recordings.reporting.pictures.maps import map_image
+from dyknow_recordings.reporting.pictures.page import map_image
 from dyknow_recordings.reporting.pictures.timeline import Span
 from dyknow_space import Region, geometry_of
 

@@ -13,7 +13,7 @@ from dyknow_coordinator import (
     Level,
     SymbolGrounding,
 )
-from dyknow_recordings.markers.markers import (
+from dyknow_recordings.markers import (
     COLOURS,
     NOT_RESPONSIBLE,
     Marker,

@@ -4,14 +4,14 @@ import pytest
 
 from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
 from dyknow_stream_processing import StreamError
-from dyknow_stream_processing.management.conflicts import (
+from dyknow_stream_processing.management.namespaces import Namespaces
+from dyknow_stream_processing.management.naming import NamingConvention, check_name
+from dyknow_stream_processing.management.registry import (
+    StreamRegistry,
     engines_missing,
     name_taken,
     two_streams,
 )
-from dyknow_stream_processing.management.namespaces import Namespaces
-from dyknow_stream_processing.management.naming import NamingConvention, check_name
-from dyknow_stream_processing.management.registry import StreamRegistry
 from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE, StreamReport, StreamState
 

@@ -29,14 +29,14 @@ from dyknow_common.ros import (
 from dyknow_configuration import read_robot
 from dyknow_coordinator import EvaluationStatus
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
-from dyknow_recordings.markers.fences import Point
-from dyknow_recordings.markers.markers import (
+from dyknow_recordings.markers import (
     DEFAULT_AXES,
     LIFETIME_NS,
     ODOMETRY,
     PERIOD_NS,
     Axes,
     Marker,
+    Point,
     formula_markers,
     objects_of,
 )

@@ -18,8 +18,11 @@ from dyknow_common.parsing.positions import (
     TextPosition,
     position_at,
 )
-from dyknow_common.parsing.syntax_builders import ConstraintBuilder, Syntax, SyntaxBuilder, builder
-from dyknow_common.parsing.token_values import (
+from dyknow_common.parsing.syntax_builders import (
+    ConstraintBuilder,
+    Syntax,
+    SyntaxBuilder,
+    builder,
     comparison_value,
     distinct_settings,
     duration_value,

@@ -26,8 +26,7 @@ from dyknow_common.parsing.positions import (
     TextPosition,
     position_at,
 )
-from dyknow_common.parsing.syntax_builders import Syntax, SyntaxBuilder
-from dyknow_common.parsing.token_values import quoted
+from dyknow_common.parsing.syntax_builders import Syntax, SyntaxBuilder, quoted
 
 _FORBIDDEN: Final = re.compile('[\x00-\x08\x0b\x0e-\x1f\ud800-\udfff]')
 """Control characters, and halves of characters, which no message of ROS can hold."""

@@ -17,22 +17,24 @@ import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
+from typing import Final
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import install_signal_handlers
 
 from dyknow_common.errors import DyKnowError, one_line
 from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
-from dyknow_common.ros.below_rclpy.c_library import end_with_parent, exit_later
+from dyknow_common.ros.below_rclpy.c_library import OneTimeHandler, end_with_parent, exit_later
 from dyknow_common.ros.below_rclpy.executor import node_executor
 from dyknow_common.ros.commands import ROS_ERRORS, start_ros
 from dyknow_common.ros.deadlines import TICK_PERIOD_S
-from dyknow_common.ros.node import DyKnowNode, snake_case
+from dyknow_common.ros.node import HANG_LIMIT_S, DyKnowNode, snake_case
+from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S, PULSE_PERIOD_S
 from dyknow_common.ros.topic_names import RCLError
-from dyknow_common.ros.watchdog import WITHOUT_STDERR, Watchdog
 from dyknow_main import STOP_SIGNALS, handle, ignore
 
 CALLBACK_TIMEOUT_S = 1.5
@@ -43,6 +45,12 @@ SHUTDOWN_TIMEOUT_S = 5.0
 
 HANG_TIMEOUT_S = 9
 """The time that the middleware may take to stop: seconds on a busy machine. Launchers wait 10 s."""
+
+FREEZE_GRACE_S: Final = 10.0
+"""The time between the two signals that end a process in which no thread of Python can run."""
+
+WITHOUT_STDERR: Final = (AttributeError, OSError, RuntimeError, ValueError)
+"""The errors of output to stderr where there is none."""
 
 
 def _end_with_launcher() -> None:
@@ -242,3 +250,87 @@ def _report(error: Exception, place: str, failure: int, *, has_started: bool) ->
         return failure
     traceback.print_exception(error)
     return FAULT if has_started else failure
+
+
+class Watchdog:
+    """A thread that publishes the heartbeats of nodes, and ends the process if one hangs.
+
+    The thread counts its own periods, so time in which the process is stopped (SIGSTOP) does not
+    count. If a thread that hangs holds the GIL, no other one can run. Then SIGALRM ends the
+    process, which is handled without Python:
+
+         0.0 s  the thread sets the timer of SIGALRM to `hang_limit`, and publishes heartbeats
+         0.5 s  the same again
+         0.7 s  a thread waits for ever, with the GIL
+        20.5 s  SIGALRM: the tracebacks of all threads are printed
+        30.5 s  SIGALRM: the process ends. A process that was stopped for 20 s and continues sets
+                the timer again in between
+    """
+
+    def __init__(self) -> None:
+        self._nodes: tuple[DyKnowNode, ...] = ()
+        self._limit_s = HANG_LIMIT_S
+        self._stopped = threading.Event()
+        with suppress(*WITHOUT_STDERR):
+            faulthandler.enable()
+            faulthandler.register(signal.SIGALRM, all_threads=True)
+        self._print_tracebacks = OneTimeHandler(signal.SIGALRM)
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def guard(self, nodes: Iterable[DyKnowNode]) -> None:
+        """Publish the heartbeats of nodes whose executors are about to run."""
+        self._nodes = tuple(nodes)
+        # If no thread can run, it is unknown which node hangs. A limit of 0 is none.
+        limits = [each.hang_limit_s() for each in self._nodes]
+        self._limit_s = min(filter(None, limits), default=0.0)
+
+    def stop(self) -> None:
+        """End the heartbeats and the guard."""
+        self._stopped.set()
+        self._thread.join(HEARTBEAT_PERIOD_S)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    def _run(self) -> None:
+        while not self._stopped.is_set():
+            self._print_tracebacks.arm()
+            signal.setitimer(signal.ITIMER_REAL, self._limit_s, FREEZE_GRACE_S)
+            if not all(map(self._publish, self._nodes)):
+                return
+            end = time.monotonic() + HEARTBEAT_PERIOD_S
+            while sum(map(self._pulse, self._nodes)):
+                if self._stopped.wait(PULSE_PERIOD_S) or time.monotonic() > end:
+                    break
+            else:
+                self._stopped.wait(end - time.monotonic())
+
+    def _pulse(self, node: DyKnowNode) -> bool:
+        """Publish a pulse; return True if other nodes listen to the pulses."""
+        try:
+            return node.heartbeat.pulse()
+        except RuntimeError:
+            if node.context.ok():
+                raise
+            return False
+
+    def _publish(self, node: DyKnowNode) -> bool:
+        """Publish a heartbeat; return True unless the node is stopping."""
+        try:
+            hung_s = node.heartbeat.publish()
+        except RuntimeError:
+            if node.context.ok():
+                raise
+            return False
+        if node.context.ok() and 0.0 < node.hang_limit_s() < hung_s:
+            _end_hung(node.get_name(), hung_s)
+        return True
+
+
+def _end_hung(node: str, hung_s: float) -> None:
+    # The loggers of nodes publish, and the middleware may hang.
+    get_logger('watchdog').fatal(
+        f'The executor of {node} or the middleware has hung for {hung_s:g} s, so the process ends.'
+    )
+    with suppress(*WITHOUT_STDERR):
+        faulthandler.dump_traceback(all_threads=True)
+    os._exit(FAULT)

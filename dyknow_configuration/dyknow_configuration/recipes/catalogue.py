@@ -16,9 +16,9 @@ from typing import Any, Final
 import yaml
 
 from dyknow_common import unknown
-from dyknow_configuration.documents.yaml_values import YamlValue, read_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.vocabulary import is_free_name
+from dyknow_configuration.yaml_values import YamlValue, read_yaml
 
 CATALOGUE: Final = Path(__file__).parent / 'recipes.yaml'
 

@@ -10,12 +10,12 @@ from typing import Any
 import yaml
 
 from dyknow_common import ExitCode, listed
-from dyknow_configuration.documents.yaml_values import YamlValue, parse_yaml
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.reading import KEYS, robot_of
 from dyknow_configuration.recipes.catalogue import LISTS, SECTIONS, Recipe, RobotPart
 from dyknow_configuration.robot import RobotFeature
 from dyknow_configuration.vocabulary import read_vocabulary
+from dyknow_configuration.yaml_values import YamlValue, parse_yaml
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,9 +23,8 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
-from dyknow_reasoning.execution.past.histories import Histories
+from dyknow_reasoning.execution.past.histories import Histories, PastValues
 from dyknow_reasoning.execution.past.past_comparisons import past_terms, value_field
-from dyknow_reasoning.execution.past.past_values import PastValues
 from dyknow_reasoning.execution.past.spatial_registers import SpatialTruths
 from dyknow_reasoning.execution.probability.formula_probability import (
     FormulaProbability,

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 
-from dyknow_common import COMPARISONS, TEXT_COMPARISONS, Value, format_time
+from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS, TEXT_COMPARISONS, Value, format_time
 from dyknow_reasoning.execution import (
     DecidingMoment,
     Histories,
@@ -20,9 +20,13 @@ from dyknow_reasoning.execution import (
     past_terms,
     value_field,
 )
-from dyknow_reasoning.explanation.origins import windows_of_known_origin
-from dyknow_reasoning.explanation.past_facts import PastStates, past_fact, shortened_text
-from dyknow_reasoning.explanation.spatial_facts import SpatialFact
+from dyknow_reasoning.explanation.facts import (
+    PastStates,
+    SpatialFact,
+    past_fact,
+    shortened_text,
+)
+from dyknow_reasoning.explanation.remainders import windows_of_known_origin
 from dyknow_reasoning.language.formula import (
     Always,
     Comparison,
@@ -45,15 +49,14 @@ from dyknow_reasoning.language.terms import (
     Truth,
 )
 from dyknow_reasoning.progression.atoms import (
-    MIRRORED_COMPARISONS,
     NEGATED_COMPARISONS,
     Values,
     evaluate,
 )
-from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     AtLeast,
+    Bound,
     Constant,
     Junction,
     Literal,

@@ -1,12 +1,131 @@
-"""The functions of formulas, and how many operands they have."""
+"""The functions of formulas: of numbers, and of the fields of streams.
+
+A function of a field, `min("/scan".ranges[90:270]) < 0.5`, is a reference to a field that the
+stream computes, `min(ranges[90:270])`.
+"""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from lark import Token
 
-from dyknow_common import AGGREGATES, CONVERSIONS, PositionedError, TextPosition
+from dyknow_common import (
+    AGGREGATES,
+    CONVERSIONS,
+    TEXT_COMPARISONS,
+    ComputedField,
+    ElementCondition,
+    MessagePath,
+    PositionedError,
+    TextPosition,
+    computed_field,
+    message_path,
+    number_of,
+    parse_field,
+    shortened,
+)
+from dyknow_reasoning.language.formula import (
+    Comparison,
+    Formula,
+    with_changed_parts,
+)
+from dyknow_reasoning.language.terms import (
+    Aggregate,
+    Arithmetic,
+    FieldReference,
+    Function,
+    Number,
+    StateCount,
+    Term,
+    TextLiteral,
+    Truth,
+    Uncertain,
+    ValueBefore,
+)
+
+
+def field_reference(token: Token) -> FieldReference:
+    """Return the reference that a token stands for, `"/scan".ranges[0]`.
+
+    Raises:
+        PositionedError: for a path with a key that no message of ROS can hold.
+    """
+    if token.startswith('"'):
+        stream, path = token[1:].split('".', 1)
+    else:
+        stream, path = token.split('.', 1)
+    return FieldReference(stream, str(message_path(Token.new_borrow_pos('FIELD', path, token))))
+
+
+def function_of_field(name: Token, argument: Formula | Term) -> Term:
+    """Return a function of a field, or of a comparison of its elements with a value.
+
+    `max(abs(x))` is written out as `max(max(x), 0 - min(x))`.
+
+    Raises:
+        PositionedError: for another argument.
+    """
+    if name == 'max' and isinstance(argument, Function) and argument.name == 'abs':
+        (values,) = argument.arguments
+        least = function_of_field(Token.new_borrow_pos(name.type, 'min', name), values)
+        return Function('max', (function_of_field(name, values), Arithmetic('-', Number(0), least)))
+    condition, reference = None, argument
+    if isinstance(argument, Comparison) and isinstance(
+        argument.right, Number | TextLiteral | Truth
+    ):
+        reference = argument.left
+        condition = ElementCondition(argument.operator, argument.right.value)
+    field = parse_field(reference.path) if isinstance(reference, FieldReference) else None
+    is_compared = isinstance(argument, Comparison)
+    if (
+        not isinstance(reference, FieldReference)
+        or not isinstance(field, MessagePath)
+        or is_compared is not (condition is not None)
+    ):
+        raise PositionedError(
+            f"'{name}' takes a field of a stream, not '{shortened(argument)}'; write "
+            f'{name}("/scan".ranges), or for count, any and all a condition, such as '
+            'any("/scan".ranges < 0.3)',
+            TextPosition.of(name),
+        )
+    path = Token.new_borrow_pos('FIELD', str(field), name)
+    return FieldReference(reference.stream, str(computed_field(name, path, condition)))
+
+
+def with_numbers(node: Any) -> Any:
+    """Return a formula in which texts of messages are numbers where these are wanted.
+
+    These are the texts in structs that are found by keys, as in diagnostics; see `number_of`.
+    """
+    node = with_changed_parts(node, with_numbers)
+    match node:
+        case Comparison('=' | '!=', left, right) if not (_is_number(left) or _is_number(right)):
+            return node
+        case Comparison(operator) if operator in TEXT_COMPARISONS:
+            return node
+        case Comparison() | Arithmetic() | Function() | Uncertain():
+            return with_changed_parts(node, _as_number)
+        case _:
+            return node
+
+
+def _as_number(term: Term) -> Term:
+    if isinstance(term, ValueBefore):
+        return with_changed_parts(term, _as_number)  # type: ignore[no-any-return]
+    if not isinstance(term, FieldReference):
+        return term
+    return FieldReference(term.stream, number_of(term.path), position=term.position)
+
+
+def _is_number(term: Term) -> bool:
+    if isinstance(term, ValueBefore):
+        return _is_number(term.body)
+    if not isinstance(term, FieldReference):
+        return isinstance(term, Number | Arithmetic | Function | Aggregate | StateCount)
+    field = parse_field(term.path)
+    return isinstance(field, ComputedField) and field.gives_number
+
 
 _OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
     'abs': ('one operand', 1, 1),

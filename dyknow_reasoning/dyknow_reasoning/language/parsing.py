@@ -35,21 +35,18 @@ from dyknow_reasoning.language.constants import (
     literal_of,
     without_lets,
 )
-from dyknow_reasoning.language.field_functions import (
-    field_reference,
-    function_of_field,
-    with_numbers,
-)
 from dyknow_reasoning.language.formula import Formula
 from dyknow_reasoning.language.functions import (
     FIELD_FUNCTIONS,
     OBJECT_FUNCTIONS,
     check_call,
+    field_reference,
+    function_of_field,
     not_a_function,
+    with_numbers,
 )
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
-from dyknow_reasoning.language.names import resolve
 from dyknow_reasoning.language.quantities import with_converted_numbers
 from dyknow_reasoning.language.soon import without_soon
 from dyknow_reasoning.language.spatial import (
@@ -61,6 +58,7 @@ from dyknow_reasoning.language.spatial import (
     compared_number,
 )
 from dyknow_reasoning.language.spatial_checks import with_links
+from dyknow_reasoning.language.symbols import resolve
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.uncertain_features import (
     stated_uncertainties,

@@ -40,12 +40,15 @@ from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.language.uncertain_features import asks_for_probability
 from dyknow_reasoning.margins.comparisons import AtomMargins
 from dyknow_reasoning.margins.operators import (
+    ExtremumMargin,
     JunctionMargin,
     MarginOperator,
     ObjectsMargin,
     PairMargin,
     PreviousMargin,
     StateMargin,
+    TemporalMargin,
+    UntilMargin,
 )
 from dyknow_reasoning.margins.robustness import (
     HIGHEST,
@@ -55,7 +58,6 @@ from dyknow_reasoning.margins.robustness import (
     extremum,
     of_all,
 )
-from dyknow_reasoning.margins.temporal import ExtremumMargin, TemporalMargin, UntilMargin
 from dyknow_reasoning.margins.windows import ExtremaWindow, ExtremumWindow, SinceWindow, UntilWindow
 from dyknow_reasoning.progression.atoms import fields
 from dyknow_reasoning.progression.instances import Binding, Domains, ground_atom, objects_of

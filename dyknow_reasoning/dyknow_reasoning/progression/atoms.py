@@ -72,16 +72,6 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
 POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
 """One comparison operator of each pair of opposites."""
 
-MIRRORED_COMPARISONS: Mapping[str, str] = {
-    '=': '=',
-    '!=': '!=',
-    '<': '>',
-    '>': '<',
-    '<=': '>=',
-    '>=': '<=',
-}
-"""Each comparison operator with its sides exchanged."""
-
 
 class NoStateBeforeError(Exception):
     """A value of the past is asked for where there was no state before."""

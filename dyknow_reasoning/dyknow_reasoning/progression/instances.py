@@ -63,9 +63,8 @@ from dyknow_reasoning.progression.atoms import (
     fields,
     predicate,
 )
-from dyknow_reasoning.progression.bounds import Bound
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import FALSE, TRUE, Constant, Node, constant, slots
+from dyknow_reasoning.progression.nodes import FALSE, TRUE, Bound, Constant, Node, constant, slots
 from dyknow_reasoning.progression.past_operators import is_dual, memory_of
 from dyknow_reasoning.progression.residual import holds_at_the_end
 from dyknow_reasoning.progression.spatial_atoms import joined, spatial_formula

@@ -7,9 +7,10 @@ from functools import cmp_to_key
 from itertools import count, filterfalse
 from typing import Any, TypeVar, cast
 
-from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.nodes import (
     AtLeast,
+    Bound,
+    Chronology,
     Constant,
     Junction,
     Literal,

@@ -35,12 +35,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from operator import attrgetter
 
-from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
     AtLeast,
+    Bound,
+    Chronology,
     Constant,
     Entries,
     Junction,

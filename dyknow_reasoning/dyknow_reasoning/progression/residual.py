@@ -20,12 +20,13 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.terms import operand_text
 from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
-from dyknow_reasoning.progression.bounds import Bound, Chronology
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
     AtLeast,
+    Bound,
+    Chronology,
     Constant,
     Junction,
     Literal,

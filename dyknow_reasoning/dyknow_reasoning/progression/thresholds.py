@@ -22,10 +22,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias, TypeVar
 
-from dyknow_common import COMPARISONS, TEXT_COMPARISONS
+from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS, TEXT_COMPARISONS
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import Number, Term, TextLiteral
-from dyknow_reasoning.progression.atoms import MIRRORED_COMPARISONS, NEGATED_COMPARISONS
+from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Junction, Literal, Node, Window, constant
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dyknow_common import SECOND_NS, Verdict, format_time
 from dyknow_configuration import RequestedFormula, TopicTimes
 from dyknow_reasoning import parse_formula
-from dyknow_recordings.black_boxes.suffixes import horizon, is_bounded, lacking_states
+from dyknow_recordings.black_boxes import horizon, is_bounded, lacking_states
 from dyknow_recordings.evaluation.results import RecordingReport
 
 MAX_REACH_NS: Final = 60 * SECOND_NS

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles, NoVocabulary, Vocabulary
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import TopicContent
 
 
 def load_vocabulary(files: MonitoringFiles, topics: Mapping[str, TopicContent]) -> Vocabulary:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dyknow_common import ExitCode, InlineText, read_file
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import TopicContent
 from dyknow_semantics import (
     Annotation,
     Knowledge,

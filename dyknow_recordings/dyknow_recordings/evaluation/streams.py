@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
 from dyknow_configuration import TextSource
 from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
-from dyknow_recordings.reading.columns import MessageColumns
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.recording import RecordedFields, rows_of
 from dyknow_stream_processing import (
     ALL,

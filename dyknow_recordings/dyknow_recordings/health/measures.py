@@ -22,7 +22,7 @@ from dyknow_recordings.health.expectations import (
     gaps_of,
 )
 from dyknow_recordings.health.observing import observed_topics
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import TopicContent
 from dyknow_recordings.reading.recording import MISSING, RecordingReader
 
 _FEWEST_PAIRS: Final = 10

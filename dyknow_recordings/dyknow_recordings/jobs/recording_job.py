@@ -9,8 +9,7 @@ from pathlib import Path
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import error_text
 from dyknow_configuration import NO_MAP, RequestedFormula, RobotMap, TopicExpectation
-from dyknow_recordings.black_boxes.content import BlackBoxContent
-from dyknow_recordings.black_boxes.suffixes import suffix_report
+from dyknow_recordings.black_boxes import BlackBoxContent, suffix_report
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording

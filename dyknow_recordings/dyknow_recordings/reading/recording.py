@@ -22,8 +22,7 @@ from dyknow_common import (
     unknown,
 )
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.columns import MessageColumns
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.lost_messages import BEGINNING, END, LostMessages, lost_runs
 
 MAX_SILENCE_NS: Final = 3600 * SECOND_NS

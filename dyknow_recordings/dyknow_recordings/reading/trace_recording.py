@@ -14,8 +14,7 @@ from dyknow_common import ExitCode, ValueType, absence, open_text
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.trace import RecordedState, read_trace
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.columns import MessageColumns
-from dyknow_recordings.reading.contents import TopicContent
+from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.recording import (
     FaultCounter,
     RecordedTopic,

@@ -19,8 +19,8 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.health.expectations import BrokenExpectation
 from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.outputs import check_place, write_report
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
-from dyknow_recordings.reporting.report_files import check_place, write_report
 
 _INVALID: Final = re.compile('[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]')
 """The characters that XML cannot contain."""

@@ -6,10 +6,12 @@ import json
 import sys
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any, Protocol
 
-from dyknow_common import DyKnowError, with_readable_times
+from dyknow_common import DyKnowError, ExitCode, replace_file, with_readable_times
 from dyknow_common.executables import ERROR, SUCCESS
+from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.documents import failure_document, recording_document
 from dyknow_recordings.reporting.judgement import Judgement
@@ -137,3 +139,28 @@ def print_document(document: dict[str, Any]) -> None:
     """Print a line of JSON."""
     sys.stdout.write(f'{json.dumps(document, ensure_ascii=False)}\n')
     sys.stdout.flush()
+
+
+def check_place(option: str, path: Path) -> None:
+    """Check that a file can have a path, before the recordings are read.
+
+    Raises:
+        RecordingError: naming the option and the mend.
+    """
+    if path.is_dir():
+        raise RecordingError(f'{option} {path}: is a folder; give the name of a file')
+    if not path.parent.is_dir():
+        text = f'{option} {path}: there is no folder {path.parent}; make it'
+        raise RecordingError(text, ExitCode.NOT_FOUND)
+
+
+def write_report(path: Path, content: bytes) -> None:
+    """Replace a file; an interruption leaves the old one.
+
+    Raises:
+        RecordingError: if it cannot be written.
+    """
+    try:
+        replace_file(path, content)
+    except OSError as error:
+        raise RecordingError(f'{path}: cannot be written: {error.strerror}') from None

@@ -29,7 +29,6 @@ from dyknow_semantics.annotations.checking import check_annotation, check_concep
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.index import FieldIndex
 from dyknow_semantics.matching.near_misses import Explanation, near_misses, nearest
-from dyknow_semantics.matching.object_names import ObjectNames
 from dyknow_semantics.matching.patterns import Pattern, pattern_of
 from dyknow_semantics.matching.specifications import (
     AnnotatedField,
@@ -270,3 +269,57 @@ def _mentioned(annotation: Annotation) -> dict[str, None]:
         names[content.feature.name] = None
         names |= dict.fromkeys(argument.name for argument in content.feature.arguments)
     return names
+
+
+class ObjectNames:
+    """The names of objects as instances of a sort.
+
+    Example: the ontology `uav` has the object `uav2` of the sort `UAV`, the ontology `robot2` has
+    `self` of the sort `Drone`, and the bridges say
+
+        robot2:Drone into uav:UAV;
+        robot2:self same uav:uav2;
+
+    The two names have one identity, here `self` (the least IRI). Requests for `UAV` use the name
+    `uav2`, and samples of a stream that is annotated `for every d in Drone` use `self`:
+
+        name('UAV', 'self') == 'uav2'
+        key('Drone', 'self') == 'self'
+
+    Args:
+        knowledge: of the ontologies with bridges.
+    """
+
+    def __init__(self, knowledge: Knowledge) -> None:
+        self._knowledge = knowledge
+        self._identities: dict[str, frozenset[str]] = {}
+        self._names: dict[str, Mapping[str, str]] = {}
+
+    def identities(self, sort: str) -> frozenset[str]:
+        """Return the objects of a sort in its own ontology, without bridges into the sort."""
+        if sort not in self._identities:
+            objects = self._knowledge.stated.instances(sort)
+            self._identities[sort] = frozenset(map(self._knowledge.identity, objects))
+        return self._identities[sort]
+
+    def name(self, sort: str, identity: str) -> str:
+        """Return the name that an object of a sort has in `Knowledge.instances`."""
+        if not self._knowledge.has_synonyms:
+            return identity
+        if sort not in self._names:
+            names = self._knowledge.instances(sort)
+            self._names[sort] = {self._knowledge.identity(each): each for each in names}
+        return self._names[sort][identity]
+
+    def key(self, sort: str, identity: str) -> str:
+        """Return the name of an object in samples: its local name in the ontology of the sort.
+
+        Only if objects of the sort share a local name, the name has a prefix.
+        """
+        name = self.name(sort, identity)
+        local = self._knowledge.local_name(name)
+        if local == name:
+            return name
+        domain = self._knowledge.stated.instances(sort)
+        alike = [each for each in domain if self._knowledge.local_name(each) == local]
+        return name if len(alike) > 1 else local

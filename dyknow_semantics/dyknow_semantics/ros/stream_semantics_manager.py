@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import (
     AddSemanticSpecification,
     ListSemanticSpecifications,
     RemoveSemanticSpecification,
+    StreamGetTopic,
 )
+from rclpy.exceptions import InvalidTopicNameException
 
 from dyknow_common import DyKnowError, read_file
-from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, RemoteNode, only_owner, run
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.annotation_store import AnnotationStore
 from dyknow_semantics.annotations.checking import check_annotation
@@ -22,6 +26,7 @@ from dyknow_semantics.annotations.field_checking import check_fields
 from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.annotations.rechecking import (
     AnnotationFaults,
+    Fields,
     Origin,
     check_annotations,
     origins_of,
@@ -30,11 +35,15 @@ from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.lengths import check_length, max_characters
 from dyknow_semantics.ros.mirrors import mirror_ontologies
-from dyknow_semantics.ros.stream_fields import StreamFields, fields_of
 from dyknow_semantics.ros.version import VersionPublisher
+from dyknow_stream_processing.ros import message_class, scalar_fields
 
 CHECK_PERIOD_S: Final = 1.0
 """Time between two looks whether the types of more streams are known."""
+
+_SAMPLE: Final = 'dyknow_interfaces/msg/Sample'
+_TIMEOUT_S: Final = 1.0
+"""The longest wait for the stream manager; without an answer the fields are not checked."""
 
 
 class StreamSemanticsManager(DyKnowNode):
@@ -177,6 +186,70 @@ def _affected_concepts(annotations: Iterable[Annotation], knowledge: Knowledge) 
     features = {each.feature.name for annotation in annotations for each in annotation.contents}
     known = filter(knowledge.is_feature, features)
     return tuple(sorted({above for name in known for above in knowledge.superconcepts(name)}))
+
+
+class StreamFields:
+    """Looks up the message types of topics, and of streams that the stream manager knows."""
+
+    def __init__(self, node: DyKnowNode) -> None:
+        name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
+        self._node = node
+        self._manager = RemoteNode(
+            node, name, patience_s=_TIMEOUT_S, timeout_s=_TIMEOUT_S, services=(StreamGetTopic,)
+        )
+        self._reported: Mapping[str, str] = {}
+        node.create_subscription(
+            StreamStatusArray,
+            f'{name}/streams',
+            self._on_report,
+            LATCHED,
+            callback_group=node.reentrant,
+            refusal=only_owner,
+        )
+
+    def type_of(self, annotation: Annotation) -> str:
+        """Return the message type of a stream or topic; empty if it is not known now."""
+        name = annotation.stream
+        return self._type_of_topic(name) if annotation.is_topic else self._reported.get(name, '')
+
+    async def find(self, annotation: Annotation) -> Fields | None:
+        """Return the message type of a stream and the types of its fields; `None` if unknown."""
+        type_name = self.type_of(annotation)
+        if not type_name and not annotation.is_topic:
+            type_name = await self._request_type(annotation.stream)
+        return fields_of(type_name)
+
+    def _type_of_topic(self, topic: str) -> str:
+        try:
+            infos = self._node.get_publishers_info_by_topic(topic)
+        except (ValueError, InvalidTopicNameException):
+            return ''  # Not the name of a topic: nothing is ever published there.
+        types = {info.topic_type for info in infos}
+        return types.pop() if len(types) == 1 else ''
+
+    async def _request_type(self, stream: str) -> str:
+        if not self._manager.alive:
+            return ''
+        try:
+            response = await self._manager.call(StreamGetTopic, stream_name=stream)
+        except DyKnowError:
+            return ''  # The stream may be created later.
+        return str(response.message_type)
+
+    def _on_report(self, message: Any) -> None:
+        self._reported = {each.name: each.message_type for each in message.streams if each.topic}
+
+
+@lru_cache(maxsize=256)
+def fields_of(type_name: str) -> Fields | None:
+    """Return a message type and the types of its fields; `None` if they are unknown."""
+    # The type of a sample says nothing about its fields.
+    if type_name in {'', _SAMPLE}:
+        return None
+    try:
+        return type_name, scalar_fields(message_class(type_name))
+    except DyKnowError:
+        return None  # The type is not installed here.
 
 
 def main() -> int:

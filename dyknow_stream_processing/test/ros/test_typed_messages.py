@@ -12,7 +12,7 @@ from std_msgs.msg import Float64, Int8
 from dyknow_common import Value, ValueType
 from dyknow_stream_processing import Sample, StreamError, parse_specification
 from dyknow_stream_processing.language.sinks import sink_message
-from dyknow_stream_processing.ros.messages.typed_messages import TypedMessageWriter
+from dyknow_stream_processing.ros.typed_output import TypedMessageWriter
 
 FLOAT, INT, STRING = ValueType.FLOAT, ValueType.INT, ValueType.STRING
 Fields = Mapping[str, ValueType | None]

@@ -28,9 +28,17 @@ from math import inf
 from operator import itemgetter
 from typing import Any, TypeAlias
 
-from dyknow_reasoning.progression.bounds import Bound, TimeQuestion
 from dyknow_reasoning.progression.gaps import Gap, apart, halves_after
-from dyknow_reasoning.progression.nodes import Constant, Node, Remembering, Sides, bounds_of, sides
+from dyknow_reasoning.progression.nodes import (
+    Bound,
+    Constant,
+    Node,
+    Remembering,
+    Sides,
+    TimeQuestion,
+    bounds_of,
+    sides,
+)
 from dyknow_reasoning.progression.progression import Progression
 
 _MAX_NODES = 1 << 16

@@ -9,11 +9,10 @@ from functools import lru_cache
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.gaps import Gap, Half, apart, bounded_atoms, whole_past_atoms
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import Node, Sides
+from dyknow_reasoning.progression.nodes import Chronology, Node, Sides
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,12 @@ from weakref import WeakValueDictionary
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory, reach
-from dyknow_reasoning.execution.past.past_comparisons import ComparisonRegister, operands_of
+from dyknow_reasoning.execution.past.past_comparisons import (
+    ComparisonRegister,
+    operands_of,
+    past_terms,
+    value_field,
+)
 from dyknow_reasoning.execution.past.register_groups import RegisterGroup, units
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.past.spatial_registers import SpatialRegister, SpatialTruths
@@ -32,13 +37,13 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.spatial import SpatialAtom
+from dyknow_reasoning.language.terms import Truth
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, fields, kind_of
-from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import slots
+from dyknow_reasoning.progression.nodes import Chronology, slots
 
 PastRegister: TypeAlias = Register | ComparisonRegister | SpatialRegister
 """The register of an operator of the past or of space, or of a comparison with past values."""
@@ -303,3 +308,36 @@ class Histories:
         if isinstance(node, PastAtom):
             return self._field_of(node, history, kinds, used)
         return with_changed_parts(node, lambda each: self._with_field(each, history, kinds, used))
+
+
+class PastValues:
+    """The values of the past terms of some comparisons, by their texts.
+
+    Args:
+        comparisons: the comparisons, without variables.
+        kinds: the kinds of their features.
+    """
+
+    def __init__(self, comparisons: Sequence[Comparison], kinds: Kinds) -> None:
+        store = NodeStore(Chronology())
+        literals = [store.literal(slot, positive=True) for slot in range(len(comparisons))]
+        asked = Instance(
+            {}, tuple(map(PastAtom, comparisons)), store.junction(literals, universal=True)
+        )
+        self._histories = Histories(0)
+        (found,) = self._histories.attach(0, Truth(True), [asked], kinds)
+        self._fields = {
+            str(term): value_field(atom, term)
+            for atom in found.atoms
+            if isinstance(atom, PastAtom) and isinstance(atom.formula, Comparison)
+            for term in past_terms(atom.formula)
+        }
+
+    def extended(self, time: int, values: Values) -> Values:
+        """Return the values of a state and of the past terms: an error if it is not known."""
+        found = self._histories.extended(time, values)
+        return {**values, **{text: found[field] for text, field in self._fields.items()}}
+
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        self._histories.gap()

@@ -45,11 +45,10 @@ from dyknow_reasoning.language.terms import Feature, FieldReference, Term, Truth
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression import routes
 from dyknow_reasoning.progression.atoms import Values, field_name, term_reader
-from dyknow_reasoning.progression.bounds import Chronology
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.progression.instances import ground_nodes
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import holds_at
+from dyknow_reasoning.progression.nodes import Chronology, holds_at
 from dyknow_reasoning.progression.spatial_atoms import Places
 
 _MOST_LENGTHS: Final = 1 << 20

@@ -24,12 +24,12 @@ from itertools import pairwise, product
 from math import erfc, hypot, inf, isfinite, prod, sqrt
 from typing import Any, Final, TypeAlias
 
-from dyknow_common import COMPARISONS
+from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Atom, Comparison, walk
 from dyknow_reasoning.language.terms import Arithmetic, Number, Term, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.atoms import MIRRORED_COMPARISONS, Values, predicate, term_reader
+from dyknow_reasoning.progression.atoms import Values, predicate, term_reader
 from dyknow_reasoning.progression.nodes import (
     AtLeast,
     Constant,

@@ -10,6 +10,7 @@ from itertools import product
 from math import hypot, inf, isnan, nextafter, sqrt
 from typing import Any, Final, TypeAlias
 
+from dyknow_common import MIRRORED_COMPARISONS
 from dyknow_reasoning.execution.unknown.unknown_features import (
     ANY_NUMBER,
     Range,
@@ -20,7 +21,6 @@ from dyknow_reasoning.language.terms import Arithmetic, Feature, FieldReference,
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import (
     CALCULATE,
-    MIRRORED_COMPARISONS,
     kind_of,
     predicate,
     term_reader,

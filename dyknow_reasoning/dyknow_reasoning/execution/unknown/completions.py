@@ -14,7 +14,7 @@ from itertools import chain, combinations, pairwise
 from math import inf, isinf
 from typing import Any, Final
 
-from dyknow_common import COMPARISONS, Value
+from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS, Value
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.unknown.unknown_features import Range, UnknownFeatures
 from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
@@ -30,7 +30,7 @@ from dyknow_reasoning.language.terms import (
     ValueBefore,
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
-from dyknow_reasoning.progression.atoms import MIRRORED_COMPARISONS, kind_of
+from dyknow_reasoning.progression.atoms import kind_of
 
 _Literals = Number | TextLiteral | Truth | Object
 _SEPARATOR: Final = '\x00'

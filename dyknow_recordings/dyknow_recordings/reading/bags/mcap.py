@@ -17,17 +17,19 @@ from pathlib import Path
 from struct import Struct
 from struct import error as struct_error
 from typing import Final
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.bags.mcap_definitions import McapDefinitions
 from dyknow_recordings.reading.bags.mcap_records import (
     MCAP_MAGIC,
     MESSAGE_RECORD,
     MESSAGE_SIZE,
     RECORD,
+    U16,
+    U32,
     UNKNOWN_CODES,
     ChunkContent,
     McapCode,
@@ -35,13 +37,15 @@ from dyknow_recordings.reading.bags.mcap_records import (
     chunk_times,
     has_sent_times,
     message_positions,
+    read_string,
+    read_strings,
     records,
 )
-from dyknow_recordings.reading.bags.mcap_summary import read_summary
 from dyknow_recordings.reading.bags.sequence_numbers import SequenceNumbers
-from dyknow_recordings.reading.bags.storage import StoredChannel
+from dyknow_recordings.reading.bags.storage import StoredChannel, offered_quality
 from dyknow_recordings.reading.lost_messages import BEGINNING
 from dyknow_recordings.reading.messages.cdr_cursor import SerialisedMessages
+from dyknow_recordings.reading.messages.definitions import TypeDefinition
 from dyknow_recordings.reading.messages.message_types import LATEST
 from dyknow_recordings.reading.messages.stored_messages import (
     MessageBuffer,
@@ -59,6 +63,13 @@ _TIME_OFFSET: Final = 6
 _SENT_OFFSET: Final = 14
 _ERRORS: Final = (struct_error, IndexError, ValueError)
 """Raised where a record is shorter than its content."""
+
+FOOTER: Final = Struct('<QQI')
+"""The positions of the summary and of its offsets, and the checksum of the summary."""
+
+_CHUNK_INDEX: Final = Struct('<QQQ')
+_STATISTICS: Final = Struct('<QHIIIIQQI')
+_COUNT: Final = Struct('<HQ')
 
 
 @dataclass(slots=True)
@@ -386,3 +397,82 @@ class McapFile:
 
     def _place(self, chunk: _Chunk) -> str:
         return f'{self._name}, byte {chunk.begin - RECORD.size}'
+
+
+class McapDefinitions:
+    """The schemas and channels that have been read; of equal numbers, the first holds."""
+
+    def __init__(self) -> None:
+        self._schemas: dict[int, TypeDefinition] = {}
+        self.channels: dict[int, StoredChannel] = {}
+
+    def read(self, code: int, record: bytes) -> None:
+        """Read the record of a schema or channel.
+
+        Raises:
+            ValueError, struct.error, IndexError: for a record that is shorter than its content.
+        """
+        (key,) = U16.unpack_from(record, 0)
+        if code == McapCode.SCHEMA:
+            name, position = read_string(record, 2)
+            encoding, position = read_string(record, position)
+            text, _ = read_string(record, position)
+            self._schemas.setdefault(key, TypeDefinition(name, encoding, text))
+            return
+        (schema,) = U16.unpack_from(record, 2)
+        topic, position = read_string(record, 4)
+        serialisation, position = read_string(record, position)
+        metadata = read_strings(record, position)
+        self.channels.setdefault(
+            key,
+            StoredChannel(
+                topic,
+                self._schemas.get(schema, TypeDefinition('unknown')),
+                serialisation,
+                offered_quality(metadata.get('offered_qos_profiles', '')),
+            ),
+        )
+
+
+@dataclass(slots=True)
+class McapSummary:
+    """The content of a summary; empty if there is none.
+
+    Args:
+        chunks: the log times of the first and last message of each chunk, by its position.
+        counts: the numbers of messages by channel, as the statistics state them.
+        is_intact: False if the summary has another checksum than it states.
+    """
+
+    chunks: dict[int, tuple[int, int]] = field(default_factory=dict)
+    counts: Mapping[int, int] = field(default_factory=dict)
+    is_intact: bool = True
+
+
+def read_summary(data: MessageBuffer) -> McapSummary:
+    """Return the summary of a file."""
+    found = McapSummary()
+    footer = len(data) - len(MCAP_MAGIC) - FOOTER.size
+    if footer < 0 or data[-len(MCAP_MAGIC) :] != MCAP_MAGIC:
+        return found
+    begin, _, checksum = FOOTER.unpack_from(data, footer)
+    if checksum and begin < footer:
+        found.is_intact = crc32(data[begin : footer + FOOTER.size - U32.size]) == checksum
+    position = begin
+    while len(MCAP_MAGIC) <= position < footer - RECORD.size:
+        code, size = RECORD.unpack_from(data, position)
+        position += RECORD.size
+        if code == McapCode.CHUNK_INDEX and position + _CHUNK_INDEX.size <= footer:
+            start, stop, offset = _CHUNK_INDEX.unpack_from(data, position)
+            if offset < footer:
+                found.chunks[offset] = start, stop
+        elif code == McapCode.STATISTICS and position + _STATISTICS.size <= footer:
+            found.counts = _counts(data[position : position + size])
+        position += size
+    return found
+
+
+def _counts(record: bytes) -> Mapping[int, int]:
+    size = _STATISTICS.unpack_from(record)[-1]
+    entries = record[_STATISTICS.size :][:size]
+    return dict(_COUNT.iter_unpack(entries[: len(entries) // _COUNT.size * _COUNT.size]))

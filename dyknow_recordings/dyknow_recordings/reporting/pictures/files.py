@@ -8,8 +8,8 @@ from pathlib import Path
 from dyknow_common import DyKnowError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.outputs import check_place, write_report
 from dyknow_recordings.reporting.pictures.libraries import optional_library
-from dyknow_recordings.reporting.report_files import check_place, write_report
 
 
 class PictureFiles:

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from dyknow_common import MIRRORED_COMPARISONS
 from dyknow_reasoning import (
     Comparison,
     Feature,
@@ -33,8 +34,6 @@ from dyknow_recordings.reporting.reasons import decisive_episode
 
 MAX_PANELS: Final = 24
 """The number of panels that are shown of one formula."""
-
-_MIRRORED: Final = {'<': '>', '<=': '>=', '>': '<', '>=': '<='}
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +188,6 @@ def _threshold(atom: Comparison, sides: Sequence[Term]) -> Threshold | None:
     if isinstance(atom.right, Number):
         return Threshold(float(atom.right.value), f'{atom.operator} {as_written(atom.right)}')
     if isinstance(atom.left, Number):
-        operator = _MIRRORED.get(atom.operator, atom.operator)
+        operator = MIRRORED_COMPARISONS.get(atom.operator, atom.operator)
         return Threshold(float(atom.left.value), f'{operator} {as_written(atom.left)}')
     return None

@@ -9,8 +9,7 @@ from typing import Any, Final
 from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import EvaluationStatus, diagnose
 from dyknow_coordinator.reporting.evaluation_status import details
-from dyknow_recordings.markers.fences import Point
-from dyknow_recordings.markers.markers import Marker
+from dyknow_recordings.markers import Marker, Point
 from dyknow_recordings.reporting.verdicts.message_types import (
     MARGIN,
     RESULT,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import heapq
 import os
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import count, groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,16 +18,18 @@ from dyknow_common import SECOND_NS, DyKnowError
 from dyknow_coordinator import EvaluationStatus, verdict_token
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RecordingReport
-from dyknow_recordings.markers.fences import Point
-from dyknow_recordings.markers.markers import (
+from dyknow_recordings.markers import (
     DEFAULT_AXES,
     LIFETIME_NS,
+    ODOMETRY,
     PERIOD_NS,
+    Point,
     formula_markers,
     objects_of,
 )
+from dyknow_recordings.reading.opening import open_recording
+from dyknow_recordings.reading.recording import in_order
 from dyknow_recordings.reporting.verdicts.message_types import message_types, serialized
-from dyknow_recordings.reporting.verdicts.positions import recorded_positions
 from dyknow_recordings.reporting.verdicts.timeline import StatusChange, status_changes
 from dyknow_recordings.reporting.verdicts.verdict_messages import (
     UNDECIDED,
@@ -54,6 +56,10 @@ _MAX_TICKS: Final = 10_000
 
 TimedMessage = tuple[int, str, Any]
 """A log time in nanoseconds, a topic and a message."""
+
+_TYPE: Final = 'nav_msgs/msg/Odometry'
+_FRAME: Final = 'header.frame_id'
+_POSITION: Final = tuple(f'pose.pose.position.{axis}' for axis in 'xyz')
 
 
 class VerdictRecordings:
@@ -263,3 +269,48 @@ def _topics(names: Sequence[str]) -> list[str]:
             next(topic for each in numbered if (topic := f'{VERDICTS}/{each}') not in topics)
         )
     return topics
+
+
+@dataclass(frozen=True, slots=True)
+class VehiclePosition:
+    """The position of a vehicle at a time.
+
+    Args:
+        log_time: in nanoseconds.
+        frame: the frame of the position.
+    """
+
+    log_time: int
+    vehicle: str
+    frame: str
+    position: Point
+
+
+def recorded_positions(path: Path, vehicles: Collection[str]) -> Iterator[VehiclePosition]:
+    """Yield the positions of vehicles in the order of their log times, as far as they are recorded.
+
+    A recording that cannot be read has none: what is wrong with it has been reported before.
+
+    Args:
+        path: of the recording.
+        vehicles: their names, which are in the names of their topics.
+    """
+    try:
+        with open_recording(path) as recording:
+            names = [each.name for each in recording.topics if each.message_type == _TYPE]
+            topics = {
+                topic: vehicle
+                for vehicle in sorted(vehicles)
+                for topic in names
+                if topic.endswith(f'/{ODOMETRY.replace("<vehicle>", vehicle)}')
+            }
+            if not topics:
+                return
+            fields = dict.fromkeys(topics, (_FRAME, *_POSITION))
+            for each in in_order(recording.columns(fields)):
+                if not each.absent:
+                    x, y, z = (float(each.values[name]) for name in _POSITION)
+                    vehicle, frame = topics[each.topic], str(each.values[_FRAME])
+                    yield VehiclePosition(each.log_time, vehicle, frame, (x, y, z))
+    except DyKnowError:
+        return

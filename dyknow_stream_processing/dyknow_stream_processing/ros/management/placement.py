@@ -17,26 +17,27 @@ would have the same topic in this one, or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+from contextlib import asynccontextmanager
 from typing import Any, Final, TypeGuard
 
 from dyknow_interfaces.msg import StreamSpec
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
+from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, constraints_to_message, identities_to_message
 from dyknow_stream_processing.errors import stream_replaced
-from dyknow_stream_processing.management.conflicts import (
+from dyknow_stream_processing.management.namespaces import namespace_of
+from dyknow_stream_processing.management.registry import (
+    StreamRegistry,
     engines_missing,
     name_taken,
     two_streams,
 )
-from dyknow_stream_processing.management.namespaces import namespace_of
-from dyknow_stream_processing.management.registry import StreamRegistry
 from dyknow_stream_processing.management.streams import CreatedStream, Stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
-from dyknow_stream_processing.ros.management.keyed_lock import KeyedLock
 
 ENGINE_TIMEOUT_NS: Final = 3 * SECOND_NS
 FIRST_ENGINE_TIMEOUT_NS: Final = 10 * SECOND_NS
@@ -472,3 +473,26 @@ class Placement:
 
 def _is_made(stream: Stream) -> TypeGuard[CreatedStream]:
     return isinstance(stream, CreatedStream) and bool(stream.topic)
+
+
+class KeyedLock:
+    """Locks by name; a coroutine that holds one awaits services meanwhile."""
+
+    def __init__(self) -> None:
+        self._held: dict[str, Future] = {}
+
+    def is_held(self, name: str) -> bool:
+        """Return True if a coroutine holds the lock of a name."""
+        return name in self._held
+
+    @asynccontextmanager
+    async def hold(self, name: str) -> AsyncIterator[None]:
+        """Acquire the lock of a name, and release it at the end of the block."""
+        while name in self._held:
+            await self._held[name]
+        released = self._held[name] = Future()
+        try:
+            yield
+        finally:
+            del self._held[name]
+            released.set_result(None)

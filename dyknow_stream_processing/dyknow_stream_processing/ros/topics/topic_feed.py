@@ -21,7 +21,6 @@ from dyknow_common.ros import (
 from dyknow_stream_processing.dataflow.received_watermarks import ReceivedWatermarks, SampleOrigin
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import is_sample, message_class
-from dyknow_stream_processing.ros.topics.message_listener import MessageListener
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -297,3 +296,39 @@ class TopicFeed:
     def _on_violation(self, violation: Violation) -> None:
         for listener in self.listeners:
             listener.on_violation(violation)
+
+
+class MessageListener(Protocol):
+    """A receiver of the messages of a topic."""
+
+    def on_type(self, class_: Any) -> None:
+        """Receive the type of the messages, once or again.
+
+        Raises:
+            StreamError: the first time, if it cannot use them.
+        """
+
+    def on_publishers(self, count: int, *, is_latched: bool) -> None:
+        """Receive the number of publishers, and whether all keep messages, again and again."""
+
+    def valid_time(self, message: Any) -> int | None:
+        """Return the stamp of a message in nanoseconds; None if it has none."""
+
+    def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:
+        """Receive a message.
+
+        Args:
+            message: the message.
+            now: the time of its receipt in nanoseconds.
+            sent_at: the time at which it was sent, by the clock of its sender; 0 if unknown.
+            is_initial: True if it was sent before the topic was subscribed to.
+        """
+
+    def on_watermark(self, watermark: int, now: int) -> None:
+        """Receive a watermark of the engine whose stream the topic is; nanoseconds."""
+
+    def on_dropped(self, reason: str, count: int) -> None:
+        """Receive the number of messages that were lost or dropped before the next one."""
+
+    def on_violation(self, violation: Violation) -> None:
+        """Receive a violation of the topic."""

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Sequence
 from typing import Final
 
-from dyknow_common import format_duration
+from rclpy.node import Node
+
+from dyknow_common import format_duration, round_time
 from dyknow_common.ros import DyKnowNode, LogOnce
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
 from dyknow_stream_processing.reporting.silence import (
     MAX_LAG_NS,
+    SILENT_PERIODS,
     ActivityMeter,
     joined_reasons,
 )
 from dyknow_stream_processing.reporting.stream_report import is_hidden
-from dyknow_stream_processing.ros.topics.clock_watch import ClockWatch
 from dyknow_stream_processing.ros.topics.topic_sources import TopicSources
 
 _MAX_LISTED: Final = 5
@@ -98,3 +100,36 @@ class WaitingStreams:
             since = None if self._clock.reason() else self._clock.since
             self._topic_reasons[topic] = self._sources.reason(topic, since)
         return self._topic_reasons[topic]
+
+
+class ClockWatch:
+    """The times of a node's ROS clock at the last few seconds of the wall clock."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._times = deque([self._now()], maxlen=SILENT_PERIODS + 1)
+
+    @property
+    def since(self) -> int:
+        """The time some seconds ago, nanoseconds."""
+        return self._times[0]
+
+    def end_period(self) -> None:
+        """Note the time; called each second of the wall clock."""
+        self._times.append(self._now())
+
+    def reason(self) -> str:
+        """Return why time does not pass; empty if it does."""
+        if not self._node.get_parameter('use_sim_time').value:
+            return ''
+        now = self._now()
+        if now == 0:
+            if self._node.count_publishers('/clock'):
+                return 'simulated time is 0: /clock has a publisher, but time has not started'
+            return 'no /clock has come: nobody publishes it, but use_sim_time is true'
+        if len(self._times) == self._times.maxlen and now == self.since:
+            return f'simulated time stands still at {round_time(now)}'
+        return ''
+
+    def _now(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)

@@ -1,8 +1,21 @@
-"""Errors of a forecast over recordings, by horizon and block of time."""
+"""Calibration of forecasts by what came true in recordings, and the rates of their alarms.
+
+The errors are measured by horizon and block of time. Bounds are widened by split conformal
+prediction for samples that come in blocks.
+
+The errors of forecasts within one flight are alike: its samples are not exchangeable, so the usual
+quantile of all scores promises too much. Blocks of time are assumed to be exchangeable instead. The
+quantile gives each block the same weight, however many samples it has, and the unknown next block
+the weight of one with infinite scores (Dunn, Wasserman and Ramdas, Distribution-Free Prediction
+Sets for Two-Layer Hierarchical Models, 2022; Lee, Barber and Willett, Distribution-free inference
+with hierarchical data, 2023). Then a sample of a new block is within the bound with at least the
+stated probability, whatever the distribution of the scores is.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -10,9 +23,26 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import SECOND_NS, absence, listed_as
-from dyknow_configuration import FeatureForecast, ForecastSource
-from dyknow_recordings.calibration.conformal import Floats, block_quantile
+from dyknow_common import (
+    COMPARISONS,
+    MIRRORED_COMPARISONS,
+    ORDERS,
+    SECOND_NS,
+    absence,
+    listed_as,
+    unit_conversion,
+)
+from dyknow_configuration import FeatureForecast, ForecastSource, RequestedFormula
+from dyknow_reasoning import (
+    Comparison,
+    Feature,
+    ForecastBound,
+    ForecastFeature,
+    Number,
+    Quantity,
+    parse_formula,
+    walk,
+)
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.message_types import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
@@ -20,6 +50,7 @@ from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_stream_processing import Forecast, load_units
 
 Times = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 _GAP_PERIODS: Final = 3
 """No truth is interpolated in a gap longer than this many median periods, and than the step."""
@@ -197,3 +228,131 @@ def _truths(times: Times, recorded: Floats, ahead: Floats, step: int) -> Floats:
     exact = seconds[after] == wanted
     found[(gaps[after - 1] > longest) & ~exact] = np.nan
     return found
+
+
+def least_blocks(coverage: float) -> int:
+    """Return the number of blocks below which no finite bound has a coverage."""
+    return math.ceil(round(coverage / (1 - coverage), 9))
+
+
+def block_quantile(scores: Sequence[Floats], coverage: float) -> float:
+    """Return the bound that the scores of a new block keep with a probability.
+
+    Args:
+        scores: of each block that has some; of shape (n,) each.
+        coverage: the probability, above 0 and below 1.
+
+    Raises:
+        RecordingError: for too few blocks.
+    """
+    count = len(scores)
+    if count < least_blocks(coverage):
+        raise RecordingError(
+            f'there are {count} blocks of time to calibrate with, and {coverage:.4g} needs '
+            f'{least_blocks(coverage)}; give more recordings, or shorter blocks or horizons'
+        )
+    values = np.concatenate(scores)
+    weights = np.concatenate([np.full(len(each), 1 / len(each)) for each in scores])
+    order = np.argsort(values, kind='stable')
+    # A rounding error of the sum must not choose a smaller value.
+    reached = np.cumsum(weights[order]) >= coverage * (count + 1) + 1e-9
+    index = int(np.argmax(reached)) if reached.any() else len(order) - 1
+    return float(values[order[index]])
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmCondition:
+    """A comparison of a bound of a forecast with a constant.
+
+    Args:
+        text: for people.
+        forecast: the bound.
+        operator: `<`, `<=`, `>` or `>=`.
+        limit: the constant, in the unit of the messages.
+    """
+
+    text: str
+    forecast: ForecastFeature
+    operator: str
+    limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmRates:
+    """How often a condition was announced, and how often it came true.
+
+    Args:
+        condition: the condition.
+        events: the forecasts within whose horizon it came true.
+        missed: those of them without an alarm.
+        calm: the forecasts within whose horizon it did not.
+        false: those of them with an alarm.
+    """
+
+    condition: AlarmCondition
+    events: int = 0
+    missed: int = 0
+    calm: int = 0
+    false: int = 0
+
+
+def conditions_of(
+    formulas: Iterable[RequestedFormula], forecast: FeatureForecast, unit: str
+) -> Iterator[AlarmCondition]:
+    """Yield the comparisons of a forecast with a constant in formulas, each once.
+
+    Args:
+        formulas: the formulas.
+        forecast: of the feature.
+        unit: of the feature; empty for none.
+    """
+    found: set[tuple[ForecastFeature, str, float]] = set()
+    for formula in formulas:
+        for node in walk(parse_formula(formula.text, formula.constants)):
+            match node:
+                case Comparison(operator, Feature() as feature, Number() | Quantity() as limit):
+                    pass
+                case Comparison(operator, Number() | Quantity() as limit, Feature() as feature):
+                    operator = MIRRORED_COMPARISONS.get(operator, operator)
+                case _:
+                    continue
+            bound = ForecastFeature.of(feature.name)
+            if bound is None or bound.feature != forecast.feature or operator not in ORDERS:
+                continue
+            value = _in_unit(limit, unit, forecast.unit)
+            if (bound, operator, value) not in found:
+                found.add((bound, operator, value))
+                shown = f'{feature.name} {operator} {value:g} {forecast.unit}'.rstrip()
+                yield AlarmCondition(shown, bound, operator, value)
+
+
+def alarm_rates(
+    condition: AlarmCondition,
+    errors: Iterable[ForecastErrors],
+    forecast: FeatureForecast,
+    parity: int | None,
+) -> AlarmRates:
+    """Return the rates of a condition over the forecasts of some blocks of time."""
+    steps = condition.forecast.horizon // forecast.step + 1
+    widening = np.array(forecast.widening)[:steps]
+    compare = COMPARISONS[condition.operator]
+    is_high = condition.forecast.bound is ForecastBound.HIGH
+    counts = np.zeros((2, 2), np.int64)
+    for each in errors:
+        widths = np.maximum(each.half_widths[:, :steps] + widening, 0)
+        values = each.forecasts[:, :steps]
+        bounds = (values + widths).max(axis=1) if is_high else (values - widths).min(axis=1)
+        ends = np.searchsorted(each.times, each.times + condition.forecast.horizon, side='right')
+        # A window that ends after the recording tells nothing.
+        chosen = each.in_blocks(parity) & (ends < len(each.times))
+        for row in np.flatnonzero(chosen & ~np.isnan(bounds)).tolist():
+            happens = np.any(compare(each.recorded[row : ends[row]], condition.limit))
+            counts[int(happens), int(compare(bounds[row], condition.limit))] += 1
+    (calm, false), (missed, met) = counts.tolist()
+    return AlarmRates(condition, missed + met, missed, calm + false, false)
+
+
+def _in_unit(limit: Number | Quantity, unit: str, wanted: str) -> float:
+    given = limit.unit if isinstance(limit, Quantity) else unit
+    convert = unit_conversion(given, wanted) if given and wanted else None
+    return float(limit.value if convert is None else convert(limit.value))

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from typing import Final, Self
 
 from dyknow_common import NOWHERE, LanguageError, TextPosition, unknown
-from dyknow_configuration.documents.yaml_values import YamlValue
 from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.yaml_values import YamlValue
 
 PLACEHOLDER: Final = re.compile(r'\{(?P<name>[^{}\n]*)\}')
 """Stands for an object in a text: `/{r}/odom`."""

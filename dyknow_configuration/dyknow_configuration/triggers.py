@@ -1,34 +1,146 @@
-"""Reading of triggers: the keys `triggers` of a robot.yaml, and `on` of its formulas.
+"""Triggers: an action with its limits, and the events of a formula that it follows.
 
-triggers:
-report: {publish: {topic: /faults, type: std_msgs/msg/String, message: {data: '{name}'}}}
-formulas:
-- name: slow
-formula: always a.b < 1
-on: {false: [report, {run: [beep, '3']}], clear: report}
+They are the key `triggers` of a robot.yaml, and `on` of its formulas:
+
+    triggers:
+      report: {publish: {topic: /faults, type: std_msgs/msg/String, message: {data: '{name}'}}}
+    formulas:
+      - name: slow
+        formula: always a.b < 1
+        on: {false: [report, {run: [beep, '3']}], clear: report}
+
+A text may have placeholders for the values of a result:
+
+    'formula {name} is {verdict}'    the parts 'formula ', {name}, ' is ', {verdict}
+    'a brace is written {{'          a brace
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any, Final
 
-from dyknow_common import TextPosition, format_duration, round_duration, unknown
-from dyknow_configuration.documents.yaml_values import YamlValue
-from dyknow_configuration.triggers.placeholders import check_placeholders
-from dyknow_configuration.triggers.trigger import (
-    DEFAULT_TIMEOUT,
-    MAX_RETRIES,
-    MAX_TIMEOUT,
-    FormulaTriggers,
-    Path,
-    Trigger,
-    TriggerEvent,
-    TriggerKind,
-    TriggerPlaces,
-    default_name,
+from dyknow_common import (
+    SECOND_NS,
+    TextPosition,
+    Value,
+    ValueType,
+    format_duration,
+    round_duration,
+    unknown,
 )
+from dyknow_configuration.errors import ConfigurationError
+from dyknow_configuration.yaml_values import YamlDocument, YamlValue
+
+DEFAULT_TIMEOUT: Final = 5 * SECOND_NS
+"""The time limit of an attempt, in nanoseconds."""
+
+MAX_TIMEOUT: Final = 600 * SECOND_NS
+"""The longest one."""
+
+MAX_RETRIES: Final = 10
+"""The greatest number of attempts after the first one."""
+
+
+class TriggerEvent(StrEnum):
+    """A change of the verdict on a formula."""
+
+    FALSE = 'false'
+    TRUE = 'true'
+    VIOLATION = 'violation'
+    CLEAR = 'clear'
+
+
+class TriggerKind(StrEnum):
+    """The kind of an action."""
+
+    PUBLISH = 'publish'
+    CALL = 'call'
+    SEND_GOAL = 'send_goal'
+    CANCEL_GOAL = 'cancel_goal'
+    RUN = 'run'
+
+
+Path = tuple[str | int | None, ...]
+"""Leads from a trigger to a value in it: ('content', 'values', 0, 'key').
+
+None at its end stands for the name of the field instead of its value.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class TriggerPlaces:
+    """The places of a trigger and its values in a file.
+
+    Args:
+        document: the file.
+        positions: of the values.
+    """
+
+    document: YamlDocument
+    positions: Mapping[Path, TextPosition]
+
+    def error(self, message: str, path: Path = ()) -> ConfigurationError:
+        """Return an error at a value of the trigger, or at the one that it would be in."""
+        while path not in self.positions:
+            path = path[:-1]
+        return self.document.error(message, self.positions[path])
+
+    def __str__(self) -> str:
+        return f'{self.document.path}:{self.positions[()]}'
+
+
+@dataclass(frozen=True, slots=True)
+class Trigger:
+    """An action with its limits.
+
+    Args:
+        name: for people.
+        kind: of the action.
+        target: the topic, the service, the action, or the command that is run.
+        type_name: of the message, the service or the action; empty if none is needed.
+        content: the fields of the message, the request or the goal, or the arguments of the
+            command; texts may have placeholders.
+        min_interval: after an event, further ones are ignored for this time, in nanoseconds.
+        retries: the number of attempts after a failed one.
+        timeout: the time limit of each attempt, in nanoseconds.
+        placeholders: those in the content.
+        places: where it is written.
+    """
+
+    name: str
+    kind: TriggerKind
+    target: str
+    type_name: str = ''
+    content: Mapping[str, Any] | Sequence[str] = field(default_factory=dict, hash=False)
+    min_interval: int = 0
+    retries: int = 0
+    timeout: int = DEFAULT_TIMEOUT
+    placeholders: frozenset[str] = frozenset()
+    places: TriggerPlaces | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def is_named(self) -> bool:
+        """True if a file names it, so several formulas may refer to it."""
+        return self.name != default_name(self.kind, self.target)
+
+    def error(self, message: str, path: Path = ()) -> ConfigurationError:
+        """Return an error about this trigger, or a value in it, at its place."""
+        text = f"trigger '{self.name}': {message}"
+        return ConfigurationError(text) if self.places is None else self.places.error(text, path)
+
+
+def default_name(kind: TriggerKind, target: str) -> str:
+    """Return the name of a trigger that has none in its file: what it does."""
+    return f'{kind} {target}'
+
+
+FormulaTriggers = tuple[tuple[TriggerEvent, Trigger], ...]
+"""The triggers of a formula with their events, in their order."""
+
 
 Triggers = Mapping[str, Trigger]
 """Triggers by their names."""
@@ -60,6 +172,20 @@ _INTERFACES: Final = {
     TriggerKind.SEND_GOAL: 'action',
 }
 _NAME: Final = r'[A-Za-z][A-Za-z0-9_]*'
+
+PLACEHOLDERS: Final[Mapping[str, ValueType]] = {
+    'name': ValueType.STRING,
+    'formula': ValueType.STRING,
+    'event': ValueType.STRING,
+    'explanation': ValueType.STRING,
+    'verdict': ValueType.INT,
+    'severity': ValueType.INT,
+    'time': ValueType.FLOAT,
+    'margin': ValueType.FLOAT,
+}
+"""The placeholders, with the types of their values in fields of numbers."""
+
+_PART: Final = re.compile(r'\{\{|\}\}|\{([^{}]*)\}|[{}]')
 
 
 def read_triggers(value: YamlValue) -> dict[str, Trigger]:
@@ -235,3 +361,31 @@ def trigger_document(trigger: Trigger) -> dict[str, Any]:
     if trigger.retries:
         limits['retries'] = trigger.retries
     return {str(kind): action, **limits}
+
+
+def check_placeholders(value: YamlValue) -> frozenset[str]:
+    """Return the placeholders in a text.
+
+    Raises:
+        ConfigurationError: at an unknown placeholder, or a single brace.
+    """
+    text, used = value.text(), set[str]()
+    for found in _PART.finditer(text):
+        name = found[1]
+        if name is not None and name not in PLACEHOLDERS:
+            raise value.error(unknown('placeholder', name, PLACEHOLDERS), found.start())
+        if found[0] in {'{', '}'}:
+            raise value.error(f"write {found[0] * 2} for the character '{found[0]}'", found.start())
+        used |= {name} if name is not None else set()
+    return frozenset(used)
+
+
+def single_placeholder(text: str) -> str | None:
+    """Return the name of the placeholder that a text consists of; None if it is another text."""
+    found = _PART.fullmatch(text.strip())
+    return found[1] if found else None
+
+
+def filled(text: str, values: Mapping[str, Value]) -> str:
+    """Return a text with values in the place of its placeholders."""
+    return _PART.sub(lambda found: found[0][0] if found[1] is None else str(values[found[1]]), text)

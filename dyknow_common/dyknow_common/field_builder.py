@@ -5,7 +5,7 @@ from __future__ import annotations
 from lark import Token
 
 from dyknow_common.errors import DyKnowError, shortened
-from dyknow_common.fields.paths import (
+from dyknow_common.fields import (
     ArrayElements,
     ComputedField,
     ElementCondition,

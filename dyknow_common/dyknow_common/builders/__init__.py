@@ -1,1 +1,0 @@
-"""Builders of the abstract syntax that several languages have."""

@@ -1,1 +1,0 @@
-"""Fields of messages: the texts that name them."""

@@ -1,1 +1,0 @@
-"""YAML documents, with the positions of their parts."""

@@ -1,1 +1,0 @@
-"""Black boxes: bags that know the formula that failed."""

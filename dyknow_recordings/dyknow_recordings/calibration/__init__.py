@@ -1,1 +1,0 @@
-"""Calibration of forecasts by what came true in recordings."""

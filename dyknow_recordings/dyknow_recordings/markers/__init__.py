@@ -1,1 +1,0 @@
-"""Formulas as markers in a three-dimensional view."""
