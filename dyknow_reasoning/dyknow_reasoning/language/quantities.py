@@ -23,6 +23,7 @@ from typing import Any, Final, TypeAlias
 from dyknow_common import DyKnowError, PositionedError, UnitConversion, unit_conversion
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.constants import Units
+from dyknow_reasoning.language.field_functions import built_in_unit
 from dyknow_reasoning.language.formula import (
     Comparison,
     Formula,
@@ -256,6 +257,8 @@ class _Conversion:
     def _unit_of(self, term: Feature | FieldReference) -> str:
         name = term.name if isinstance(term, Feature) else str(term)
         if unit := self.units.get(name):
+            return unit
+        if isinstance(term, FieldReference) and (unit := built_in_unit(term)):
             return unit
         if isinstance(term, FieldReference):
             reason, correction = f"'{term}' is a field of a stream, which states no unit", _NO_UNITS
