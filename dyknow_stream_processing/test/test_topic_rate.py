@@ -24,7 +24,7 @@ def test_a_rate_of_a_regular_topic(flow: Flow) -> None:
 
 
 @pytest.mark.parametrize('has_stamps', [True, False])
-def test_a_rate_falls_to_zero_in_silence(flow: Flow, has_stamps: bool) -> None:
+def test_a_rate_falls_to_zero_in_silence(flow: Flow, *, has_stamps: bool) -> None:
     (flow.ordered_topics if has_stamps else flow.receipt_topics).add('a')
     flow.create('rate("a", 20 ms) with max_delay = 3 ms')
     flow.feed('a', range(0, 25, 5))
@@ -43,7 +43,7 @@ def test_a_rate_falls_to_zero_in_silence(flow: Flow, has_stamps: bool) -> None:
     receipt_time=st.booleans(),
 )
 def test_rates_against_their_definition(
-    flow_class: type[Flow], gaps: list[int], window: int, silence: int, receipt_time: bool
+    flow_class: type[Flow], gaps: list[int], window: int, silence: int, *, receipt_time: bool
 ) -> None:
     flow = flow_class()
     (flow.receipt_topics if receipt_time else flow.ordered_topics).add('a')

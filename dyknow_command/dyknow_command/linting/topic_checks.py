@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
-from dyknow_command.linting.vocabulary_checks import annotations_of, references_of
+from dyknow_command.linting.vocabulary_checks import annotations_of, sources_of
 from dyknow_command.observing import absolute_topic
 from dyknow_common import NO_CONSTRAINTS, InlineText, StreamConstraints, read_text
 from dyknow_configuration import (
@@ -18,11 +18,13 @@ from dyknow_configuration import (
 )
 from dyknow_recordings import TopicContent
 from dyknow_stream_processing import (
+    BuiltInSource,
     Select,
     StreamDeclaration,
     StreamReference,
     nearest_topics,
     parse_specification,
+    references,
     subterms,
 )
 
@@ -102,9 +104,13 @@ def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
         yield from _stream_uses(inputs, source)
     yield from _expected_uses(inputs)
     for formula in inputs.formulas:
-        for topic, _ in references_of(formula):
-            index = max(0, formula.requested.text.find(topic))
-            yield TopicUse(topic, formula.place(index))
+        for source, _ in sources_of(formula):
+            for each in references(source):
+                if each.is_topic:
+                    index = max(0, formula.requested.text.find(each.name))
+                    is_shared = isinstance(source, BuiltInSource)
+                    place = formula.place(index)
+                    yield TopicUse(absolute_topic(each.name), place, is_shared=is_shared)
         if formula.requested.record is not None:
             for topic in formula.requested.record.topics:
                 yield TopicUse(absolute_topic(topic), formula.place(0), is_shared=True)

@@ -86,9 +86,7 @@ def built_in_source(
     return BuiltInSource(kind, arguments, position=position)
 
 
-def _rate(
-    arguments: tuple[str, ...], window: int | None, position: TextPosition
-) -> BuiltInSource:
+def _rate(arguments: tuple[str, ...], window: int | None, position: TextPosition) -> BuiltInSource:
     if len(arguments) != 1 or not arguments[0].strip('/'):
         message = 'rate takes a topic and perhaps a window, such as: rate("/scan", 2 s)'
         raise PositionedError(message, position)
