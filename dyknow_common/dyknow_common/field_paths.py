@@ -298,9 +298,10 @@ class _Lookup:
             near = near_fields(self._fields, entry)
             hint = f'; did you mean {" or ".join(map(repr, near))}?' if near else ''
             raise _AbsenceError(f"no single '{field}' beside '{array}' gives the number{hint}")
-        if self._types.get(entry) not in {None, ValueType.INT}:
-            wrong = _typed(self._types[entry])
-            raise _AbsenceError(f"'{entry}' is {wrong}, and the number of an element is an int")
+        kind = self._types.get(entry)
+        if kind is not None and kind is not ValueType.INT:
+            message = f"'{entry}' is {_typed(kind)}, and the number of an element is an int"
+            raise _AbsenceError(message)
 
 
 def _has_arrays(lasts: Iterable[float | None]) -> bool:

@@ -104,11 +104,11 @@ def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
         yield from _stream_uses(inputs, source)
     yield from _expected_uses(inputs)
     for formula in inputs.formulas:
-        for source, _ in sources_of(formula):
-            for each in references(source):
+        for named, _ in sources_of(formula):
+            for each in references(named):
                 if each.is_topic:
                     index = max(0, formula.requested.text.find(each.name))
-                    is_shared = isinstance(source, BuiltInSource)
+                    is_shared = isinstance(named, BuiltInSource)
                     place = formula.place(index)
                     yield TopicUse(absolute_topic(each.name), place, is_shared=is_shared)
         if formula.requested.record is not None:

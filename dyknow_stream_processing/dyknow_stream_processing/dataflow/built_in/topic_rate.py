@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import takewhile
 from typing import Final
 
-from dyknow_common import SECOND_NS, Value
-from dyknow_stream_processing.dataflow.operators import Wiring
+from dyknow_common import SECOND_NS, Value, format_duration
+from dyknow_stream_processing.dataflow.operators import Operator, Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 
 _SAMPLES: Final = 10
@@ -38,6 +38,13 @@ class RateOperator(SynchronisedOperator):
         """Note the time of a message, and make the samples that it makes certain."""
         self._times.append(valid_time)
         super().receive(port, valid_time, fields, watermark, now)
+
+    def obstacle(self, name: Callable[[Operator], str]) -> str:
+        """Return that the first window has not passed, or what delays the next sample."""
+        if self._first is not None and self.emitted_at is None:
+            window = format_duration(self._window)
+            return f'{name(self)} has its first value {window} after its first message'
+        return super().obstacle(name)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
         del values
