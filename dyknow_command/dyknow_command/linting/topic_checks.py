@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
-from dyknow_command.linting.vocabulary_checks import annotations_of, sources_of
+from dyknow_command.linting.vocabulary_checks import annotations_of, references_of, sources_of
 from dyknow_command.observing import absolute_topic
 from dyknow_common import NO_CONSTRAINTS, InlineText, StreamConstraints, read_text
 from dyknow_configuration import (
@@ -78,6 +78,16 @@ def topic_findings(
             yield warning_at(use.place, text)
         else:
             yield from _observed_findings(use, topic)
+    for formula in inputs.formulas:
+        for name, field in references_of(formula):
+            if name in topics and (reason := topics[name].absent.get(field)):
+                index = max(0, formula.requested.text.find(field))
+                yield error_at(formula.place(index), f'no message of {name} has {field}: {reason}')
+
+
+def named_fields(inputs: LintInputs) -> set[str]:
+    """Return the fields of topics that formulas name."""
+    return {field for each in inputs.formulas for _, field in references_of(each)}
 
 
 def _observed_findings(use: TopicUse, topic: ObservedTopic) -> Iterator[Finding]:
