@@ -6,7 +6,7 @@ import argparse
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sized
 from pathlib import Path
 
 from rclpy.exceptions import InvalidNamespaceException
@@ -122,12 +122,16 @@ def up(chosen: argparse.Namespace) -> int:
         with SystemStart(namespace, [each.name for each in nodes]) as start:
             _await_start(start, chosen.timeout, stop, update)
         if not stop.is_set():
-            count = len(formulas)
-            monitored = f'; monitors {count} formula{"s" * (count != 1)}' if count else ''
-            print(f'{start}{monitored}; logs are in {logs}; stop it with Ctrl-C', flush=True)  # noqa: T201
+            print(_greeting(start, formulas, logs), flush=True)  # noqa: T201
         while not stop.wait(PERIOD_S):
             update()
     return SUCCESS
+
+
+def _greeting(start: SystemStart, formulas: Sized, logs: Path) -> str:
+    count = len(formulas)
+    monitored = f'; monitors {count} formula{"s" * (count != 1)}' if count else ''
+    return f'{start}{monitored}; logs are in {logs}; stop it with Ctrl-C'
 
 
 def _processes(
