@@ -53,6 +53,7 @@ PATHS = {
         'any(name = "imu")',
         'count(name contains "m")',
         'position[-2]',
+        'position[header.stamp.sec]',
         'name[-1]',
         'count(name)',
         'mean(effort[:2])',
@@ -74,6 +75,8 @@ PATHS = {
         'status[1].values[key = "imu"].value',
         'status[-1].values[-1].key',
         'count(status[-2].values)',
+        'status[0].values[level].key',
+        'count(status[header.stamp.sec].values)',
         'all(status.name does not start with "l")',
     ],
     'geometry_msgs/msg/PoseArray': [

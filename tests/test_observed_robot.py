@@ -88,6 +88,7 @@ features:
   Charge: {from: {topic: /rover1/battery, field: percent}}
 formulas:
   - {name: a, formula: 'forall r in Rover: always Speed[r] + Charge < 9'}
+  - {name: b, formula: 'always "/rover1/battery".cell_voltage[0] < 9'}
 """,
         encoding='utf-8',
     )
@@ -95,9 +96,10 @@ formulas:
     assert done.returncode == 1, done.stderr
     found = [json.loads(line) for line in done.stdout.splitlines()]
     messages = [each['message'] for each in found]
-    assert [each['line'] for each in found] == [3, 4]
+    assert [each['line'] for each in found] == [3, 4, 7]
     assert messages[0].startswith('there is no topic /rover9/odom within 4 s; did you mean')
     assert messages[1].startswith("sensor_msgs/msg/BatteryState has no field 'percent'")
+    assert "'cell_voltage' has 0 elements, not one at [0]" in messages[2]
 
 
 def test_no_robot(tmp_path: Path) -> None:

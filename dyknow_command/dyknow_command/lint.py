@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from dyknow_command.linting.findings import (
 )
 from dyknow_command.linting.inputs import YAML_ENDINGS, LintInputs, read_inputs
 from dyknow_command.observing import add_duration_option, observe
-from dyknow_common import DyKnowError, round_duration
+from dyknow_common import DyKnowError, ValueType, listed_as, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import ObservedTopic, add_quotes
 from dyknow_reasoning import notes_on
@@ -34,7 +34,7 @@ def lint(options: argparse.Namespace) -> int:
         if each.suffix.lower() in YAML_ENDINGS and add_quotes(each):
             sys.stderr.write(f'dyknow lint: {each}: put texts with a colon in quotes\n')
     inputs = read_inputs(options.file)
-    topics = _observed(options) if inputs.is_complete else None
+    topics = _observed(options, inputs) if inputs.is_complete else None
     findings = in_order(
         [
             *inputs.findings,
@@ -154,10 +154,19 @@ def _success(files: Iterable[Path], inputs: LintInputs) -> str:
     return f'{", ".join(map(str, files))}: {", ".join([*checked, "nothing to mend"])}'
 
 
-def _observed(options: argparse.Namespace) -> tuple[ObservedTopic, ...] | None:
+def _observed(options: argparse.Namespace, inputs: LintInputs) -> tuple[ObservedTopic, ...] | None:
     if options.recording is not None:
         return observe_recording(options.recording, message_types(options), lambda *_: ())
-    return observe(options.duration, lambda *_: ()) if options.live else None
+    if not options.live:
+        return None
+    from dyknow_command.linting.topic_checks import named_fields  # noqa: PLC0415 - as above
+
+    named = named_fields(inputs)
+
+    def named_in(_: str, fields: Mapping[str, ValueType] | None) -> list[str]:
+        return [each for each in named if listed_as(fields or (), each)]
+
+    return observe(options.duration, named_in)
 
 
 def _where(options: argparse.Namespace) -> str:

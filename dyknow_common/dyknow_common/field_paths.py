@@ -31,6 +31,7 @@ from dyknow_common.fields import (
     ArraySlice,
     ComputedField,
     ElementKey,
+    IndexField,
     MessagePath,
     UnnestedArray,
     parse_field,
@@ -289,6 +290,8 @@ class _Lookup:
                 _check_bound(array, index, last)
             case ElementKey():
                 self._check_key(path, number, selector)
+            case IndexField(field):
+                self._check_field_index(path, number, field)
             case ArraySlice(start, stop):
                 if stop is not None and stop <= start:
                     raise _AbsenceError(f'the slice [{selector}] is empty; end it after its start')
@@ -302,6 +305,21 @@ class _Lookup:
             message = f"the elements of '{array}' have no '{name}', and no array '{name}' is "
             raise _AbsenceError(f'{message}beside it')
         _check_comparable(keys.entry, self._types.get(keys.entry), key.value)
+
+    def _check_field_index(self, path: MessagePath, number: int, field: str) -> None:
+        """Check that there is such a field beside an array, and that it is a whole number."""
+        names = (*path.names[:number], *field.split('.'))
+        entry, array = '.'.join(names), path.before(number)
+        if found := self._arrays.get(names):
+            entry = '' if _has_arrays(found.lasts[number:]) else found.entry
+        if entry not in self._fields:
+            near = near_fields(self._fields, entry)
+            hint = f'; did you mean {" or ".join(map(repr, near))}?' if near else ''
+            raise _AbsenceError(f"no single '{field}' beside '{array}' gives the number{hint}")
+        kind = self._types.get(entry)
+        if kind is not None and kind is not ValueType.INT:
+            message = f"'{entry}' is {_typed(kind)}, and the number of an element is an int"
+            raise _AbsenceError(message)
 
 
 def _has_arrays(lasts: Iterable[float | None]) -> bool:

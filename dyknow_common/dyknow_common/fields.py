@@ -2,6 +2,7 @@
 
     pose.position.z                         a member of a member
     ranges[3], ranges[-1]                   an element of an array, the last one
+    ranges[closest]                         the element whose number is in the field `closest`
     position[name = "elbow"]                the element where the parallel array `name` has "elbow"
     status[name = "lidar"].level            a member of the first struct whose `name` is "lidar"
     min(ranges[90:270])                     an aggregate of the elements 90 to 269
@@ -48,7 +49,8 @@ _STEP: Final = re.compile(
     rf"""(?P<name>{_NAME})(?:\[(?:
         (?P<index>{_INDEX}|-(?!0){_INDEX})
         | \s*(?:(?P<start>{_INDEX})\s*)?(?P<colon>:)\s*(?:(?P<stop>{_INDEX})\s*)?
-        | \s*(?P<key>{_NAME}(?:\.{_NAME})*)\s*=\s*(?P<value>{_QUOTED}|-?{_INDEX}|true|false)\s*
+        | \s*(?P<key>{_NAME}(?:\.{_NAME})*)\s*
+          (?:=\s*(?P<value>{_QUOTED}|-?{_INDEX}|true|false)\s*)?
     )\])?""",
     re.VERBOSE,
 )
@@ -82,7 +84,17 @@ class ElementKey:
         return f'{self.field} = {value_text(self.value)}'
 
 
-Selector = int | ArraySlice | ElementKey | None
+@dataclass(frozen=True, slots=True)
+class IndexField:
+    """The element whose number, from 0, is the value of a field of the message of the array."""
+
+    field: str
+
+    def __str__(self) -> str:
+        return self.field
+
+
+Selector = int | ArraySlice | ElementKey | IndexField | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +128,7 @@ class MessagePath:
     def is_direct(self) -> bool:
         """True if no element depends on the content or the length of its array."""
         return not any(
-            isinstance(step.selector, ElementKey)
+            isinstance(step.selector, ElementKey | IndexField)
             or (isinstance(step.selector, int) and step.selector < 0)
             for step in self.steps
         )
@@ -274,11 +286,13 @@ def _steps(text: str) -> tuple[tuple[PathStep, ...], int]:
         elif found['colon']:
             start, stop = int(found['start'] or '0'), found['stop']
             selector = ArraySlice(start, None if stop is None else int(stop))
-        elif found['key']:
+        elif found['value']:
             value = _literal(found['value'])
             if value is None or isinstance(value, float):
                 break
             selector = ElementKey(found['key'], value)
+        elif found['key']:
+            selector = IndexField(found['key'])
         steps.append(PathStep(found['name'], selector))
         position = found.end()
         if not text.startswith('.', position):

@@ -24,8 +24,10 @@ FUNCTIONS: Final = frozenset(
 )
 """Names of functions, which no feature and no stream may have."""
 
+_BUILT_IN: Final = r"""(?:tf|action|rate)\("[^"]+"(?:, (?:"[^"]+"|[^",()]+))*\)"""
 _REFERENCE: Final = re.compile(
-    r"""(?P<function>\w+\()?(?P<stream>"[^"]+"|[\w']+)\.(?P<path>.+)""", re.ASCII | re.DOTALL
+    rf"""(?P<function>\w+\((?!"[^"]+"[,)]))?(?P<stream>{_BUILT_IN}|"[^"]+"|[\w']+)\.(?P<path>.+)""",
+    re.ASCII | re.DOTALL,
 )
 
 

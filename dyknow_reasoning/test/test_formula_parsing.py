@@ -187,7 +187,7 @@ def test_references_to_elements_of_arrays() -> None:
     assert parse_formula('"/cloud".points[12].x[3]') == FieldReference('/cloud', 'points[12].x[3]')
     formula = parse_formula('Power[u] < "/scan".ranges[0] until[0, 5] scan.ranges[1] = 2')
     assert str(formula) == '(Power[u] < "/scan".ranges[0]) until[0 s, 5 ms] (scan.ranges[1] = 2)'
-    for text in ('scan.ranges[a] < 1', 'Power[0] < 1', 'scan.ranges[-0] < 1', 'scan.x[01] < 1'):
+    for text in ('scan.ranges[a b] < 1', 'Power[0] < 1', 'scan.ranges[-0] < 1', 'scan.x[01] < 1'):
         with pytest.raises(LanguageError):
             parse_formula(text)
 
@@ -400,6 +400,11 @@ def test_the_greatest_absolute_value_of_an_array() -> None:
             '"/joints".position[ name="elbow" ] < 1.5',
             '"/joints".position[name = "elbow"] < 1.5',
             FieldReference('/joints', 'position[name = "elbow"]'),
+        ),
+        (
+            '"/plan".points[ info.next ].x < 1.5',
+            '"/plan".points[info.next].x < 1.5',
+            FieldReference('/plan', 'points[info.next].x'),
         ),
         (
             '11 < "/d".status[name = "a"].values[key = "100 %"].value',

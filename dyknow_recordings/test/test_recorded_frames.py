@@ -159,3 +159,31 @@ def test_an_action_without_goals(tmp_path: Path) -> None:
     write(path, 'MCAP', [statuses(1)])
     _, explanation, _ = outcome(path, 'always docking.state != "ABORTED"')
     assert explanation == 'the recording has no state: action("/dock") has no goal'
+
+
+@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+def test_frames_and_actions_in_formulas(tmp_path: Path, storage: str) -> None:
+    path = tmp_path / 'bag'
+    odometry = [transforms('/tf', at, link('map', 'base', at, at)) for at in (1.0, 2.0, 3.0)]
+    goals = [statuses(1.5, (1, 0.9, 2)), statuses(2.5, (1, 0.9, 6))]
+    write(path, storage, sorted([*odometry, *goals], key=lambda each: each[0]))
+    verdict, explanation, _ = outcome(
+        path, 'always (action("/dock").name != "ABORTED" or tf("map", "base").translation.x < 2 m)'
+    )
+    assert verdict is Verdict.FALSE
+    assert 'tf("map", "base").translation.x = 2.0 at 1700000002.500 s is not < 2' in explanation
+
+
+@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+@pytest.mark.parametrize(('end', 'verdict'), [(5.0, Verdict.UNDECIDED), (9.0, Verdict.FALSE)])
+def test_the_rate_of_a_topic_in_a_formula(
+    tmp_path: Path, storage: str, end: float, verdict: Verdict
+) -> None:
+    path = tmp_path / 'bag'
+    steps = np.arange(0, 5, 0.1)
+    odometry = [transforms('/tf', at, link('map', 'base', at, at)) for at in steps]
+    write(path, storage, [*odometry, statuses(end, (1, 0.9, 6))])
+    found, explanation, _ = outcome(path, 'always rate("/tf", 2 s).hz > 8 Hz')
+    assert found is verdict, explanation
+    if verdict is Verdict.FALSE:
+        assert explanation.startswith('rate("/tf", 2 s).hz = 7.5 at 1700000005.400 s is not > 8')

@@ -19,6 +19,7 @@ from dyknow_common import (
     ArraySlice,
     ElementKey,
     FieldTypes,
+    IndexField,
     MessagePath,
     PathStep,
     UnnestedArray,
@@ -142,6 +143,8 @@ def _path_reader(fields: FieldTypes, path: MessagePath) -> Reader:
         match step.selector:
             case int(index):
                 read = _chained(_element(step.name, index, path.before(place)), read)
+            case IndexField(field):
+                read = _chained(_numbered(step.name, field, path.before(place)), read)
             case ElementKey() as key:
                 keys = key_array(arrays, names, place, key.field)
                 are_members = keys is not None and keys.are_members
@@ -161,6 +164,18 @@ def _element(name: str, index: int, place: str) -> Reader:
         elements = getattr(message, name)
         if not -len(elements) <= index < len(elements):
             raise _missing(place, elements, index)
+        return elements[index]
+
+    return read
+
+
+def _numbered(name: str, field: str, place: str) -> Reader:
+    number_of = attrgetter(field)
+
+    def read(message: Any) -> Any:
+        elements, index = getattr(message, name), plain(number_of(message))
+        if not 0 <= index < len(elements):
+            raise _missing(place, elements, f'{field} = {index}')
         return elements[index]
 
     return read
@@ -207,6 +222,6 @@ def _elements(step: PathStep, place: str, read: Reader, *, nested: bool) -> Read
     return read_each
 
 
-def _missing(place: str, elements: Sequence[Any], index: int) -> NoValueError:
+def _missing(place: str, elements: Sequence[Any], index: int | str) -> NoValueError:
     count = f'{len(elements)} element{"s" * (len(elements) != 1)}'
     return NoValueError(f"'{place}' has {count}, not one at [{index}]")

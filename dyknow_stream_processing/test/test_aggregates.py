@@ -134,6 +134,18 @@ def test_single_elements(elements: list[int], index: int) -> None:
                 read(f'a[{index}]', ValueType.INT, each)
 
 
+@given(st.lists(st.integers(), max_size=4), st.integers(-6, 6))
+def test_elements_by_the_value_of_a_field(elements: list[int], index: int) -> None:
+    fields = {'a[0..]': ValueType.INT, 'plan.next': ValueType.INT}
+    message = SimpleNamespace(a=elements, plan=SimpleNamespace(next=np.int8(index)))
+    read_element = value_reader(fields, 'a[plan.next]')
+    if 0 <= index < len(elements):
+        assert read_element(message) == elements[index]
+    else:
+        with pytest.raises(NoValueError, match=rf'not one at \[plan.next = {index}\]'):
+            read_element(message)
+
+
 @given(numbers(), FIELDS)
 def test_arrays_of_numbers(drawn: tuple[str, list[Any]], text: str) -> None:
     code, elements = drawn

@@ -109,6 +109,13 @@ references |= st.builds(
     st.tuples(texts.filter(lambda name: name.strip('/'))),
     constraints=some_constraints,
 )
+references |= st.builds(
+    BuiltInSource,
+    st.just(BuiltIn.RATE),
+    st.tuples(texts.filter(lambda name: name.strip('/'))),
+    st.sampled_from([10_000_000, 2_000_000_000, 60_000_000_000]),
+    constraints=some_constraints,
+)
 selections = st.lists(st.builds(Selection, field_names, renamings), min_size=1, max_size=3)
 conditions = st.builds(
     Condition, field_names, st.sampled_from(['=', '!=', '<', '<=', '>', '>=']), values

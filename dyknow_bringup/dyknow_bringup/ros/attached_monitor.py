@@ -86,7 +86,8 @@ class AttachedMonitor(MonitorNode):
     ) -> None:
         super().__init__(name, on_change)
         self.formulas = [MonitoredFormula(formula) for formula in formulas]
-        self._started: dict[str, int] = {}
+        self.started: dict[str, int] = {}
+        """When the evaluations of the formulas began, by name, nanoseconds."""
         self._decided: set[str] = set()
         self._has_report = False
         self.create_subscription(
@@ -133,8 +134,8 @@ class AttachedMonitor(MonitorNode):
                 self.explain(monitored, NOT_MONITORED)
 
     def _follow_evaluation(self, monitored: MonitoredFormula, status: EvaluationStatus) -> None:
-        if self._started.get(monitored.name) != status.started:
-            self._started[monitored.name] = status.started
+        if self.started.get(monitored.name) != status.started:
+            self.started[monitored.name] = status.started
             monitored.verdicts = StandingVerdicts()
         is_new = monitored.outcome == NOT_CONNECTED
         if is_new:

@@ -136,8 +136,10 @@ class _MonitorRun:
 
     def table(self) -> Any:
         """Return the table of all formulas."""
-        now = self._monitor.now()
-        return formula_table(self._monitor.formulas, self._begin_ns, now - self._begin_ns)
+        now, begin = self._monitor.now(), self._begin_ns
+        if isinstance(self._monitor, AttachedMonitor):
+            begin = min([begin, *self._monitor.started.values()])
+        return formula_table(self._monitor.formulas, begin, now - begin)
 
     def end(self) -> None:
         """End the evaluations."""

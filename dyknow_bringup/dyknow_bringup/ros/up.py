@@ -6,7 +6,7 @@ import argparse
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sized
 from pathlib import Path
 
 from rclpy.exceptions import InvalidNamespaceException
@@ -20,6 +20,7 @@ from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.logs import LogReader, LogThrottle, log_folder
 from dyknow_bringup.processes.parameters import for_any_namespace
 from dyknow_bringup.processes.processes import (
+    COORDINATOR,
     Process,
     SystemConfiguration,
     dyknow_processes,
@@ -30,6 +31,7 @@ from dyknow_bringup.processes.supervision import Supervisor
 from dyknow_bringup.ros.system_start import SystemStart, wait_for_start
 from dyknow_common import SECOND_NS, ExitCode, duration_option
 from dyknow_common.executables import SUCCESS, describe
+from dyknow_configuration import RequestedFormula, read_robot
 from dyknow_main import TERMINAL_SIGNALS, handle
 
 PERIOD_S = 0.2
@@ -49,11 +51,21 @@ class LogMonitor:
     Args:
         processes: the processes.
         log: returns the log of the process of a name; what it contains already is not shown.
+        formulas: whose outcomes the monitor logs, so that those of the coordinator are not shown.
     """
 
-    def __init__(self, processes: Iterable[Process], log: Callable[[str], Path]) -> None:
+    def __init__(
+        self,
+        processes: Iterable[Process],
+        log: Callable[[str], Path],
+        formulas: Iterable[RequestedFormula] = (),
+    ) -> None:
         self._readers = [(each, LogReader(log(each.name))) for each in processes]
         self._logs = {node: log(each.name) for each in processes for node in names_in(each)}
+        titles = [each.name or each.text for each in formulas]
+        self._repeated = tuple(
+            text for each in titles for text in (f'{each}: ', f'no state comes for {each}: ')
+        )
         self._throttle = LogThrottle()
         self._console = Console(stderr=True)
 
@@ -67,6 +79,8 @@ class LogMonitor:
         for process, reader in self._readers:
             for record in reader.read():
                 name = name_in(process, record.logger)
+                if name.endswith(COORDINATOR) and record.text.startswith(self._repeated):
+                    continue
                 if self._throttle.admit(name, record, now):
                     self.show(record.level, f'{name}: {record.text}')
         for name, count in self._throttle.left_out(now):
@@ -80,7 +94,7 @@ def up(chosen: argparse.Namespace) -> int:
         return _wait(namespace, chosen)
     stop = threading.Event()
     handle(TERMINAL_SIGNALS, lambda *_: stop.set())
-    nodes, processes = _processes(chosen)
+    nodes, processes, formulas = _processes(chosen)
     with (
         log_folder(chosen.logs) as logs,
         Launcher(
@@ -90,7 +104,7 @@ def up(chosen: argparse.Namespace) -> int:
             log_level=chosen.log_level,
         ) as launcher,
     ):
-        monitor = LogMonitor(processes, launcher.log)
+        monitor = LogMonitor(processes, launcher.log, formulas)
         supervisor = Supervisor(
             launcher,
             processes,
@@ -108,20 +122,31 @@ def up(chosen: argparse.Namespace) -> int:
         with SystemStart(namespace, [each.name for each in nodes]) as start:
             _await_start(start, chosen.timeout, stop, update)
         if not stop.is_set():
-            print(f'{start}; logs are in {logs}; stop it with Ctrl-C', flush=True)  # noqa: T201
+            print(_greeting(start, formulas, logs), flush=True)  # noqa: T201
         while not stop.wait(PERIOD_S):
             update()
     return SUCCESS
 
 
+def _greeting(start: SystemStart, formulas: Sized, logs: Path) -> str:
+    count = len(formulas)
+    monitored = f'; monitors {count} formula{"s" * (count != 1)}' if count else ''
+    return f'{start}{monitored}; logs are in {logs}; stop it with Ctrl-C'
+
+
 def _processes(
     chosen: argparse.Namespace,
-) -> tuple[tuple[Process, ...], tuple[Process, ...]]:
-    """Return the nodes of DyKnow, and the processes that run them and what watches."""
+) -> tuple[tuple[Process, ...], tuple[Process, ...], tuple[RequestedFormula, ...]]:
+    """Return the nodes of DyKnow, the processes that run them and what watches, and formulas.
+
+    The formulas are those that are monitored.
+    """
     configuration = _configuration(chosen)
     nodes = dyknow_processes(configuration)
     joined = nodes if chosen.processes else composed(nodes, os.environ)
-    return nodes, (*joined, *watching_processes(configuration))
+    path = configuration.monitored
+    formulas = () if path is None else read_robot(path).formulas
+    return nodes, (*joined, *watching_processes(configuration)), formulas
 
 
 def _await_start(

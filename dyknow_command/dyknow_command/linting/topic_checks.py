@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
-from dyknow_command.linting.vocabulary_checks import annotations_of, references_of
+from dyknow_command.linting.vocabulary_checks import annotations_of, references_of, sources_of
 from dyknow_command.observing import absolute_topic
 from dyknow_common import NO_CONSTRAINTS, InlineText, StreamConstraints, read_text
 from dyknow_configuration import (
@@ -18,11 +18,13 @@ from dyknow_configuration import (
 )
 from dyknow_recordings import TopicContent
 from dyknow_stream_processing import (
+    BuiltInSource,
     Select,
     StreamDeclaration,
     StreamReference,
     nearest_topics,
     parse_specification,
+    references,
     subterms,
 )
 
@@ -76,6 +78,16 @@ def topic_findings(
             yield warning_at(use.place, text)
         else:
             yield from _observed_findings(use, topic)
+    for formula in inputs.formulas:
+        for name, field in references_of(formula):
+            if name in topics and (reason := topics[name].absent.get(field)):
+                index = max(0, formula.requested.text.find(field))
+                yield error_at(formula.place(index), f'no message of {name} has {field}: {reason}')
+
+
+def named_fields(inputs: LintInputs) -> set[str]:
+    """Return the fields of topics that formulas name."""
+    return {field for each in inputs.formulas for _, field in references_of(each)}
 
 
 def _observed_findings(use: TopicUse, topic: ObservedTopic) -> Iterator[Finding]:
@@ -102,9 +114,13 @@ def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
         yield from _stream_uses(inputs, source)
     yield from _expected_uses(inputs)
     for formula in inputs.formulas:
-        for topic, _ in references_of(formula):
-            index = max(0, formula.requested.text.find(topic))
-            yield TopicUse(topic, formula.place(index))
+        for named, _ in sources_of(formula):
+            for each in references(named):
+                if each.is_topic:
+                    index = max(0, formula.requested.text.find(each.name))
+                    is_shared = isinstance(named, BuiltInSource)
+                    place = formula.place(index)
+                    yield TopicUse(absolute_topic(each.name), place, is_shared=is_shared)
         if formula.requested.record is not None:
             for topic in formula.requested.record.topics:
                 yield TopicUse(absolute_topic(topic), formula.place(0), is_shared=True)

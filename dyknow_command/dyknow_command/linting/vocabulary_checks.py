@@ -44,9 +44,14 @@ from dyknow_semantics import (
 )
 from dyknow_stream_processing import (
     WHOLE,
+    BuiltInSource,
     Dataflow,
     SourceType,
+    StreamReference,
+    Term,
+    built_in_fields,
     load_units,
+    made,
     parse_specification,
     read_streams,
 )
@@ -160,15 +165,25 @@ class VocabularyChecks:
             yield warning_at(formula.place(0), text)
 
     def _reference_findings(self) -> Iterator[Finding]:
-        """Yield the fields of topics that formulas name, and that messages lack."""
+        """Yield the fields that formulas name, and that messages or built-in sources lack."""
         for formula in self._inputs.formulas:
-            for topic, field in references_of(formula):
-                content = self._contents.get(topic)
-                if content is None or content.fields is None or listed_as(content.fields, field):
-                    continue
-                lack = absence(content.message_type, content.fields, field)
-                index = max(0, formula.requested.text.find(field))
-                yield error_at(formula.place(index), f'{topic}: {lack}')
+            for source, field in sources_of(formula):
+                if (lack := self._lack(source, field)) is not None:
+                    index = max(0, formula.requested.text.find(field))
+                    yield error_at(formula.place(index), lack)
+
+    def _lack(self, source: Term, field: str) -> str | None:
+        """Return the message that a source lacks a field; None if it may have it."""
+        if isinstance(source, BuiltInSource):
+            fields = built_in_fields(source)
+            return None if field in fields else absence(str(source.kind), fields, field)
+        if not (isinstance(source, StreamReference) and source.is_topic):
+            return None
+        topic = absolute_topic(source.name)
+        content = self._contents.get(topic)
+        if content is None or content.fields is None or listed_as(content.fields, field):
+            return None
+        return f'{topic}: {absence(content.message_type, content.fields, field)}'
 
     def _unused(self, knowledge: Knowledge, vocabulary: Vocabulary) -> Iterator[Finding]:
         """Yield features and sorts that mean nothing."""
@@ -231,10 +246,18 @@ def symbols_of(formula: PlacedFormula) -> tuple[Symbol, ...]:
 
 def references_of(formula: PlacedFormula) -> Iterator[tuple[str, str]]:
     """Yield the topics that a formula names, with their fields."""
+    for source, field in sources_of(formula):
+        if isinstance(source, StreamReference) and source.is_topic:
+            yield absolute_topic(source.name), field
+
+
+def sources_of(formula: PlacedFormula) -> Iterator[tuple[Term, str]]:
+    """Yield the topics, streams and built-in sources that a formula names, with their fields."""
     for each in symbols_of(formula):
-        if each.is_reference and each.reference[0].startswith('"'):
-            stream, field = each.reference
-            yield absolute_topic(stream[1:-1]), field
+        if each.is_reference:
+            source, field = each.reference
+            with suppress(DyKnowError):  # Built-in sources that there are not: reported elsewhere.
+                yield made(parse_specification(f'sink {source}')), field
 
 
 def stream_findings(inputs: LintInputs, contents: Contents) -> Iterator[Finding]:

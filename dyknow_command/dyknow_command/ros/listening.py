@@ -18,6 +18,7 @@ from dyknow_configuration import (
     SeenValues,
     TopicTimes,
 )
+from dyknow_stream_processing import PartialFields
 from dyknow_stream_processing.ros import (
     NodeTopics,
     extractor,
@@ -47,6 +48,7 @@ class _Listener:
         self._stamps: list[int] = []
         self._receipts: list[int] = []
         self._values: dict[str, SeenValues] = {}
+        self._absent: dict[str, str] = {}
 
     def on_type(self, class_: Any) -> None:
         """Prepare for messages of a type."""
@@ -74,8 +76,11 @@ class _Listener:
         self._receipts.append(now)
         if self._stamp is not None:
             self._stamps.append(self._stamp(message))
-        for path, value in self._extract(message).items() if self._extract else ():
+        found = self._extract(message) if self._extract else {}
+        for path, value in found.items():
             self._values.setdefault(path, SeenValues()).add([value])
+        if isinstance(found, PartialFields):
+            self._absent.update(found.reasons)
 
     def on_publishers(self, count: int, *, is_latched: bool) -> None:
         """Ignore the number of publishers: it is asked for at the end."""
@@ -95,7 +100,13 @@ class _Listener:
         stamps = None if self._stamp is None else np.array(self._stamps, np.int64)
         times = TopicTimes.of(stamps, receipts, end)
         return ObservedTopic(
-            self.name, self.message_type, self._fields, times, self._values, publishers
+            self.name,
+            self.message_type,
+            self._fields,
+            times,
+            self._values,
+            publishers,
+            {path: why for path, why in self._absent.items() if path not in self._values},
         )
 
 

@@ -76,6 +76,7 @@ class ObservedTopic:
         times: of the messages.
         values: of fields that were read, by their paths.
         publishers: their number; None if it is unknown, as in a recording.
+        absent: the fields that were to be read and that no message had, with the reasons.
     """
 
     name: str
@@ -84,6 +85,7 @@ class ObservedTopic:
     times: TopicTimes
     values: Mapping[str, SeenValues] = field(default_factory=dict)
     publishers: int | None = None
+    absent: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def count(self) -> int:

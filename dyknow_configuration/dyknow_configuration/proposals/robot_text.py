@@ -16,6 +16,7 @@ from dyknow_configuration.proposals.timing import TopicTiming, timing_of
 
 _PLAIN: Final = re.compile(r'[A-Za-z_/][A-Za-z0-9_/.]*( [A-Za-z0-9_/.]+)*', re.ASCII)
 _WORDS_OF_YAML: Final = {'true', 'false', 'yes', 'no', 'on', 'off', 'null'}
+_STATUS, _STATUS_TYPE = '/_action/status', 'action_msgs/msg/GoalStatusArray'
 _WORD: Final = re.compile(r'(?<=[a-z0-9])(?=[A-Z])')
 
 
@@ -36,7 +37,7 @@ def robot_text(topics: Iterable[ObservedTopic], origin: str, path: Path, recordi
         _topics(draft),
         *([_objects(draft)] if draft.objects else []),
         _features(used, others),
-        _formulas(used),
+        _formulas(used, draft.topics),
     ]
     return '\n'.join(line.rstrip() for line in chain.from_iterable([*each, ''] for each in parts))
 
@@ -61,7 +62,8 @@ def _head(origin: str, path: Path, recording: str) -> Iterator[str]:
     yield f'#   dyknow lint {path.name}'
     if recording:
         yield f'#   dyknow check {_comment(recording)} --config {path.name}'
-    yield f'#   dyknow up {path.name}    and then    dyknow monitor {path.name}'
+    yield f'#   dyknow up {path.name}       starts DyKnow and monitors the formulas'
+    yield f'#   dyknow monitor {path.name}  shows them meanwhile, in a table'
     yield '#'
     yield '# Each topic keeps the timing below, also when the computer is busy for a moment.'
     yield '# dyknow suggest proposes narrower bounds.'
@@ -121,13 +123,14 @@ def _feature(feature: FeatureDraft) -> Iterator[str]:
         yield f'    # {remark}'
 
 
-def _formulas(used: Iterable[FeatureDraft]) -> Iterator[str]:
+def _formulas(used: Iterable[FeatureDraft], topics: Iterable[ObservedTopic]) -> Iterator[str]:
     features = list(used)
     yield 'formulas:'
     for each in features:
         yield f'  - name: {_scalar(_words(each.name))}'
         yield f'    formula: {_scalar(each.ground_formula)}'
         yield '    severity: warning'
+    yield from _action_formulas(topics)
     if not features:
         yield '  # - {name: alive, formula: \'always "/topic".field > 0\'}'
     for first, second in pairwise(features):
@@ -136,6 +139,17 @@ def _formulas(used: Iterable[FeatureDraft]) -> Iterator[str]:
             yield f'  # - name: {_words(second.name)} after {_words(first.name)}'
             yield f'  #   formula: {_scalar(_response(first, second))}'
             return
+
+
+def _action_formulas(topics: Iterable[ObservedTopic]) -> Iterator[str]:
+    for each in topics:
+        action = each.name.removesuffix(_STATUS)
+        if action != each.name and '{' not in action and each.message_type == _STATUS_TYPE:
+            yield '  # Statuses of goals were not compared: one may have been aborted.'
+            yield f'  - name: {_scalar(action.strip("/").replace("/", " "))}'
+            formula = f'always action("{action}").name != "ABORTED"'
+            yield f'    formula: {_scalar(formula)}'
+            yield '    severity: warning'
 
 
 def _response(cause: FeatureDraft, effect: FeatureDraft) -> str:

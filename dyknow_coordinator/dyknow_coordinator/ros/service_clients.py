@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
@@ -55,6 +56,9 @@ _ALL_KNOWN: Final[Mapping[str, tuple[float, float]]] = {}
 _MOST_QUERIES: Final = 4
 """The queries of the ontology that are sent at a time."""
 
+_PLACED_ERROR: Final = re.compile(
+    r'stream specification:\d+:\d+: (?P<reason>[^\n]*)\n.*', re.DOTALL
+)
 _LONG_TEXT: Final = 5000
 """The characters of a specification that takes tens of milliseconds to parse."""
 
@@ -208,17 +212,19 @@ class ServiceClients:
         Its relative topics are in the namespace of the coordinator, whatever the manager's is.
         """
         move = partial(in_namespace, specification, self._namespace, self.streams_namespace)
-        response = await self.stream_manager.call(
-            StreamCreateFromSpec,
-            spec=StreamSpec(
-                name=name,
-                specification=await self._background.run(
-                    move, is_long=len(specification) > _LONG_TEXT
-                ),
-                constraints=constraints_to_message(constraints),
-            ),
-            sources=identities_to_message(sources),
+        spec = StreamSpec(
+            name=name,
+            specification=await self._background.run(move, is_long=len(specification) > _LONG_TEXT),
+            constraints=constraints_to_message(constraints),
         )
+        try:
+            response = await self.stream_manager.call(
+                StreamCreateFromSpec, spec=spec, sources=identities_to_message(sources)
+            )
+        except DyKnowError as error:
+            # Nobody has written the text, so its places say nothing.
+            found = _PLACED_ERROR.fullmatch(error.message)
+            raise DyKnowError(found['reason'], error.code) if found else error from None
         return str(response.stream_topic), str(response.stream_constraint_violation_topic)
 
     async def topic(self, stream: str) -> tuple[str, str]:

@@ -6,6 +6,8 @@ stream computes, `min(ranges[90:270])`.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from typing import Any, Final
 
 from lark import Token
@@ -20,8 +22,10 @@ from dyknow_common import (
     PositionedError,
     TextPosition,
     computed_field,
+    format_duration,
     message_path,
     number_of,
+    parse_duration,
     parse_field,
     shortened,
 )
@@ -49,13 +53,48 @@ def field_reference(token: Token) -> FieldReference:
     """Return the reference that a token stands for, `"/scan".ranges[0]`.
 
     Raises:
-        PositionedError: for a path with a key that no message of ROS can hold.
+        PositionedError: for a path with a key that no message of ROS can hold, or without a path.
     """
-    if token.startswith('"'):
+    if token.type == 'BUILT_IN_REFERENCE':
+        stream, path = _built_in_source(token)
+    elif token.startswith('"'):
         stream, path = token[1:].split('".', 1)
     else:
         stream, path = token.split('.', 1)
     return FieldReference(stream, str(message_path(Token.new_borrow_pos('FIELD', path, token))))
+
+
+def _built_in_source(token: Token) -> tuple[str, str]:
+    """Return the canonical text of a built-in source, and the path to one of its fields."""
+    operands = re.match(r'(\w+)\s*\(((?:"[^"]*"|[^")])*)\)', token)
+    if operands is None:  # pragma: no cover - the grammar has seen it
+        raise ValueError(token)
+    given = re.findall(r'"[^"]*"|[^\s,"](?:[^,"]*[^\s,"])?', operands[2])
+    texts = [
+        each if each.startswith('"') else format_duration(parse_duration(each)) for each in given
+    ]
+    source = f'{operands[1]}({", ".join(texts)})'
+    if operands.end() == len(token):
+        example = next(iter(_BUILT_IN_FIELDS[operands[1]]))
+        message = f"'{source}' is no value; name a field of it, {source}.{example}"
+        raise PositionedError(message, TextPosition.of(token))
+    return source, token[operands.end() + 1 :]
+
+
+def built_in_unit(reference: FieldReference) -> str:
+    """Return the unit of a field of a built-in source; empty if it is not known."""
+    return _BUILT_IN_FIELDS.get(reference.stream.partition('(')[0], {}).get(reference.path, '')
+
+
+_BUILT_IN_FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
+    'tf': {
+        **dict.fromkeys(('translation.x', 'translation.y', 'translation.z', 'distance'), 'm'),
+        'yaw': 'rad',
+    },
+    'action': {'name': ''},
+    'rate': {'hz': 'Hz'},
+}
+"""Fields of built-in sources with their units; an example comes first."""
 
 
 def function_of_field(name: Token, argument: Formula | Term) -> Term:

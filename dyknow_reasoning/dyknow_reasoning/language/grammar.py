@@ -17,6 +17,7 @@ _SPELLINGS: Final = {
     **dict.fromkeys(
         ('STRING', 'REFERENCE', 'QUOTED_REFERENCE', 'FUNCTION', 'MESSAGE_CONSTANT'), _FORMULA
     ),
+    'BUILT_IN_REFERENCE': _FORMULA,
     'UNIT': 'a unit',
     'DURATION': 'a duration such as 5 s',
     'INFINITY': "'inf'",

@@ -29,6 +29,7 @@ from dyknow_reasoning.language.formula import (
     walk,
     with_changed_parts,
 )
+from dyknow_reasoning.language.functions import built_in_unit
 from dyknow_reasoning.language.spatial import Over, Spatial
 from dyknow_reasoning.language.terms import (
     Aggregate,
@@ -256,6 +257,8 @@ class _Conversion:
     def _unit_of(self, term: Feature | FieldReference) -> str:
         name = term.name if isinstance(term, Feature) else str(term)
         if unit := self.units.get(name):
+            return unit
+        if isinstance(term, FieldReference) and (unit := built_in_unit(term)):
             return unit
         if isinstance(term, FieldReference):
             reason, correction = f"'{term}' is a field of a stream, which states no unit", _NO_UNITS

@@ -112,7 +112,7 @@ class FieldReference(SyntaxNode):
     """A syntactic reference: a field of a stream, by name.
 
     Args:
-        stream: the name of a stream or topic.
+        stream: the name of a stream or topic, or the text of a built-in source, `action("/dock")`.
         path: the path to the field, `ranges[0]`, or a function of it, `min(ranges[90:270])`.
     """
 
@@ -120,7 +120,8 @@ class FieldReference(SyntaxNode):
     path: str
 
     def __str__(self) -> str:
-        plain = self.stream.isascii() and self.stream.isidentifier()
+        is_name = self.stream.isascii() and self.stream.isidentifier()
+        plain = is_name or '"' in self.stream
         stream = self.stream if plain else f'"{self.stream}"'
         field = parse_field(self.path)
         if not isinstance(field, ComputedField):

@@ -23,6 +23,7 @@ from dyknow_stream_processing import (
     SILENT_PERIODS,
     STATELESS_UNITS,
     WHOLE,
+    BuiltInSource,
     Call,
     Dataflow,
     NeedsStepsError,
@@ -195,8 +196,12 @@ class RecordedStreams:
 
     def has_memory(self, name: str) -> bool:
         """Return True if the samples of a stream depend on more than the latest messages."""
-        calls = (each for each in subterms(self.dataflow.term(name)) if isinstance(each, Call))
-        return any(self._units.get(each.unit) not in STATELESS_UNITS for each in calls)
+        return any(
+            self._units.get(each.unit) not in STATELESS_UNITS
+            if isinstance(each, Call)
+            else isinstance(each, BuiltInSource) and each.window
+            for each in subterms(self.dataflow.term(name))
+        )
 
     def reorders(self, name: str) -> bool:
         """Return True if a `max_delay` puts messages in order that a stream is made of."""

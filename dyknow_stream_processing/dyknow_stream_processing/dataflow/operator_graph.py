@@ -18,6 +18,7 @@ from dyknow_stream_processing.dataflow.built_in.frames import (
     FramesOperator,
     TransformTreeOperator,
 )
+from dyknow_stream_processing.dataflow.built_in.topic_rate import RateOperator
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.constraint_checks import (
     ArrivalOperator,
@@ -192,8 +193,10 @@ class OperatorGraph:
         samples of a topic that are older than their predecessors are dropped.
         """
         label, demands = _label(term), term.constraints
-        is_delayed, is_regular = demands.max_delay is not None, demands.longest_distance is not None
         arrival = arrival.within(demands)
+        if isinstance(term, BuiltInSource) and term.kind is BuiltIn.RATE:
+            demands = replace(demands, max_delay=None)  # It is the topic's.
+        is_delayed, is_regular = demands.max_delay is not None, demands.longest_distance is not None
         is_sorted = is_delayed or (may_be_late and not is_regular)
         operator = self._bare(term, may_be_late=is_sorted, arrival=arrival)
         if isinstance(term, Sync | Call) and arrival.max_lead is not None:
@@ -268,6 +271,12 @@ class OperatorGraph:
 
     def _built_in(self, term: BuiltInSource, label: str, arrival: _ArrivalChecks) -> Operator:
         topic = term.inputs[0]
+        if term.kind is BuiltIn.RATE:
+            # The clock must be able to say that no message has come.
+            delay = term.constraints.max_delay or self._delays.stamped
+            delayed = replace(topic, constraints=StreamConstraints(max_delay=delay))
+            source = self._constrained(delayed, may_be_late=False, arrival=arrival)
+            return self._operator(RateOperator, label, [source], term.window)
         if term.kind is BuiltIn.ACTION:
             source = self._bare(topic, may_be_late=False, arrival=arrival)
             return self._operator(ActionStatusOperator, label, [source])

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Final
 
-from dyknow_common import PositionedError, TextPosition, ValueType, listed_as
+from dyknow_common import (
+    NANOSECONDS,
+    SECOND_NS,
+    PositionedError,
+    TextPosition,
+    ValueType,
+    format_duration,
+    listed_as,
+)
 from dyknow_stream_processing.language.specification import BuiltIn, BuiltInSource
 
 TF_STATIC: Final = '/tf_static'
@@ -26,12 +34,18 @@ _FIELDS: Final[Mapping[BuiltIn, Mapping[str, ValueType]]] = {
         'name': ValueType.STRING,
         'goal_id': ValueType.STRING,
     },
+    BuiltIn.RATE: {'hz': ValueType.FLOAT},
 }
+_DEFAULT_WINDOW: Final = SECOND_NS
+_MAX_WINDOW: Final = 60 * SECOND_NS
+"""At a kilohertz, a rate then keeps 60 000 times."""
+
+_MIN_WINDOW: Final = NANOSECONDS['ms'] * 10
 _MESSAGE_TYPES: Final = {
     BuiltIn.TF: ('tf2_msgs/msg/TFMessage', 'transforms[0].child_frame_id'),
     BuiltIn.ACTION: ('action_msgs/msg/GoalStatusArray', 'status_list[0].status'),
 }
-"""The type of the messages of each source, and a field by which it is recognised."""
+"""The type of the messages of a source, and a field by which it is recognised."""
 
 
 def built_in_fields(source: BuiltInSource) -> Mapping[str, ValueType]:
@@ -40,13 +54,23 @@ def built_in_fields(source: BuiltInSource) -> Mapping[str, ValueType]:
 
 
 def built_in_source(
-    kind: BuiltIn, arguments: tuple[str, ...], position: TextPosition
+    kind: BuiltIn, arguments: tuple[str, ...], window: int | None, position: TextPosition
 ) -> BuiltInSource:
     """Return a built-in source of arguments in a text.
+
+    Args:
+        kind: of the source.
+        arguments: the quoted ones.
+        window: a duration after them, nanoseconds.
+        position: in the text.
 
     Raises:
         PositionedError: if the arguments do not fit.
     """
+    if kind is BuiltIn.RATE:
+        return _rate(arguments, window, position)
+    if window is not None:
+        raise PositionedError(f'{kind} takes no duration; rate does', position)
     if kind is BuiltIn.TF:
         # Frames once began with a slash, which tf2 ignores.
         arguments = tuple(each.removeprefix('/') for each in arguments)
@@ -62,9 +86,21 @@ def built_in_source(
     return BuiltInSource(kind, arguments, position=position)
 
 
+def _rate(arguments: tuple[str, ...], window: int | None, position: TextPosition) -> BuiltInSource:
+    if len(arguments) != 1 or not arguments[0].strip('/'):
+        message = 'rate takes a topic and perhaps a window, such as: rate("/scan", 2 s)'
+        raise PositionedError(message, position)
+    window = _DEFAULT_WINDOW if window is None else window
+    if not _MIN_WINDOW <= window <= _MAX_WINDOW:
+        limits = f'{format_duration(_MIN_WINDOW)} to {format_duration(_MAX_WINDOW)}'
+        message = f'the window of a rate is {limits}, not {format_duration(window)}'
+        raise PositionedError(message, position)
+    return BuiltInSource(BuiltIn.RATE, arguments, window, position=position)
+
+
 def type_fault(source: BuiltInSource, fields: Collection[str] | None) -> str:
     """Return why the topic of a source cannot be used, given its known fields; empty if it can."""
-    name, field = _MESSAGE_TYPES[source.kind]
-    if fields is None or listed_as(fields, field):
+    name, field = _MESSAGE_TYPES.get(source.kind, ('', ''))
+    if not name or fields is None or listed_as(fields, field):
         return ''
     return f'{source.kind} needs messages of the type {name} on {source.inputs[0]}'

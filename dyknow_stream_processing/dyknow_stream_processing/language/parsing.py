@@ -148,8 +148,11 @@ class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
         return syntax.StreamReference(_name(name), name.type == 'QUOTED')
 
     def built_in(self, kind: Token, *arguments: Token) -> syntax.BuiltInSource:
-        names = tuple(map(_name, arguments))
-        return built_in_source(syntax.BuiltIn(kind), names, TextPosition.of(kind))
+        names = tuple(_name(each) for each in arguments if each.type == 'QUOTED')
+        windows = [duration_value(each) for each in arguments[len(names) :]]
+        return built_in_source(
+            syntax.BuiltIn(kind), names, next(iter(windows), None), TextPosition.of(kind)
+        )
 
     def call(self, unit: Token, *parts: Term | syntax.UnitArgument) -> syntax.Call:
         inputs = tuple(part for part in parts if not isinstance(part, syntax.UnitArgument))

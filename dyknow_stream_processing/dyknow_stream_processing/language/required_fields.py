@@ -39,8 +39,9 @@ def _demands(term: Term, wanted: Demand) -> Iterator[tuple[str, Demand]]:
     if isinstance(term, StreamReference):
         yield term.name, wanted
     elif isinstance(term, BuiltInSource):
+        needed: Demand = frozenset() if term.kind is BuiltIn.RATE else frozenset({WHOLE})
         for each in term.inputs:
-            yield from _demands(each, frozenset({WHOLE}))
+            yield from _demands(each, needed)
         if term.kind is BuiltIn.TF:
             yield TF_STATIC, frozenset({WHOLE})
     elif isinstance(term, Select):

@@ -81,27 +81,43 @@ class StreamReference(_Constrained):
 
 
 class BuiltIn(StrEnum):
-    """The built-in sources, which are made of whole messages."""
+    """The built-in sources, which are made of whole messages, or of their times."""
 
     TF = 'tf'
     ACTION = 'action'
+    RATE = 'rate'
 
 
 @dataclass(frozen=True, slots=True)
 class BuiltInSource(_Constrained):
-    """A built-in source, `tf("map", "base_link")`; its arguments are two frames or an action."""
+    """A built-in source, `tf("map", "base_link")`.
+
+    Args:
+        kind: of the source.
+        arguments: two frames, an action, or a topic.
+        window: in which the messages of a topic are counted, nanoseconds; 0 for other sources.
+    """
 
     kind: BuiltIn
     arguments: tuple[str, ...]
+    window: int = 0
 
     @property
     def inputs(self) -> tuple[Term, ...]:
         """The topic that it needs; what /tf_static adds to a transform may be missing."""
-        topic = '/tf' if self.kind is BuiltIn.TF else f'{self.arguments[0]}/_action/status'
+        match self.kind:
+            case BuiltIn.TF:
+                topic = '/tf'
+            case BuiltIn.ACTION:
+                topic = f'{self.arguments[0]}/_action/status'
+            case BuiltIn.RATE:
+                (topic,) = self.arguments
         return (StreamReference(topic, is_topic=True),)
 
     def __str__(self) -> str:
-        return self._with_constraints(f'{self.kind}({_listed(map(quoted, self.arguments))})')
+        windows = [format_duration(self.window)] if self.window else []
+        text = f'{self.kind}({_listed([*map(quoted, self.arguments), *windows])})'
+        return self._with_constraints(text)
 
 
 @dataclass(frozen=True, slots=True)

@@ -108,7 +108,7 @@ def _moved_source(
 ) -> Term:
     """Return a stream, a topic or a built-in source with its absolute topic."""
     if isinstance(source, BuiltInSource):
-        if source.kind is BuiltIn.ACTION:
+        if source.kind is not BuiltIn.TF:
             return replace(source, arguments=tuple(map(absolute, source.arguments)))
         return source
     if source.is_topic or source.name in declared:

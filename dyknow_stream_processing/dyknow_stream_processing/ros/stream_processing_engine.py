@@ -9,7 +9,7 @@ from typing import Any, Final
 from dyknow_interfaces.msg import ConstraintViolation, Sample, StreamWatermark
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
-from dyknow_common import SECOND_NS, DyKnowError, StreamConstraints
+from dyknow_common import SECOND_NS, DyKnowError, StreamConstraints, with_readable_times
 from dyknow_common.ros import (
     RUNNING,
     STREAM,
@@ -327,7 +327,7 @@ class StreamProcessingEngine(DyKnowNode):
         )
         message.header.stamp = message.available_time
         self._outputs[name].violations.publish(message)
-        text = f'{name}: {violation.message}'
+        text = f'{name}: {with_readable_times(violation.message)}'
         if not is_hidden(name):
             if self._warning.is_due():
                 self.get_logger().warning(text)

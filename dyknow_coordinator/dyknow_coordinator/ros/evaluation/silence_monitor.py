@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from dyknow_common import SECOND_NS, format_duration
+from dyknow_common import SECOND_NS, format_duration, with_readable_times
 from dyknow_common.ros import LogOnce
 from dyknow_coordinator.grounding.source_choice import silent_topics
 from dyknow_coordinator.ros.context import CoordinatorContext
@@ -88,7 +88,7 @@ class SilenceMonitor:
                 'stopped, or the computer is too busy for them'
             )
         for text in self._log.new(waiting):
-            self._context.node.get_logger().warning(text)
+            self._context.node.get_logger().warning(with_readable_times(text))
 
     def _is_outdated(self) -> bool:
         """Return True if the latest report is old; simulated time may stand still, or be fast."""

@@ -28,7 +28,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final, Protocol
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import DyKnowError, ExitCode, with_readable_times
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
@@ -318,7 +318,8 @@ class StateSupervisor:
                 self.used_since = self._context.node.now()
                 event = f'{fault.error.message}; {describe_sources(self.chosen)}'
                 self._observer.add_event(event)
-                self._context.node.get_logger().warning(f'{self._observer.titles}: {event}')
+                text = f'{self._observer.titles}: {with_readable_times(event)}'
+                self._context.node.get_logger().warning(text)
         limit.cancel()
         self._is_changing = False
         if not self._has_ended:

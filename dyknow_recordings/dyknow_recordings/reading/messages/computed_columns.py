@@ -12,6 +12,7 @@ from dyknow_common import (
     ComputedField,
     ElementKey,
     FieldTypes,
+    IndexField,
     MessagePath,
     PathStep,
     UnnestedArray,
@@ -93,7 +94,7 @@ def _members(path: str) -> Iterator[str]:
     match found:
         case MessagePath((PathStep(name, selector), *_)):
             yield name
-            if isinstance(selector, ElementKey):
+            if isinstance(selector, ElementKey | IndexField):
                 yield selector.field.partition('.')[0]
 
 

@@ -36,6 +36,7 @@ QUEUE_DEPTH: Final = 1000
 _NAMES_PERIOD_NS: Final = 2 * SECOND_NS
 """Time between two reads of the names of all topics."""
 
+_OWN_TYPES: Final = 'dyknow_interfaces/'
 _MAX_COMPARED: Final = 20
 """The number of topics for which similar names are sought: with many names, that takes long."""
 
@@ -172,7 +173,11 @@ class TopicNames:
         if self._read_at is not None and now < self._read_at + _NAMES_PERIOD_NS:
             return
         self._read_at = now
-        names = tuple(sorted(name for name, _ in self._node.get_topic_names_and_types()))
+        types = dict(self._node.get_topic_names_and_types())
+        own = {name for name, found in types.items() if found[0].startswith(_OWN_TYPES)}
+        # The status of an action of a node of DyKnow has a type of ROS.
+        own |= {f'{name.removesuffix("feedback")}status' for name in own}
+        names = tuple(sorted(types.keys() - own))
         if names != self._names:
             self._names = names
             self._nearest.clear()

@@ -8,7 +8,7 @@ from typing import Final
 
 from rclpy.node import Node
 
-from dyknow_common import format_duration, round_time
+from dyknow_common import format_duration, round_time, with_readable_times
 from dyknow_common.ros import DyKnowNode, LogOnce
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
 from dyknow_stream_processing.reporting.silence import (
@@ -65,7 +65,7 @@ class WaitingStreams:
         visible = [each for each in names if not is_hidden(each)]
         shown = visible or names
         more = ', ...' if len(shown) > _MAX_LISTED else ''
-        text = f'{reason}; this delays: {", ".join(shown[:_MAX_LISTED])}{more}'
+        text = f'{with_readable_times(reason)}; this delays: {", ".join(shown[:_MAX_LISTED])}{more}'
         if visible:
             self._node.get_logger().warning(text)
         else:

@@ -1,0 +1,59 @@
+"""The rate of the messages of a topic, which falls to 0 in silence."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from itertools import takewhile
+from typing import Final
+
+from dyknow_common import SECOND_NS, Value, format_duration
+from dyknow_stream_processing.dataflow.operators import Operator, Wiring
+from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
+
+_SAMPLES: Final = 10
+"""The samples of a rate in each window."""
+
+
+class RateOperator(SynchronisedOperator):
+    """The number of messages in the window that ends at each tick, by its length.
+
+    Ticks count from the first message. There is no sample before a whole window has passed, and
+    the message at its start is not in it: so 10 Hz are 10 messages in 1 s.
+
+    Args:
+        window: its length, nanoseconds.
+    """
+
+    def __init__(self, wiring: Wiring, window: int) -> None:
+        super().__init__(wiring, None, window // _SAMPLES)
+        self._window = window
+        self._first: int | None = None
+        self._times: deque[int] = deque()
+        """The valid times in the window, and of messages after it that came already."""
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Note the time of a message, and make the samples that it makes certain."""
+        self._times.append(valid_time)
+        super().receive(port, valid_time, fields, watermark, now)
+
+    def obstacle(self, name: Callable[[Operator], str]) -> str:
+        """Return that the first window has not passed, or what delays the next sample."""
+        if self._first is not None and self.emitted_at is None:
+            window = format_duration(self._window)
+            return f'{name(self)} has its first value {window} after its first message'
+        return super().obstacle(name)
+
+    def _tick(self, valid_time: int, values: Values, now: int) -> None:
+        del values
+        if self._first is None:
+            self._first = valid_time
+        times, begin = self._times, valid_time - self._window
+        while times and times[0] <= begin:
+            times.popleft()
+        if self._first <= begin:
+            early = sum(1 for _ in takewhile(lambda each: each > valid_time, reversed(times)))
+            hz = (len(times) - early) * SECOND_NS / self._window
+            self._emit(valid_time, {'hz': hz}, valid_time, now)
