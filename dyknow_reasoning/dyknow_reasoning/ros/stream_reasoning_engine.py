@@ -29,9 +29,9 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import UnknownFeatures
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.notes import notes_on
+from dyknow_reasoning.progression.unknown_features import UnknownFeatures
 from dyknow_reasoning.ros.engine_limits import LIMITS, limits_of_group
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
