@@ -10,6 +10,7 @@ from dyknow_common.fields import (
     ComputedField,
     ElementCondition,
     MessagePath,
+    number_of,
     parse_field,
 )
 from dyknow_common.message_constants import message_constant
@@ -25,7 +26,7 @@ from dyknow_common.parsing import (
     quoted,
     text_value,
 )
-from dyknow_common.values import Value
+from dyknow_common.values import Value, ValueType
 
 
 @builder
@@ -46,6 +47,18 @@ class FieldBuilder(ConstraintBuilder[Syntax]):
         return Token.new_borrow_pos(
             'COMPUTED', str(computed_field(function, path, condition)), function
         )
+
+    def compared(
+        self, field: Token, comparison: Token, value: Token
+    ) -> tuple[str, ElementCondition]:
+        """Return a field and what it is compared with."""
+        name = field_name(field)
+        condition = ElementCondition(comparison_value(comparison), literal_value(value))
+        if condition.fault:
+            raise PositionedError(condition.fault, TextPosition.of(value))
+        if ValueType.of(condition.value) in {ValueType.INT, ValueType.FLOAT}:
+            name = number_of(name)
+        return name, condition
 
     def elements(self, array: Token, variable: Token) -> ArrayElements:
         """Return the elements of an array."""

@@ -166,7 +166,8 @@ def _annotations(values: Mapping[str, YamlValue], vocabulary: RobotVocabulary) -
         feature = vocabulary.features[name.text().strip()]
         stated = value.mapping(FEATURE_KEYS)
         if 'from' in stated:
-            found += read_topics(feature, stated['from'], vocabulary)
+            unless = stated.get('unknown')
+            found += read_topics(feature, stated['from'], vocabulary, unless=unless)
         if 'from' in stated and 'uncertainty' in stated:
             uncertainty = read_uncertainty(feature, stated['uncertainty'])
             if uncertainty.measured is not None:

@@ -47,6 +47,7 @@ def read_topics(
     value: YamlValue,
     vocabulary: RobotVocabulary,
     uncertainty: YamlValue | None = None,
+    unless: YamlValue | None = None,
 ) -> list[InlineText]:
     """Return the annotations of a feature, given the value of its key `from`.
 
@@ -55,6 +56,7 @@ def read_topics(
         value: of the key.
         vocabulary: of the robot.
         uncertainty: for the uncertainty of a feature that this is about, the field that holds it.
+        unless: the condition of messages in which the value is unknown.
 
     Raises:
         ConfigurationError: with the place of the fault.
@@ -64,7 +66,7 @@ def read_topics(
         raise uncertainty.error(
             'it would not be known of which topic the uncertainty is; give the feature one topic'
         )
-    sources = [FeatureCarrier(feature, each, vocabulary, uncertainty) for each in found]
+    sources = [FeatureCarrier(feature, each, vocabulary, uncertainty, unless) for each in found]
     return [annotation for each in sources for annotation in each.annotations()]
 
 
@@ -81,7 +83,9 @@ class FeatureCarrier:
         value: YamlValue,
         vocabulary: RobotVocabulary,
         uncertainty: YamlValue | None = None,
+        unless: YamlValue | None = None,
     ) -> None:
+        self._unless = unless
         self._feature = feature
         self._value = value
         self.stated = value.mapping(SOURCE_KEYS, ('field',))
@@ -131,6 +135,8 @@ class FeatureCarrier:
         text.add_template(self.stated['field'], objects)
         if self.unit:
             text.add(f' [{self.unit}]', self.stated['unit'])
+        if self._unless is not None:
+            text.add(' unless ', self._unless).add_template(self._unless, objects)
         if self._keys:
             ranges = ', '.join(f'{each} in {self._feature.arguments[each]}' for each in self._keys)
             text.add(f' for every {ranges} where ', self.stated['where'])
@@ -157,6 +163,7 @@ class FeatureCarrier:
             len(found.contents) == 1
             and found.contents[0].feature.name == self._feature.name
             and (found.contents[0].unit or '') == self.unit
+            and (found.contents[0].unless is not None) == (self._unless is not None)
             and {each.variable for each in found.ranges} == set(self._keys)
             and set(found.constraints.given()) == set(self._constraints)
         )

@@ -32,6 +32,7 @@ FEATURE_KEYS: Final = (
     'below',
     'description',
     'missing',
+    'unknown',
     'range',
     'from',
     'forecast',
@@ -309,10 +310,12 @@ class _VocabularyReader:
 
 def _unknown(stated: Mapping[str, YamlValue], value_type: ValueType) -> tuple[float, float] | None:
     """Return the bounds of a feature that may be unknown; None for one that may not."""
-    is_unknown = (
-        'missing' in stated
-        and stated['missing'].choice('answer', ['error', 'unknown']) == 'unknown'
-    )
+    if 'unknown' in stated and 'forecast' in stated:
+        message = 'a forecast is made of all messages; remove unknown, or the forecast'
+        raise stated['unknown'].error(message)
+    is_unknown = 'unknown' in stated
+    if 'missing' in stated:
+        is_unknown |= stated['missing'].choice('answer', ['error', 'unknown']) == 'unknown'
     bounds = ANY_NUMBER
     if 'range' in stated:
         value = stated['range']

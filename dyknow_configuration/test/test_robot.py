@@ -121,6 +121,23 @@ def test_the_annotations(tmp_path: Path) -> None:
     }
 
 
+def test_when_a_value_is_unknown(tmp_path: Path) -> None:
+    text = (
+        'objects: {Rover: [r1]}\n'
+        'features:\n'
+        '  Charge:\n'
+        '    of: {r: Rover}\n'
+        '    range: [0, 1]\n'
+        "    unknown: '{r}.percentage < 0'\n"
+        "    from: {topic: '/{r}/battery', field: percentage}\n"
+    )
+    found = robot(tmp_path, text)
+    assert annotations(found) == [
+        'stream "/r1/battery" contains Charge[r1] = percentage unless r1.percentage < 0;'
+    ]
+    assert '<dyknow:unknown>0.0 1.0</dyknow:unknown>' in str(found.ontologies[0].text)
+
+
 def test_the_annotations_match(tmp_path: Path) -> None:
     configuration = robot(tmp_path, FLEET)
     parsed = [each for text in annotations(configuration) for each in parse_annotations(text)]

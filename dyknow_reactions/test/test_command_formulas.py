@@ -7,7 +7,7 @@ import pytest
 from dyknow_common import LanguageError
 from dyknow_reactions.guard.command_formulas import CommandFormula
 from dyknow_reactions.guard.watched_formula import WatchedFormula
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, UnknownFeatures
 
 TOPIC = '/cmd_vel_in'
 SPEED = '"/cmd_vel_in".linear.x'
@@ -103,6 +103,22 @@ def test_a_response_that_is_late_fails_when_that_becomes_known() -> None:
     found = [watched.failure(t, {'p': bool(p), 'q': bool(q)}) for t, p, q in states]
     assert [bool(each) for each in found] == [False, False, True, False, False]
     assert 'q' in found[2]
+
+
+def test_a_formula_that_may_be_false_does_not_hold() -> None:
+    unknown = UnknownFeatures({'Ahead': (0.0, 9.0)})
+    watched = WatchedFormula('forall r in Rover: Ahead[r] > 1', {'Rover': ['r1']}, unknown)
+    assert watched.failure(1, {'Ahead[r1]': 2.0}) == ''
+    want = 'undecided for want of Ahead[r1] since 3.000 s'
+    assert watched.failure(3 * 10**9, {'Ahead[r1]': float('nan')}) == want
+    assert watched.failure(4 * 10**9, {'Ahead[r1]': 2.0}) == ''
+    assert watched.failure(5 * 10**9, {'Ahead[r1]': 0.5}).startswith('for r = r1: Ahead[r1] = 0.5')
+
+
+def test_an_unknown_value_that_makes_no_difference_passes() -> None:
+    unknown = UnknownFeatures({'Ahead': (2.0, 9.0)})
+    watched = WatchedFormula('Ahead > 1', {}, unknown)
+    assert watched.failure(1, {'Ahead': float('nan')}) == ''
 
 
 @pytest.mark.parametrize('values', [{}, {'p': 3}])

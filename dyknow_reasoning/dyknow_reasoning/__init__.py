@@ -3,16 +3,12 @@
 from dyknow_reasoning.check import CheckResult, add_domain_option, check_trace, read_domains
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
-    ALL_KNOWN,
-    ANY_NUMBER,
     FormulaProbability,
-    Range,
-    UnknownFeatures,
-    is_unknown,
     probability_of,
+    want_text,
 )
 from dyknow_reasoning.explanation.explanation import objects_text
-from dyknow_reasoning.formula_group import FOR_WANT, FormulaGroup
+from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants, literal_of
 from dyknow_reasoning.language.formula import (
     Always,
@@ -58,6 +54,13 @@ from dyknow_reasoning.progression.atoms import CALCULATE, Values
 from dyknow_reasoning.progression.functions import call_function_on_vectors
 from dyknow_reasoning.progression.instances import Domains, ground_atoms
 from dyknow_reasoning.progression.sizes import FormulaLimits
+from dyknow_reasoning.progression.unknown_features import (
+    ALL_KNOWN,
+    ANY_NUMBER,
+    Range,
+    UnknownFeatures,
+    is_unknown,
+)
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.standby_states import StandbyStates, continue_from
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
@@ -69,7 +72,6 @@ __all__ = [
     'ALL_KNOWN',
     'ANY_NUMBER',
     'CALCULATE',
-    'FOR_WANT',
     'NO_CONSTANTS',
     'SPATIAL',
     'Always',
@@ -143,4 +145,5 @@ __all__ = [
     'start_verdicts',
     'symbols_of',
     'walk',
+    'want_text',
 ]

@@ -7,34 +7,29 @@ states (execution), and `explain` gives the reasons of the verdict (explanation)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from itertools import chain, count, islice
-from typing import Any, Final
+from typing import Any
 
 from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, amount, round_time
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
-    ALL_KNOWN,
     InstanceMonitor,
     InstanceVerdict,
     Outcome,
     Outcomes,
     PastValues,
-    PossibleFormula,
     PossibleFormulas,
     PossibleVerdict,
     Recording,
-    UnknownFeatures,
-    wants_text,
+    want_text,
 )
 from dyknow_reasoning.explanation.explanation import (
     VerdictReasons,
     explain,
-    objects_text,
-    scope_text,
 )
-from dyknow_reasoning.explanation.remainders import Remainders, text_of
+from dyknow_reasoning.explanation.remainders import Remainders, possible_text
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula, walk
 from dyknow_reasoning.language.parsing import parse_formula
@@ -61,11 +56,9 @@ from dyknow_reasoning.progression.sizes import (
     formula_size,
     object_counts,
 )
+from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.results import FormulaResult, NamedFormula
 from dyknow_reasoning.standing import StandingFormula, StandingFormulas
-
-FOR_WANT: Final = 'undecided for want of'
-"""The words before the unknown values that make a difference, in what remains of a formula."""
 
 _MAX_NODES = 10_000
 
@@ -219,7 +212,7 @@ class FormulaGroup:
             formula_id: self._instances_of(each.formula, domains)
             for formula_id, each in self._formulas.items()
         }
-        self._margins.begin(domains)
+        self._margins.begin(domains, unknown)
         self._domains, self._sizes = domains, sizes
         self._possible.unknown = unknown
         self._counts.update(counts)
@@ -362,10 +355,24 @@ class FormulaGroup:
         if formula_id in self._ends:
             return self._ends[formula_id]
         if possible := self._possible.formulas.get(formula_id):
-            return self._possible_text(possible)
+            return possible_text(possible, self._begun().latest or 0)
+        if wants := self.wants(formula_id):
+            return f'{formula} ({want_text(wants)})'
         if self._remainders is None or formula_id in self._known or formula.every_state:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)
+
+    def wants(self, formula_id: int) -> Mapping[str, int]:
+        """Return since when each unknown feature makes a difference to a formula, in nanoseconds.
+
+        For one that is asked at every state, return those that make it possible that it is violated
+        at present.
+        """
+        self._find(formula_id)
+        if formula_id in self.standing.formulas:
+            return self.standing.formulas[formula_id].monitor.doubt
+        possible = self._possible.formulas.get(formula_id)
+        return possible.wants if possible else {}
 
     def margin(self, formula_id: int) -> Margin | None:
         """Return the margin at present or at the end, or the least so far if it is standing.
@@ -442,36 +449,37 @@ class FormulaGroup:
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
         if named.every_state:
-            limit, margins = self._limits.node_limit, self._margins.standing(formula_id)
-            given = formula_id, named, self._counts, instances, histories, limit, margins
-            self.standing.add(formula_id, StandingFormula(*given))
+            given = formula_id, named, self._counts, instances, histories, self._limits
+            standing = StandingFormula(*given, self._margins.standing(formula_id))
+            self.standing.add(formula_id, standing)
+            if self._watch(formula_id, named.formula, instances):
+                standing.monitor.may_meet_unknown()
         elif verdict := verdict_of(instances):
             self._known[formula_id] = verdict
         else:
-            # Over links, an unknown value is an error, as the routes may depend on it.
-            if not any(isinstance(each, Over) for each in walk(named.formula)):
-                self._possible.watch(formula_id, instances)
+            self._watch(formula_id, named.formula, instances)
             monitor.add(formula_id, instances, named.kinds)
+
+    def _watch(self, formula_id: int, formula: Formula, instances: Sequence[Instance]) -> bool:
+        """Look out for unknown values; return True if there may be some."""
+        # Over links, an unknown value is an error, as the routes may depend on it.
+        is_over_links = any(isinstance(each, Over) for each in walk(formula))
+        return not is_over_links and self._possible.watch(formula_id, instances)
 
     def _take_as_possible(self, formulas: Iterable[int], monitor: InstanceMonitor) -> None:
         """Take formulas that meet unknown values from the monitor, before the state."""
-        states = list(monitor.states())
+        states, registers = list(monitor.states()), monitor.histories.registers
         for formula_id in formulas:
+            if standing := self.standing.formulas.get(formula_id):
+                self._possible.remove(formula_id)
+                if standing.meet_unknown(self._possible.unknown):
+                    monitor.histories.release([formula_id])
+                continue
             own = [each for each in states if each.instance.formula_id == formula_id]
-            registers, gap = monitor.histories.registers, monitor.gap_follows
+            gap = monitor.gap_follows
             if self._possible.take(formula_id, own, registers, monitor.latest, after_gap=gap):
                 monitor.remove([formula_id])
                 monitor.histories.release([formula_id])
-                self._margins.forget(formula_id)
-
-    def _possible_text(self, formula: PossibleFormula) -> str:
-        """Return what remains in one case, and for want of which values there are others."""
-        states = formula.states()
-        text = text_of(states, self._begun().latest or 0) if states else ''
-        if not (wants := formula.wants):
-            return text
-        want = f'{FOR_WANT} {wants_text(wants)}'
-        return f'{text} (in one of {amount(formula.cases)} cases; {want})' if text else want
 
     def _results_of_known(self) -> list[FormulaResult]:
         """Return the results of formulas that need no state, and forget that they were known."""
@@ -505,11 +513,7 @@ class FormulaGroup:
         self, formula_id: int, outcome: InstanceVerdict | PossibleVerdict, values: Values
     ) -> VerdictReasons:
         formula = self._formulas[formula_id].formula
-        if isinstance(outcome, InstanceVerdict):
-            return explain(formula, self._counts, outcome, values, self._begun().histories)
-        binding = outcome.instance.binding
-        scope = scope_text(formula, self._counts, binding, holds=outcome.holds)
-        return VerdictReasons(f'{scope}{outcome}', objects_text(binding))
+        return explain(formula, self._counts, outcome, values, self._begun().histories)
 
     def _end(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -13,13 +13,14 @@ from dyknow_reasoning.execution import (
     Failure,
     Histories,
     InstanceState,
+    PossibleFormula,
     Recording,
     StandingMonitor,
     StartCounts,
     VerdictLog,
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
-from dyknow_reasoning.explanation.remainders import text_of
+from dyknow_reasoning.explanation.remainders import possible_text, text_of
 from dyknow_reasoning.language.formula import PastAtom
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
@@ -27,7 +28,8 @@ from dyknow_reasoning.progression.gaps import Half, unknowable
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import FALSE
 from dyknow_reasoning.progression.residual import holds_at_the_end
-from dyknow_reasoning.progression.sizes import Counts
+from dyknow_reasoning.progression.sizes import Counts, FormulaLimits
+from dyknow_reasoning.progression.unknown_features import UnknownFeatures
 from dyknow_reasoning.results import NamedFormula
 
 _CLEANUP_STATES: Final = 4096
@@ -85,7 +87,7 @@ class StandingFormula:
         counts: the number of objects of each sort.
         instances: the formula holds if all of them do.
         histories: those that it looks back to.
-        node_limit: the most nodes of what remains of an instance.
+        limits: of the formula.
         margins: from each state on, if they were requested; its group steps them.
     """
 
@@ -96,10 +98,10 @@ class StandingFormula:
         counts: Counts,
         instances: Sequence[Instance],
         histories: Histories,
-        node_limit: int,
+        limits: FormulaLimits,
         margins: StandingMargin | None = None,
     ) -> None:
-        self.monitor = StandingMonitor(formula_id, instances, named.kinds, node_limit)
+        self.monitor = StandingMonitor(formula_id, instances, named.kinds, limits)
         self.margins = margins
         self._next_cleanup = _CLEANUP_STATES
         self._formula, self._counts = named.formula, counts
@@ -124,6 +126,14 @@ class StandingFormula:
         if self.margins is not None:
             self._forget_margins(self.margins)
         return self.monitor.progress(valid_time, values)
+
+    def meet_unknown(self, unknown: UnknownFeatures) -> bool:
+        """Progress over unknown values from the next state on; return False if that fails."""
+        try:
+            return self.monitor.meet_unknown(self._histories.registers, unknown)
+        except ReasoningError as error:
+            self._error = error
+            return False
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
@@ -193,6 +203,7 @@ class StartVerdict:
         error: why it has no verdict, if it depends on states that are missing.
         residual_formula: what remains of an undecided formula.
         presumably_false: True if an undecided formula would be false without further states.
+        wants: since when each unknown feature makes a difference, in nanoseconds.
     """
 
     verdict: Verdict
@@ -200,6 +211,7 @@ class StartVerdict:
     error: ReasoningError | None = None
     residual_formula: str = ''
     presumably_false: bool = False
+    wants: Mapping[str, int] = field(default_factory=dict)
 
 
 def start_verdicts(
@@ -224,17 +236,28 @@ def start_verdicts(
             decided_at = false_at[number]
             found.append(StartVerdict(Verdict.FALSE, time if decided_at is None else decided_at))
         elif number in undecided:
-            found.append(_undecided(monitor.remainders(number), times[-1]))
-        elif number in log.unprovable:
-            error = unknowable(log.unprovable[number])
-            found.append(StartVerdict(Verdict.UNDECIDED, error=error))
+            remains = monitor.possible(number) or monitor.remainders(number)
+            found.append(_undecided(remains, times[-1]))
+        elif loss := log.unprovable.get(number):
+            found.append(
+                _undecided(loss, times[-1])
+                if isinstance(loss, PossibleFormula)
+                else StartVerdict(Verdict.UNDECIDED, error=unknowable(loss))
+            )
         else:
             found.append(StartVerdict(Verdict.TRUE, log.true_at.get(number, time)))
     return found
 
 
-def _undecided(states: Sequence[InstanceState], latest: int) -> StartVerdict:
+def _undecided(states: Sequence[InstanceState] | PossibleFormula, latest: int) -> StartVerdict:
     """Return an open verdict; of two halves after a gap, the optimistic one counts."""
+    if isinstance(states, PossibleFormula):
+        return StartVerdict(
+            Verdict.UNDECIDED,
+            residual_formula=possible_text(states, latest),
+            presumably_false=not states.holds_at_the_end(),
+            wants=states.wants,
+        )
     shown = [state for state in states if state.instance.half is not Half.PESSIMISTIC] or states
     return StartVerdict(
         Verdict.UNDECIDED,

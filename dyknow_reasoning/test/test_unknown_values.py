@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import accumulate, product
+from math import inf
 from typing import cast
 
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds, random_cases
 
-from dyknow_common import Value, Verdict
+from dyknow_common import Margin, Value, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures
 from dyknow_reasoning.language.formula import Comparison, Formula, Interval
 from dyknow_reasoning.language.terms import Arithmetic, Feature, Number, StateCount, ValueBefore
@@ -313,12 +314,57 @@ def test_an_unknown_value_after_a_gap_is_an_error() -> None:
     assert 'depends on states that are missing' in str(result.error)
 
 
-def test_the_margin_of_a_formula_that_met_an_unknown_value_is_unknown() -> None:
+def margin_of(text: str, states: PartialTrace | Trace) -> tuple[Margin | None, bool]:
+    """The margin after the states, and True if the formula is decided before the last one."""
     group = FormulaGroup()
-    group.add_formula('f', 'always x > 1', margin=True)
-    group.begin({}, ANY)
-    group.progress(0, {'x': 3})
-    group.progress(1, {'x': None})
+    group.add_formula('f', text, margin=True)
+    group.begin({}, RANGES)
+    results = [result for state in states[:-1] for result in group.progress(*state)]
+    group.progress(*states[-1])
+    return group.margin(1), bool(results)
+
+
+COMPARED = st.one_of(EXACT, SOUND).filter(lambda atom: 'count' not in str(atom))
+
+
+@pytest.mark.timeout(3600)
+@settings(max_examples=random_cases(40), deadline=None, suppress_health_check=list(HealthCheck))
+@given(formulas(2, COMPARED), partial_traces((0.0, 1.0, 1.5, 2.0, 3.0), ('x', 'y'), 2))
+def test_margins_of_all_completions_are_within_bounds(
+    formula: Formula, trace: PartialTrace
+) -> None:
+    found, has_ended = margin_of(str(formula), trace)
+    assert found
+    if has_ended:
+        return
+    for each in completions(trace, GRID):
+        alone, has_ended = margin_of(str(formula), each)
+        assert alone
+        if not has_ended:  # Else the margin is that of an earlier state.
+            assert found.lower <= alone.lower, (str(formula), trace, each)
+            assert alone.upper <= found.upper, (str(formula), trace, each)
+
+
+@pytest.mark.parametrize(
+    ('text', 'lower', 'upper'),
+    [
+        ('x > 1', -1, 2),
+        ('not x > 1', -2, 1),
+        ('x = 1', -2, 0),
+        ('x != 4', 1, 4),
+        ('x - y < 4', 3, 6),
+        ('always[0, 1 s] x > 1', -1, 1),
+        ('eventually[0, 1 s] x > 1', 1, 2),
+        ('z > 1', -inf, inf),
+        ('forall u in S: y + x > 1', 1, 4),
+    ],
+)
+def test_margins_have_bounds(text: str, lower: float, upper: float) -> None:
+    group = FormulaGroup()
+    group.add_formula('f', text, margin=True)
+    group.begin({'S': ('a', 'b')}, UnknownFeatures({**RANGES.ranges, 'z': (-inf, inf)}))
+    for second, x in enumerate((None, 2.0, 2.0)):
+        group.progress(second * 10**9, {'x': x, 'y': 2.0, 'z': None})
     margin = group.margin(1)
     assert margin
-    assert (margin.lower, margin.upper) == (-float('inf'), float('inf'))
+    assert (margin.lower, margin.upper) == (lower, upper)

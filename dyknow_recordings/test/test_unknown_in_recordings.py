@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -84,3 +85,46 @@ def test_a_robot_says_what_may_be_unknown(
         (row,) = (line for line in output.splitlines() if f'│ {name} ' in line)
         assert f'│ {outcome} ' in row
     assert 'it may be false; what remains: ' in output
+
+
+GPS_LOSS = """\
+objects: {UAV: [uav1]}
+features:
+  Altitude:
+    of: UAV
+    unit: m
+    range: [0, 120]
+    unknown: fix < 1
+    from: {topic: /trace, field: altitude, only: {UAV: uav1}}
+formulas:
+  - {name: airspace, formula: 'forall u in UAV: always[0 s, 9 s] Altitude[u] <= 120 m'}
+  - {name: geofence, formula: 'forall u in UAV: always[0 s, 9 s] Altitude[u] < 40 m'}
+  - name: descends
+    formula: 'always[0 s, 6 s] (Altitude[uav1] > 30 -> eventually[0 s, 6 s] Altitude[uav1] < 25)'
+  - {name: climbed, formula: 'forall u in UAV: eventually[0 s, 9 s] Altitude[u] > 33 m'}
+  - {name: standing, formula: 'forall u in UAV: Altitude[u] < 40 m', every_state: true}
+"""
+ALTITUDES = (20, 28, 32, -1, -1, -1, -1, 31, 24, 22, 20)
+"""Without a fix for 4 s, the receiver tells -1."""
+
+
+def test_the_altitude_of_a_vehicle_is_unknown_for_four_seconds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trace, robot = tmp_path / 'trace.csv', tmp_path / 'robot.yaml'
+    rows = [f'{second},{z},{int(z >= 0)}' for second, z in enumerate(ALTITUDES)]
+    trace.write_text('\n'.join(['time_s,altitude: float,fix: int', *rows]))
+    robot.write_text(GPS_LOSS)
+    reports = json.loads(checked(capsys, str(trace), '--config', str(robot)))['formulas']
+    found = {each['name']: each['episodes'] for each in reports}
+    decided = {
+        name: (each[0]['verdict'], each[0].get('decided_at_ns')) for name, each in found.items()
+    }
+    assert decided['airspace'] == ('true', 9 * 10**9)
+    assert decided['descends'] == ('true', 8 * 10**9)
+    assert decided['geofence'][0] == decided['climbed'][0] == 'undecided'
+    want = 'undecided for want of Altitude[uav1] since 3.000 s'
+    assert want in found['geofence'][0]['residual_formula']
+    assert [each['verdict'] for each in found['standing']] == [
+        'true' if z >= 0 else 'undecided' for z in ALTITUDES
+    ]

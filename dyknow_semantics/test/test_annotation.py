@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import NO_CONSTRAINTS, StreamConstraints, TextPosition
+from dyknow_common import NO_CONSTRAINTS, ElementCondition, StreamConstraints, TextPosition
 from dyknow_semantics import (
     Annotation,
     Concept,
@@ -66,7 +66,8 @@ def test_several_variables_and_statements() -> None:
 
 def test_canonical_text() -> None:
     text = (
-        'stream "/fleet" contains Altitude[u] = pose.z [m], Power["uav-1"] = "Power[uav-1]" '
+        'stream "/fleet" contains Altitude[u] = pose.z [m] unless status.fix <= 0, '
+        'Power["uav-1"] = "Power[uav-1]" '
         'for every u in UAV where u = id with max_delay = 100 ms;'
     )
     assert ''.join(map(str, parse_annotations(text.replace(' ', '\n')))) == text
@@ -121,6 +122,9 @@ FIELDS = st.lists(PARTS, min_size=1, max_size=3).map('.'.join) | TEXTS
 UNITS = st.none() | st.from_regex(r'[A-Za-z%°/^0-9*-]{0,6}', fullmatch=True)
 DURATIONS = st.none() | st.integers(min_value=1, max_value=10**12)
 PLACES = st.lists(CONCEPTS | TEXTS, max_size=3)
+UNLESS = st.none() | st.tuples(
+    FIELDS, st.builds(ElementCondition, st.sampled_from(('<', '=', '!=')), st.integers(-9, 9))
+)
 FEATURES = st.builds(lambda name, places: feature(name, *places), CONCEPTS, PLACES)
 RANGES = st.lists(st.builds(Range, NAMES, CONCEPTS), max_size=3, unique_by=lambda r: r.variable)
 
@@ -133,7 +137,13 @@ def annotations(draw: st.DrawFn) -> Annotation:
     deviation = None if period is None else draw(st.none() | st.integers(0, period))
     return Annotation(
         draw(TEXTS if is_topic else NAMES),
-        tuple(draw(st.lists(st.builds(Content, FEATURES, FIELDS, UNITS), min_size=1, max_size=3))),
+        tuple(
+            draw(
+                st.lists(
+                    st.builds(Content, FEATURES, FIELDS, UNITS, UNLESS), min_size=1, max_size=3
+                )
+            )
+        ),
         ranges,
         tuple(Key(each.variable, draw(FIELDS)) for each in ranges),
         StreamConstraints(

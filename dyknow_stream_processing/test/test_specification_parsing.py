@@ -248,6 +248,10 @@ def test_the_example_of_the_design_reads_back() -> None:
             'select a from b where c != "x" and d <= -2.5e3 and "e f" = false',
             'sink select a from b where c != "x" and d <= -2500.0 and "e f" = false',
         ),
+        (
+            'select a as b unless c<0, d unless f = "x" from e where g = 1',
+            'sink select a as b unless c < 0, d unless f = "x" from e where g = 1',
+        ),
         ('tf( # a comment\n"/map", "base")', 'sink tf("map", "base")'),
         (
             'sync(tf, tf("a", "b") with max_delay = 1)',

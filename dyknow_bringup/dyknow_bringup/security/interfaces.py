@@ -266,7 +266,7 @@ def guard_interfaces(engines: Collection[str], topic: str, output: str) -> Inter
         | frozenset(f'{each}/_heartbeat' for each in engines)
         | frozenset(map(streams_of, engines)),
         serves=_services('~', 'reset'),
-        requests=_services('ontology_manager', 'concept_get_instances'),
+        requests=_services('ontology_manager', 'concept_get_instances', 'ontology_query'),
     )
     return DYKNOW_NODE | MONITOR | used
 

@@ -50,7 +50,7 @@ class StandingVerdicts:
         holds: the number of states from which it is true.
         fails: from which it is false.
         undecided: from which it is undecided yet.
-        unknown: from which its verdict depends on states that are missing in a gap.
+        unknown: from which no state decides it any more: states are missing, or values are unknown.
         is_violated: True if an episode has not ended.
         episode_count: the number of episodes.
         latest_episodes: the last ten, the latest last.

@@ -26,6 +26,7 @@ from dyknow_reasoning import (
     ReasoningError,
     Term,
     TrialFormula,
+    UnknownFeatures,
     Variable,
     check_trial,
     check_types,
@@ -111,8 +112,13 @@ class CommandStates:
     def __init__(self, name: str, formula: CommandFormula, reports: GateReports) -> None:
         self._name, self._formula, self._reports = name, formula, reports
 
-    def begin(self, _formula: str, domains: Mapping[str, Sequence[str]]) -> None:
-        """Begin with other states; the history of commands begins anew."""
+    def begin(
+        self, _formula: str, domains: Mapping[str, Sequence[str]], _unknown: UnknownFeatures
+    ) -> None:
+        """Begin with other states; the history of commands begins anew.
+
+        A value that is unknown refuses a command.
+        """
         self._formula.begin(domains)
 
     def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:  # noqa: ARG002

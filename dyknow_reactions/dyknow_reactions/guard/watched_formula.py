@@ -6,7 +6,14 @@ from collections.abc import Mapping, Sequence
 
 from dyknow_common import Value
 from dyknow_reactions.guard.gate import GateReports
-from dyknow_reasoning import Domains, FormulaGroup, Values
+from dyknow_reasoning import (
+    ALL_KNOWN,
+    Domains,
+    FormulaGroup,
+    UnknownFeatures,
+    Values,
+    want_text,
+)
 
 
 class WatchedFormula:
@@ -15,15 +22,16 @@ class WatchedFormula:
     Args:
         text: the formula.
         domains: the objects of each sort.
+        unknown: the features that may be unknown at a state.
 
     Raises:
         DyKnowError: for a sort without a domain, or a formula that is too large for the domains.
     """
 
-    def __init__(self, text: str, domains: Domains) -> None:
+    def __init__(self, text: str, domains: Domains, unknown: UnknownFeatures = ALL_KNOWN) -> None:
         self._group = FormulaGroup()
         self._id = self._group.add_formula('', text, every_state=True)
-        self._group.begin(domains)
+        self._group.begin(domains, unknown)
         self._monitor = self._group.standing.formulas[self._id].monitor
         self._error = ''
 
@@ -31,7 +39,8 @@ class WatchedFormula:
         """Return why the formula does not hold from a state on; empty if it does.
 
         It does not hold at a state with which an episode becomes known, or before whose end
-        the latest one has not ended. Once it cannot be asked any more, it never holds again.
+        the latest one has not ended; nor where that is so for some of the values that unknown
+        features may have. Once it cannot be asked any more, it never holds again.
 
         Args:
             valid_time: of the state, in nanoseconds.
@@ -42,9 +51,10 @@ class WatchedFormula:
             self._error = str(result.error or f'it is {result.verdict.name.lower()} at any state')
         if self._error:
             return self._error
-        if not self._monitor.is_violated and self._monitor.failure_count == known:
-            return ''
-        return self._group.standing.summary(self._id).latest_episodes[-1].explanation
+        if self._monitor.is_violated or self._monitor.failure_count != known:
+            return self._group.standing.summary(self._id).latest_episodes[-1].explanation
+        wants = self._group.wants(self._id)
+        return want_text(wants) if wants else ''
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
@@ -63,9 +73,11 @@ class WatchedStates:
         self._name, self._reports = name, reports
         self._formula: WatchedFormula | None = None
 
-    def begin(self, formula: str, domains: Mapping[str, Sequence[str]]) -> None:
+    def begin(
+        self, formula: str, domains: Mapping[str, Sequence[str]], unknown: UnknownFeatures
+    ) -> None:
         """Begin with the states of another stream."""
-        self._formula = WatchedFormula(formula, domains)
+        self._formula = WatchedFormula(formula, domains, unknown)
 
     def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:
         """Ask the formula at a state."""

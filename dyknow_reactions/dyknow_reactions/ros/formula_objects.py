@@ -1,14 +1,15 @@
-"""The objects of the sorts in a formula, as the ontology manager knows them."""
+"""What the ontology manager knows of the sorts and the features in a formula."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from dyknow_interfaces.srv import ConceptGetInstances
+from dyknow_interfaces.srv import ConceptGetInstances, OntologyQuery
 
 from dyknow_common import SymbolKind
 from dyknow_common.ros import RemoteNode
-from dyknow_reasoning import parse_formula, symbols_of
+from dyknow_coordinator import unknown_features
+from dyknow_reasoning import UnknownFeatures, parse_formula, symbols_of
 
 
 async def objects_of(ontology: RemoteNode, formula: str) -> Mapping[str, Sequence[str]]:
@@ -27,3 +28,17 @@ async def objects_of(ontology: RemoteNode, formula: str) -> Mapping[str, Sequenc
             answer = await ontology.call(ConceptGetInstances, concept_name=each.name)
             objects[each.name] = tuple(answer.instances)
     return objects
+
+
+async def unknown_of(ontology: RemoteNode, formula: str) -> UnknownFeatures:
+    """Return the features of a canonical formula that may be unknown.
+
+    Arguments and errors as of `objects_of`.
+    """
+
+    async def query(sparql: str) -> list[tuple[str, ...]]:
+        answer = await ontology.call(OntologyQuery, sparql=sparql)
+        values = iter(answer.values)
+        return list(zip(*[values] * len(answer.variables), strict=True))
+
+    return UnknownFeatures(await unknown_features(symbols_of(parse_formula(formula)), query))

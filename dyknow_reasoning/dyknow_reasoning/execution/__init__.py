@@ -38,19 +38,10 @@ from dyknow_reasoning.execution.unknown.possible_formulas import (
     PossibleFormula,
     PossibleFormulas,
     PossibleVerdict,
-    wants_text,
-)
-from dyknow_reasoning.execution.unknown.unknown_features import (
-    ALL_KNOWN,
-    ANY_NUMBER,
-    Range,
-    UnknownFeatures,
-    is_unknown,
+    want_text,
 )
 
 __all__ = [
-    'ALL_KNOWN',
-    'ANY_NUMBER',
     'KEPT_FAILURES',
     'DecidingMoment',
     'Failure',
@@ -66,17 +57,14 @@ __all__ = [
     'PossibleFormula',
     'PossibleFormulas',
     'PossibleVerdict',
-    'Range',
     'Recording',
     'SpatialTruths',
     'StandingMonitor',
     'StartCounts',
     'UncertainInstance',
-    'UnknownFeatures',
     'VerdictLog',
-    'is_unknown',
     'past_terms',
     'probability_of',
     'value_field',
-    'wants_text',
+    'want_text',
 ]

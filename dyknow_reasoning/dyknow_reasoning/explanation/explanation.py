@@ -17,6 +17,7 @@ from dyknow_reasoning.execution import (
     DecidingMoment,
     Histories,
     InstanceVerdict,
+    PossibleVerdict,
     past_terms,
     value_field,
 )
@@ -106,7 +107,11 @@ class VerdictReasons:
 
 
 def explain(
-    formula: Formula, counts: Counts, verdict: InstanceVerdict, values: Values, histories: Histories
+    formula: Formula,
+    counts: Counts,
+    verdict: InstanceVerdict | PossibleVerdict,
+    values: Values,
+    histories: Histories,
 ) -> VerdictReasons:
     """Return the reasons of a verdict.
 
@@ -117,9 +122,11 @@ def explain(
         values: the values of the deciding state.
         histories: those that the formula looks back to.
     """
-    instance, moment = verdict.instance, verdict.moment
+    instance = verdict.instance
     windows: Mapping[tuple[int, int], None] = {}
-    if moment is None:
+    if isinstance(verdict, PossibleVerdict):
+        why = str(verdict)
+    elif (moment := verdict.moment) is None:
         why = f'what remained can only be {verdict.holds}'.lower()
     else:
         explainer = _Explainer(formula, moment, values, histories)

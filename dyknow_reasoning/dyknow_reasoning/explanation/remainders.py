@@ -12,7 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
 from typing import TypeAlias
 
-from dyknow_reasoning.execution import InstanceMonitor, InstanceState
+from dyknow_common import amount
+from dyknow_reasoning.execution import InstanceMonitor, InstanceState, PossibleFormula, want_text
 from dyknow_reasoning.progression.gaps import Half
 from dyknow_reasoning.progression.nodes import (
     AtLeast,
@@ -94,6 +95,21 @@ def text_of(states: Sequence[InstanceState], latest: int) -> str:
     if more := len(states) - len(shown):
         texts.append(f'... {more} more')
     return reduce(lambda left, right: f'({left}) and ({right})', texts)
+
+
+def possible_text(formula: PossibleFormula, latest: int) -> str:
+    """Return what remains in one case, and for want of which values there are others.
+
+    Args:
+        formula: has met unknown values.
+        latest: the valid time of the latest state, in nanoseconds.
+    """
+    states = formula.states()
+    text = text_of(states, latest) if states else ''
+    if not (wants := formula.wants):
+        return text
+    want = want_text(wants)
+    return f'{text} (in one of {amount(formula.cases)} cases; {want})' if text else want
 
 
 def _first(states: Iterable[InstanceState]) -> Iterator[InstanceState]:

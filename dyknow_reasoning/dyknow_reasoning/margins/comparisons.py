@@ -7,6 +7,8 @@ for other atoms.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
+from math import inf, isfinite, isnan
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
@@ -25,6 +27,8 @@ from dyknow_reasoning.progression.atoms import (
     predicate,
     term_reader,
 )
+from dyknow_reasoning.progression.unknown_features import ANY_NUMBER
+from dyknow_reasoning.progression.value_bounds import RangeOf, bounded_sides
 
 UNUSABLE = ReasoningError, OverflowError
 """The errors of a reader where the values are unusable."""
@@ -67,17 +71,56 @@ class AtomMargins:
             for atom, limit, number in zip(atoms, limits, numbers, strict=True)
         ]
         self._readers = readers
+        self._bounded = [_bounded(atom, kinds, positive=positive) for atom in atoms]
+        self._numbers = numbers
         self.read = readers[0] if len(readers) == 1 else _array_reader(readers, limits, numbers)
 
-    def read_usable(self, values: Values, unknown: Robustness) -> Any:
-        """Return the margin at a state; the unknown one where the values are unusable."""
+    def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:
+        """Return the margin at a state, or a bound of it where the values are unusable.
+
+        Args:
+            values: of the features; an UnknownValueError for one that is unknown.
+            unknown: the least or the greatest margin, of which a bound is returned.
+            range_of: returns the bounds of an unknown feature.
+        """
         found = []
-        for read in self._readers:
+        for read, bounds, number in zip(self._readers, self._bounded, self._numbers, strict=True):
             try:
                 found.append(read(values))
             except UNUSABLE:
-                found.append(unknown)
+                low, high = bounds(values, range_of)
+                bound = low if unknown is LOWEST else high
+                infinite = HIGHEST if bound > 0 else LOWEST
+                found.append((bound, number) if isfinite(bound) else infinite)
         return found[0] if len(found) == 1 else vector(found)
+
+
+def _bounded(
+    atom: Atom, kinds: Kinds, *, positive: bool
+) -> Callable[[Values, RangeOf], tuple[float, float]]:
+    """Return the bounds of the margin of an atom for all that unknown values may be."""
+
+    def read(values: Values, range_of: RangeOf) -> tuple[float, float]:
+        if not isinstance(atom, Comparison) or atom.operator not in _DISTANCES:
+            return ANY_NUMBER
+        operator = atom.operator if positive else NEGATED_COMPARISONS[atom.operator]
+        try:
+            sides = bounded_sides(atom, values, range_of, kinds)
+        except NoStateBeforeError:
+            return (-inf, -inf) if positive else (inf, inf)
+        except UNUSABLE:
+            sides = None
+        if sides is None:
+            return ANY_NUMBER
+        distances = [_DISTANCES[operator](*each) for each in product(*sides)]
+        if any(map(isnan, distances)):
+            return ANY_NUMBER
+        (low, high), (least, most) = sides
+        if operator in {'=', '!='} and low <= most and least <= high:
+            distances.append(0.0)
+        return min(distances), max(distances)
+
+    return read
 
 
 class _Limit(NamedTuple):

@@ -30,6 +30,7 @@ from dyknow_reasoning.margins.robustness import (
 )
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
+from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 
 _MAX_STEPS = 64
 """The states that are processed together."""
@@ -83,6 +84,7 @@ class BoundedMargins(ABC):
         domains: the objects of each sort.
         limit: of the number of operators.
         past: reads values of the past; needed for a formula with such.
+        unknown: the features that may be unknown.
 
     Attributes:
         fields: the names of the fields that it reads.
@@ -102,7 +104,9 @@ class BoundedMargins(ABC):
         domains: Domains,
         limit: int,
         past: PastReader | None = None,
+        unknown: UnknownFeatures = ALL_KNOWN,
     ) -> None:
+        self._unknown = unknown
         builder = MarginBuilder(kinds, domains, limit)
         operator = builder.build(formula, every_state=self.every_state)
         self._past = past(builder.past, kinds) if past and builder.past else None
@@ -169,9 +173,11 @@ class BoundedMargins(ABC):
         """Process a state at which some margins of comparisons are unknown."""
         self._process()
         self._fork()
+        values = self._unknown.marked(self.fields, values)
+        range_of = self._unknown.range_of
         for bound in self._bounds:
             unknown = cast('Robustness', bound.assumption.unknown)
-            signals = [each.read_usable(values, unknown) for each in self._signals]
+            signals = [each.read_usable(values, unknown, range_of) for each in self._signals]
             steps = Steps()
             steps.append(valid_time, valid_time, signals)
             bound.step(steps)
@@ -212,8 +218,9 @@ class FormulaMargin(BoundedMargins):
         domains: Domains,
         limit: int,
         past: PastReader | None = None,
+        unknown: UnknownFeatures = ALL_KNOWN,
     ) -> None:
-        super().__init__(formula, kinds, domains, limit, past)
+        super().__init__(formula, kinds, domains, limit, past, unknown)
         # The bounds do not change before a time while all states satisfy the guards.
         self._stable_until = -inf
         self._guards: list[Callable[[Signals], bool]] = []

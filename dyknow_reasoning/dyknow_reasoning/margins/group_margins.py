@@ -8,6 +8,7 @@ from dyknow_reasoning.margins.formula_margin import BoundedMargins, FormulaMargi
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
+from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.results import NamedFormula
 
 
@@ -26,6 +27,7 @@ class GroupMargins:
         self.running: dict[int, BoundedMargins] = {}
         self._limit, self._past = limit, past
         self._domains: Domains | None = None
+        self._unknown = ALL_KNOWN
         self._latest: int | None = None
         # The formulas that have not begun.
         self._requested: dict[int, NamedFormula] = {}
@@ -55,12 +57,13 @@ class GroupMargins:
         else:
             self.running[formula_id] = self._margin(formula, self._domains)
 
-    def begin(self, domains: Domains) -> None:
-        """Begin with the objects of each sort.
+    def begin(self, domains: Domains, unknown: UnknownFeatures = ALL_KNOWN) -> None:
+        """Begin with the objects of each sort, and the features that may be unknown.
 
         Raises:
             ReasoningError: for a formula that is too large.
         """
+        self._unknown = unknown
         self.running = {key: self._margin(each, domains) for key, each in self._requested.items()}
         self._domains = domains
         self._requested.clear()
@@ -94,11 +97,6 @@ class GroupMargins:
             self._ended[formula_id] = found
         return found
 
-    def forget(self, formula_id: int) -> None:
-        """End with a formula whose margin is not known from now on."""
-        if self.running.pop(formula_id, None):
-            self._ended[formula_id] = Margin()
-
     def remove(self, formula_id: int) -> None:
         """Remove a formula."""
         for each in (self.running, self._requested, self._ended):
@@ -111,4 +109,5 @@ class GroupMargins:
 
     def _margin(self, formula: NamedFormula, domains: Domains) -> BoundedMargins:
         kind = StandingMargin if formula.every_state else FormulaMargin
-        return kind(formula.formula, formula.kinds, domains, self._limit, self._past)
+        asked = formula.formula, formula.kinds, domains, self._limit
+        return kind(*asked, self._past, self._unknown)

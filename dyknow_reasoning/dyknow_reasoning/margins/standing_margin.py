@@ -30,6 +30,7 @@ from dyknow_reasoning.margins.formula_margin import BoundedMargins, PastReader
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, MarginThreshold, Robustness
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
+from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 
 
 class _MarginRun(NamedTuple):
@@ -66,8 +67,9 @@ class StandingMargin(BoundedMargins):
         domains: Domains,
         limit: int,
         past: PastReader | None = None,
+        unknown: UnknownFeatures = ALL_KNOWN,
     ) -> None:
-        super().__init__(formula, kinds, domains, limit, past)
+        super().__init__(formula, kinds, domains, limit, past, unknown)
         self._states = 0
         # The states without a margin yet, by their numbers; None for a gap.
         self._open: deque[int | None] = deque()

@@ -23,9 +23,9 @@ from dyknow_common.ros import (
     absolute_topic,
 )
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.progression.gaps import Gap
+from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.ros.result_messages import (
     EpisodeReports,

@@ -29,10 +29,10 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import UnknownFeatures
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.notes import notes_on
 from dyknow_reasoning.progression.sizes import FormulaLimits
+from dyknow_reasoning.progression.unknown_features import UnknownFeatures
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
 _SUPERVISION_PERIOD_S = 0.2

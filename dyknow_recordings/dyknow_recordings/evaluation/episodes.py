@@ -137,16 +137,22 @@ class EpisodeGroup:
         self._group.begin(domains, unknown)
         for each in formulas:
             try:
-                self._prepare(each, domains)
+                self._prepare(each, domains, unknown)
             except DyKnowError as error:
                 self._fail(each, error)
         self._close(self._group.decided_at_once())
 
-    def _prepare(self, each: FormulaEpisodes, domains: Mapping[str, tuple[str, ...]]) -> None:
+    def _prepare(
+        self,
+        each: FormulaEpisodes,
+        domains: Mapping[str, tuple[str, ...]],
+        unknown: UnknownFeatures,
+    ) -> None:
         grounded, asked = each.grounded, each.grounded.probability
         each.probability = probability_of(asked, domains) if asked else None
         if each.every is Every.STATE:
-            self._standing[each] = StandingEpisodes(grounded.formula, domains, grounded.units)
+            given = grounded.formula, domains, unknown, grounded.units
+            self._standing[each] = StandingEpisodes(*given)
         elif each.every is Every.TRIGGER:
             # What past operators look back to is the same from every state.
             self._group.keep_history(grounded.formula)
@@ -319,6 +325,7 @@ class EpisodeGroup:
                     residual_formula=self._group.residual(formula_id),
                     presumably_false=self._group.presumably_false(formula_id),
                     margin=_margin_of(each, self._group.margin(formula_id)),
+                    wants=tuple(self._group.wants(formula_id).items()),
                 )
 
     def _open(self, formula: FormulaEpisodes) -> None:

@@ -7,7 +7,6 @@ from enum import StrEnum
 
 from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict
 from dyknow_coordinator import SymbolGrounding
-from dyknow_reasoning import FOR_WANT
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.evaluation.recorded_map import RecordedMap
 from dyknow_recordings.health.expectations import BrokenExpectation
@@ -43,6 +42,8 @@ class Episode:
         objects: the objects that decide the formula, `u = uav1`; empty if there is no choice.
         windows: the intervals of the obligations that the explanation names, in nanoseconds.
         margin: at its end, if margins were asked for.
+        wants: for want of which unknown features an undecided formula has no verdict, and since
+            when, in nanoseconds.
     """
 
     begin: int | None
@@ -55,6 +56,7 @@ class Episode:
     objects: str = ''
     windows: tuple[tuple[int, int], ...] = ()
     margin: Margin | None = None
+    wants: tuple[tuple[str, int], ...] = ()
 
     @property
     def outcome(self) -> Outcome:
@@ -66,8 +68,7 @@ class Episode:
         """How an undecided formula has ended, and what remains of it, for people."""
         end = 'nothing broke it'
         if self.presumably_false:
-            is_unknown = FOR_WANT in self.residual_formula
-            end = 'it may be false' if is_unknown else 'an obligation was not met'
+            end = 'it may be false' if self.wants else 'an obligation was not met'
         return f'{end}; what remains: {self.residual_formula}'
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from dyknow_common import DyKnowError, Margin, Value, Verdict, round_time
 from dyknow_coordinator import with_unit
-from dyknow_reasoning import FailureEpisode, FormulaGroup, start_verdicts
+from dyknow_reasoning import FailureEpisode, FormulaGroup, UnknownFeatures, start_verdicts
 from dyknow_recordings.evaluation.results import Episode
 
 
@@ -16,6 +16,7 @@ class StandingEpisodes:
     Args:
         text: of the formula.
         domains: the objects of each sort.
+        unknown: the features that may be unknown at a state.
         units: of its features, if margins are asked for; else None.
     """
 
@@ -23,12 +24,13 @@ class StandingEpisodes:
         self,
         text: str,
         domains: Mapping[str, tuple[str, ...]],
+        unknown: UnknownFeatures,
         units: Mapping[str, str] | None = None,
     ) -> None:
         self._group = FormulaGroup()
         self._units = units or {}
         formula_id = self._group.add_formula(text, text, margin=units is not None, every_state=True)
-        self._group.begin(domains)
+        self._group.begin(domains, unknown)
         self._formula = self._group.standing.formulas[formula_id]
         self._log = self._formula.monitor.keep_all()
         self._margins = self._formula.margins
@@ -69,6 +71,7 @@ class StandingEpisodes:
                     presumably_false=each.presumably_false,
                     objects=latest.objects if latest and is_first else '',
                     margin=margin,
+                    wants=tuple(each.wants.items()),
                 )
             )
         found += [Episode(time, error=error) for time in self._times[monitor.states :]]

@@ -10,6 +10,7 @@ from dyknow_common import (
     NO_CONSTRAINTS,
     NOWHERE,
     ArrayElements,
+    ElementCondition,
     Language,
     StreamConstraints,
     SyntaxNode,
@@ -82,16 +83,22 @@ class Content(SyntaxNode):
         feature: the feature.
         field: a path to the field, or a function of one.
         unit: of the value; `None` leaves it to the ontology.
+        unless: a field and a condition; the value is unknown in samples that satisfy it.
     """
 
     feature: FeatureTerm
     field: str
     unit: str | None = None
+    unless: tuple[str, ElementCondition] | None = None
     unit_position: TextPosition = dataclasses.field(default=NOWHERE, compare=False, kw_only=True)
 
     def __str__(self) -> str:
         unit = '' if self.unit is None else f' [{self.unit}]'
-        return f'{self.feature} = {field_text(ANNOTATION, self.field)}{unit}'
+        unless = ''
+        if self.unless is not None:
+            field, condition = self.unless
+            unless = f' unless {field_text(ANNOTATION, field)}{condition}'
+        return f'{self.feature} = {field_text(ANNOTATION, self.field)}{unit}{unless}'
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import partial
 
-from dyknow_common import Language, check_unit
+from dyknow_common import Language, ValueType, check_unit
 from dyknow_semantics.annotations.annotation import (
     ANNOTATION,
     CONCEPT,
@@ -34,6 +34,7 @@ def check_annotation(annotation: Annotation, knowledge: Knowledge) -> None:
         feature = checker.feature(content.feature)
         checker.check_arguments(content.feature, feature, sorts)
         checker.check_unit(content, feature)
+        checker.check_unless(content, feature)
 
 
 def check_concept(concept: Concept, knowledge: Knowledge) -> None:
@@ -86,6 +87,16 @@ class _AnnotationChecker:
                     self._check_variable(argument.name, sorts[argument.name], sort)
                 else:
                     self._check_object(argument.name, sort)
+
+    def check_unless(self, content: Content, feature: FeatureSignature) -> None:
+        """Check that the value of a field may be unknown in some samples."""
+        is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
+        if content.unless is not None and not is_number:
+            with self._at(content.feature.position):
+                raise SemanticsError(
+                    f"feature '{feature.name}' has values of the type {feature.value_type}; "
+                    "only numbers may have 'unless'"
+                )
 
     def check_unit(self, content: Content, feature: FeatureSignature) -> None:
         """Check that the unit of a field converts to the one of its feature."""

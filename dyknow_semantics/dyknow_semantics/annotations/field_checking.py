@@ -14,8 +14,9 @@ from dyknow_common import (
     field_type,
     listed_as,
     number_of,
+    value_text,
 )
-from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation, Key
+from dyknow_semantics.annotations.annotation import ANNOTATION, Annotation, Content, Key
 from dyknow_semantics.ontology.knowledge import Knowledge
 
 
@@ -48,8 +49,29 @@ def check_fields(
                 annotation.text,
                 content.feature.position,
             )
+        _check_unless(annotation, owner, content, type_of)
     for key in annotation.keys:
         _check_key(annotation, owner, key, type_of)
+
+
+def _check_unless(
+    annotation: Annotation,
+    owner: str,
+    content: Content,
+    type_of: Callable[[str, TextPosition], ValueType],
+) -> None:
+    """Check that the field of the condition can be compared."""
+    if content.unless is None:
+        return
+    field, condition = content.unless
+    found, wanted = type_of(field, content.feature.position), ValueType.of(condition.value)
+    if not (found.accepts(wanted) or wanted.accepts(found)):
+        message = (
+            f"field '{field}' of {owner} is of the type {found}, which cannot be compared with "
+        )
+        raise ANNOTATION.error(
+            message + value_text(condition.value), annotation.text, content.feature.position
+        )
 
 
 def _check_key(

@@ -11,6 +11,7 @@ from lark import Token
 from dyknow_common import (
     ArrayElements,
     DyKnowError,
+    ElementCondition,
     FieldBuilder,
     PositionedError,
     StreamConstraints,
@@ -73,11 +74,18 @@ class _AnnotationBuilder(FieldBuilder[Any]):
         _require_keys(annotation)
         return annotation
 
-    def content(self, feature: FeatureTerm, field: Token, unit: Token | None = None) -> Content:
-        if unit is None:
-            return Content(feature, field_name(field))
-        position = TextPosition.of(unit)
-        return Content(feature, field_name(field), unit[1:-1].strip(), unit_position=position)
+    def content(self, feature: FeatureTerm, field: Token, *rest: Any) -> Content:
+        found = Content(feature, field_name(field))
+        for each in rest:
+            if isinstance(each, Token):
+                unit, position = each[1:-1].strip(), TextPosition.of(each)
+                found = replace(found, unit=unit, unit_position=position)
+            else:
+                found = replace(found, unless=each)
+        return found
+
+    def unless(self, field: Token, comparison: Token, value: Token) -> tuple[str, ElementCondition]:
+        return self.compared(field, comparison, value)
 
     def keys(self, *keys: Key) -> dict[str, Any]:
         _require_distinct(keys)

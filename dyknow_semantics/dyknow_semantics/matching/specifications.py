@@ -131,6 +131,14 @@ class AnnotatedField:
         return number_of(self.content.field) if self.is_number else self.content.field
 
     @property
+    def unless(self) -> Condition | None:
+        """The condition of samples in which the value is unknown."""
+        if self.content.unless is None:
+            return None
+        field, condition = self.content.unless
+        return Condition(field, condition.operator, condition.value)
+
+    @property
     def source(self) -> StreamReference:
         """The stream in the stream language."""
         return StreamReference(self.annotation.stream, self.annotation.is_topic)
@@ -160,7 +168,7 @@ def make_match(
         return None
     converted = bool(query.unit and carrier.unit and unit_conversion(carrier.unit, query.unit))
     stream = Select(
-        (Selection(carrier.field, _VALUE.name if converted else ground),),
+        (Selection(carrier.field, _VALUE.name if converted else ground, carrier.unless),),
         carrier.source,
         conditions,
         carrier.annotation.elements,

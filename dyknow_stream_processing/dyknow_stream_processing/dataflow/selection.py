@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -43,10 +44,12 @@ class SelectOperator(Operator):
     ) -> None:
         super().__init__(wiring)
         self._tests = [(condition.field, condition_test(condition)) for condition in conditions]
-        self._selections = [(_namer(each), each.field) for each in selections]
+        self._selections = [(_namer(each), _reader(each)) for each in selections]
         self._constant_names: Mapping[str, str] | None = None
         if not any(each.embedded_fields for each in selections):
             self._constant_names = {each.name: each.field for each in selections}
+        # The selections with values that are NaN in samples that satisfy a condition.
+        self._doubted = [each for each in selections if each.unless is not None]
         self._emitted = BEGINNING
         self._conditions = tuple(conditions)
         self._rejected: tuple[str, Value] | None = None
@@ -148,6 +151,11 @@ class SelectOperator(Operator):
         try:
             masks = [satisfied(each, columns[each.field]) for each in self._conditions]
             selected = {name: columns[field] for name, field in self._constant_names.items()}
+            for each in self._doubted:
+                if each.unless is not None:
+                    is_unknown = satisfied(each.unless, columns[each.unless.field])
+                    found = np.where(is_unknown, np.nan, _floats(selected[each.name]))
+                    selected[each.name] = found
         except KeyError:
             refuse(Refusal.FIELDS)
         except StreamError:
@@ -162,14 +170,14 @@ class SelectOperator(Operator):
         return chosen.rows(found), (field, columns[field][last : last + 1].tolist()[0])
 
     def _select(self, fields: Mapping[str, Value]) -> Mapping[str, Value]:
-        if self._constant_names is not None:
+        if self._constant_names is not None and not self._doubted:
             return {name: fields[field] for name, field in self._constant_names.items()}
         selected: dict[str, Value] = {}
-        for namer, field in self._selections:
+        for namer, read in self._selections:
             name = namer(fields)
             if name in selected:
                 raise StreamError(f"two selected fields are both named '{name}'; rename one")
-            selected[name] = fields[field]
+            selected[name] = read(fields)
         return selected
 
 
@@ -204,6 +212,28 @@ class ElementsOperator(Operator):
 def _shown(field: str, value: Value) -> str:
     text = value_text(value)
     return f'{field} = {text if len(text) <= _MAX_VALUE else f"{text[:_MAX_VALUE]}..."}'
+
+
+def _reader(selection: Selection) -> Callable[[Mapping[str, Value]], Value]:
+    """Return the function that reads the value of a selection."""
+    field, unless = selection.field, selection.unless
+    if unless is None:
+        return lambda fields: fields[field]
+    test, tested = condition_test(unless), unless.field
+    return lambda fields: math.nan if test(fields[tested]) else _float(fields[field])
+
+
+def _float(value: Value) -> float:
+    if isinstance(value, bool | str):
+        found = f'{value_text(value)} ({ValueType.of(value)})'
+        raise StreamError(f"{found} is not a number, and only numbers may have 'unless'")
+    return float(value)
+
+
+def _floats(column: NDArray[np.generic]) -> NDArray[np.float64]:
+    if column.dtype.kind in 'if':
+        return column.astype(np.float64)
+    return np.array(list(map(_float, column.tolist())), np.float64)
 
 
 def condition_test(condition: Condition) -> Callable[[Value], bool]:

@@ -13,19 +13,16 @@ from dyknow_common import (
     NOWHERE,
     ArrayElements,
     DyKnowError,
-    ElementCondition,
     FieldBuilder,
     PositionedError,
     StreamConstraints,
     TextPosition,
     ValueType,
     builder,
-    comparison_value,
     distinct_settings,
     duration_value,
     field_name,
     literal_value,
-    number_of,
     text_value,
 )
 from dyknow_stream_processing.language import specification as syntax
@@ -187,17 +184,14 @@ class _SpecificationBuilder(FieldBuilder[tuple[Declaration, ...]]):
                 conditions = part
         return constraints.added_to(syntax.Select(selections, source, conditions, elements))
 
-    def selection(self, field: Token, renaming: Token | None = None) -> syntax.Selection:
-        return syntax.Selection(_field(field), None if renaming is None else _renaming(renaming))
+    def selection(self, field: Token, *rest: Any) -> syntax.Selection:
+        renaming = next((_renaming(each) for each in rest if isinstance(each, Token)), None)
+        unless = next((each for each in rest if isinstance(each, syntax.Condition)), None)
+        return syntax.Selection(_field(field), renaming, unless)
 
     def condition(self, field: Token, comparison: Token, value: Token) -> syntax.Condition:
-        compared, name = literal_value(value), _field(field)
-        if ValueType.of(compared) in {ValueType.INT, ValueType.FLOAT}:
-            name = number_of(name)
-        condition = ElementCondition(comparison_value(comparison), compared)
-        if condition.fault:
-            raise PositionedError(condition.fault, TextPosition.of(value))
-        return syntax.Condition(name, condition.operator, compared)
+        name, condition = self.compared(field, comparison, value)
+        return syntax.Condition(_checked(name, field), condition.operator, condition.value)
 
     def constraints(self, *settings: tuple[Token, Any]) -> _GivenConstraints:
         values = distinct_settings(settings)

@@ -243,15 +243,20 @@ class _Resolver:
         if select.elements is not None:
             fields = self._element_fields(select, source, select.elements, fields)
         for condition in select.conditions:
-            found = self._field(fields, condition.field, owner, condition.position)
-            if found is not None and found not in comparable_types(condition):
-                message = (
-                    f"field '{condition.field}' is {with_article(found)}, which cannot be compared "
-                    f'with {value_text(condition.value)}'
-                )
-                raise self._error(message, condition.position)
+            self._check_condition(condition, fields, owner)
         selected = self._selected(select.selections, fields, owner)
         return replace(select, source=source), selected
+
+    def _check_condition(
+        self, condition: syntax.Condition, fields: Fields | None, owner: str
+    ) -> None:
+        found = self._field(fields, condition.field, owner, condition.position)
+        if found is not None and found not in comparable_types(condition):
+            message = (
+                f"field '{condition.field}' is {with_article(found)}, which cannot be compared "
+                f'with {value_text(condition.value)}'
+            )
+            raise self._error(message, condition.position)
 
     def _element_fields(
         self, select: syntax.Select, source: Term, elements: ArrayElements, fields: Fields | None
@@ -279,7 +284,14 @@ class _Resolver:
             if each.name in selected:
                 message = f"two selected fields are both named '{each.name}'; rename one"
                 raise self._error(message, each.position)
-            selected[each.name] = self._field(fields, each.field, owner, each.position)
+            found = self._field(fields, each.field, owner, each.position)
+            if each.unless is not None:
+                self._check_condition(each.unless, fields, owner)
+                if found not in {None, ValueType.INT, ValueType.FLOAT}:
+                    message = f"'unless' makes a number NaN, but '{each.field}' is "
+                    raise self._error(f'{message}{with_article(found)}', each.position)
+                found = ValueType.FLOAT
+            selected[each.name] = found
         return None if dynamic else selected
 
     def _call(self, call: syntax.Call) -> _TypedTerm:

@@ -168,10 +168,12 @@ class Selection(SyntaxNode):
         field: the field to select.
         renaming: its name in the result, where `%C%` stands for the value of field `C` and `%%` for
             a percent sign; `None` keeps the name.
+        unless: the value, a number, is NaN in samples that satisfy this.
     """
 
     field: str
     renaming: str | None = None
+    unless: Condition | None = None
 
     @property
     def embedded_fields(self) -> tuple[str, ...]:
@@ -186,11 +188,10 @@ class Selection(SyntaxNode):
         return self.renaming if self.embedded_fields else self.renaming.replace('%%', '%')
 
     def __str__(self) -> str:
-        if self.renaming is None:
-            return field_text(LANGUAGE, self.field)
-        return (
-            f'{field_text(LANGUAGE, self.field)} as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
-        )
+        text = field_text(LANGUAGE, self.field)
+        if self.renaming is not None:
+            text += f' as {LANGUAGE.name_text(self.renaming, "RENAMING")}'
+        return text if self.unless is None else f'{text} unless {self.unless}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +226,8 @@ class Select(_Constrained):
     def demand(self) -> frozenset[str]:
         """The fields that it reads of its source."""
         named = {name for each in self.selections for name in (each.field, *each.embedded_fields)}
-        fields = named | {condition.field for condition in self.conditions}
+        conditions = (*self.conditions, *(each.unless for each in self.selections))
+        fields = named | {each.field for each in conditions if each is not None}
         return frozenset({self.elements.rows(fields)} if self.elements else fields)
 
     @property

@@ -23,7 +23,8 @@ from dyknow_coordinator import Answer
 from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 from dyknow_reactions.guard.state_source import StateSource, latest_source, why_unusable
-from dyknow_reactions.ros.formula_objects import objects_of
+from dyknow_reactions.ros.formula_objects import objects_of, unknown_of
+from dyknow_reasoning import UnknownFeatures
 from dyknow_reasoning.ros.state_subscription import Breach, State, StateSubscription
 from dyknow_stream_processing.ros import sample_fields
 
@@ -37,8 +38,15 @@ RESUME_TIMEOUT_S: Final = 4.0
 class StateReceiver(Protocol):
     """A formula of a guard, which receives its states."""
 
-    def begin(self, formula: str, domains: Mapping[str, Sequence[str]]) -> None:
-        """Begin with the states of another stream, given the formula and the objects of its sorts.
+    def begin(
+        self, formula: str, domains: Mapping[str, Sequence[str]], unknown: UnknownFeatures
+    ) -> None:
+        """Begin with the states of another stream.
+
+        Args:
+            formula: that is asked.
+            domains: the objects of its sorts.
+            unknown: the features that may be unknown.
 
         Raises:
             DyKnowError: if the formula cannot be asked of them.
@@ -130,9 +138,10 @@ class FormulaStates:
         """Subscribe to the states of an evaluation, once the objects of its sorts are known."""
         try:
             domains = await objects_of(self._services.ontology, source.formula)
+            unknown = await unknown_of(self._services.ontology, source.formula)
             if source != self._source:
                 return  # There are newer states.
-            self._receiver.begin(source.formula, domains)
+            self._receiver.begin(source.formula, domains, unknown)
         except DyKnowError as error:
             if source == self._source:
                 self._give_up(error.message)

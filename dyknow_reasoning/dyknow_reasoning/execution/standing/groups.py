@@ -84,6 +84,13 @@ class DecidedStarts(NamedTuple):
     runs: Sequence[Run]
     symbol: int | None
 
+    @property
+    def loss(self) -> Gap | None:
+        """The gap because of which the formula cannot become true; None if there is none."""
+        after_gap = self.group.after_gap
+        is_lost = after_gap and after_gap.half is Half.PESSIMISTIC and not self.holds
+        return after_gap.gap if after_gap and is_lost else None
+
 
 class Validity(NamedTuple):
     """The times for which a group makes the same move, while the truth of the atoms is the same.

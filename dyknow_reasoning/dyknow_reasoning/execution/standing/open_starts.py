@@ -116,6 +116,11 @@ class OpenStarts:
         """The locations in use."""
         return [self._fresh.location, *(group.location for group in self.groups)]
 
+    @property
+    def beginning(self) -> InstanceState:
+        """What remains from the next state on."""
+        return self._state(self._initial, ())
+
     def runs(self, half: Half) -> Iterator[list[Run]]:
         """Yield the undecided start states of the groups of a half; call `join` before."""
         return (runs for group, runs in self.groups.items() if group.half is half)
@@ -205,16 +210,16 @@ class OpenStarts:
             self._keep_idle(successor, faded, Validity(validity.until))
         return remaining
 
-    def verdict(self, decided: DecidedStarts) -> InstanceVerdict:
-        """Return the verdict on the instance from the first of some starts on."""
-        group, begin = decided.group, decided.runs[0].begin
+    def verdict(self, decided: DecidedStarts, run: Run) -> InstanceVerdict:
+        """Return the verdict on the instance from the first state of a run on."""
+        group, begin = decided.group, run.begin
         before = self._state(group, group.times_of(begin))
         if decided.symbol is None:
             return InstanceVerdict(before.instance, decided.holds, None)
         if not self.template.opens_windows_later:
             before = replace(before, window_origins=dict.fromkeys(group.location.unbounded, begin))
         number = len(self._times) - 1
-        previous = self._times[number - 1] if decided.runs[0].first < number else 0
+        previous = self._times[number - 1] if run.first < number else 0
         moment = DecidingMoment(before, decided.symbol, self._times[number], previous)
         return InstanceVerdict(before.instance, decided.holds, moment)
 
@@ -418,6 +423,11 @@ class RememberingStarts(OpenStarts):
     def locations(self) -> list[Location]:
         """The locations in use."""
         return [self._memory.location, *super().locations]
+
+    @property
+    def beginning(self) -> InstanceState:
+        """What remains from the next state on."""
+        return self._state(self._memory, self._memory.times_of(0))
 
     def _begin(self, number: int, now: int) -> None:
         """Begin at the latest state, which the memory of the next one includes."""

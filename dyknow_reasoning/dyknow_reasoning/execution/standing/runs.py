@@ -120,6 +120,15 @@ class StateTimes:
         """Return the number of the first kept state that is valid at a time or later."""
         return self._first + bisect_left(self.kept, time)
 
+    @property
+    def latest(self) -> int | None:
+        """The valid time of the latest state; None before the first."""
+        return self.kept[-1] if self.kept else None
+
+    def is_forgotten(self, number: int) -> bool:
+        """Return True if the time of a state is not kept."""
+        return number < self._first
+
     def forget(self, before: int) -> None:
         """Forget the times of the states before the one of a number."""
         del self.kept[: max(before - self._first, 0)]

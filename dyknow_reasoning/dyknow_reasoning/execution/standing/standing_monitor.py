@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain, takewhile
 from math import inf
-from typing import Final
+from typing import Any, Final, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.configurations import Template
-from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
+from dyknow_reasoning.execution.automata.instance_states import (
+    FormulaInstance,
+    InstanceState,
+    InstanceVerdict,
+)
+from dyknow_reasoning.execution.past.histories import PastRegister
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts, open_starts
+from dyknow_reasoning.execution.standing.possible_starts import PossibleDecision, PossibleStarts
 from dyknow_reasoning.execution.standing.runs import (
     Run,
     StateTimes,
@@ -23,11 +29,19 @@ from dyknow_reasoning.execution.standing.runs import (
     union_of,
 )
 from dyknow_reasoning.execution.standing.verdicts import Failure, Failures, StartCounts, VerdictLog
+from dyknow_reasoning.execution.unknown.parts import Instances
+from dyknow_reasoning.execution.unknown.possible_formulas import (
+    PossibleFormula,
+    PossibleVerdict,
+    possible_formula,
+)
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.nodes import TRUE
+from dyknow_reasoning.progression.sizes import FormulaLimits
+from dyknow_reasoning.progression.unknown_features import UnknownFeatures
 
 MAX_RUNS: Final = 100_000
 """The most runs of undecided or false start states that a formula may have."""
@@ -37,6 +51,10 @@ KEPT_FAILURES: Final = 10
 
 _CLEANUP_STATES: Final = 4096
 """The period in which what is no longer needed is dropped."""
+
+_Decision: TypeAlias = DecidedStarts | PossibleDecision
+_VerdictOf: TypeAlias = Callable[[Any, Run], InstanceVerdict | PossibleVerdict]
+"""Returns the verdict from the first state of a run of a decision on."""
 
 
 class StandingMonitor:
@@ -48,11 +66,11 @@ class StandingMonitor:
         formula_id: the formula.
         instances: the formula holds if all of them do.
         kinds: of the features of the formula.
-        node_limit: the most nodes of what remains of an instance.
+        limits: of the formula.
     """
 
     def __init__(
-        self, formula_id: int, instances: Sequence[Instance], kinds: Kinds, node_limit: int
+        self, formula_id: int, instances: Sequence[Instance], kinds: Kinds, limits: FormulaLimits
     ) -> None:
         self._failures = Failures()
         self._times = StateTimes()
@@ -66,10 +84,13 @@ class StandingMonitor:
         templates = {node: Template(node) for node in {each.node for each in found}}
         self._templates = list(templates.values())
         self._starts = [open_starts(each, templates[each.node], self._times) for each in found]
+        # Instead of these, once the formula has met unknown values.
+        self._possible: PossibleStarts | None = None
+        self._keeps_times = False
         self._readers = [each.reader for each in self._starts]
         # The truth of the atoms of each instance at the latest state, as bits; -1 if unknown.
         self._symbols = [-1] * len(self._starts)
-        self._node_limit = node_limit
+        self._limits = limits
         self._keeps_failures = self._gap_follows = False
         # Of each instance, `wakes_at` of its starts.
         self._ends: list[float] = [-inf] * len(self._starts)
@@ -93,6 +114,71 @@ class StandingMonitor:
         for each in self._starts:
             each.can_fade = False
         return self._log
+
+    def may_meet_unknown(self) -> None:
+        """Keep what `meet_unknown` needs."""
+        self._keeps_times = True
+
+    def meet_unknown(self, registers: Mapping[str, PastRegister], unknown: UnknownFeatures) -> bool:
+        """Progress over unknown values, too, from the next state on.
+
+        Args:
+            registers: of the past operators.
+            unknown: the features that may be unknown.
+
+        Returns:
+            False if it cannot be done, as a gap or an error has an effect on a past operator.
+
+        Raises:
+            ReasoningError: if the formula is undecided from a state that is too long ago.
+        """
+        begun = [each.beginning for each in self._starts]
+        of = Instances.of_states(begun, registers, unknown, self._limits)
+        if not of.is_plain:
+            return False
+        beginning = possible_formula(of, begun, self._times.latest)
+        possible = PossibleStarts(beginning, self._times, self._limits.possibility_limit)
+        self._move_starts(possible, of)
+        self._possible = possible
+        self._starts, self._readers, self._symbols, self._ends = [], [], [], []
+        self._templates, self._failing, self._wakes_at = [], None, -inf
+        self._fails_at_once.clear()
+        return True
+
+    def _move_starts(self, possible: PossibleStarts, of: Instances) -> None:
+        """Move the undecided starts; those that a gap has split are lost."""
+        undecided = self.undecided()
+        if undecided and self._times.is_forgotten(undecided[0].first):
+            raise ReasoningError(
+                'a value is unknown, and the formula is undecided from more than '
+                f'{MAX_RUNS} states ago; give its operators shorter intervals'
+            )
+        for number in (each for run in undecided for each in range(run.first, run.last + 1)):
+            run = Run(number, number, self._times[number], self._times[number])
+            states = self.remainders(number)
+            if gap := next((each.instance.gap for each in states if each.instance.gap), None):
+                self._unprovable = union(self._unprovable, [run])
+                if self._log:
+                    self._log.unprovable[number] = gap
+            else:
+                possible.add(possible_formula(of, states, self._times.latest), [run])
+
+    @property
+    def doubt(self) -> Mapping[str, int]:
+        """Since when unknown features make it possible that a failure has not ended, in ns.
+
+        That is so at each state with which a failure may have begun, and as long as it is not
+        certain that the formula holds after that.
+        """
+        possible = self._possible
+        if possible is None or possible.doubt is None:
+            return {}
+        number, wants = possible.doubt
+        return wants if possible.is_new_doubt or not self._holds_after(number) else {}
+
+    def possible(self, number: int) -> PossibleFormula | None:
+        """Return what remains from an undecided state on, if the formula met unknown values."""
+        return self._possible.at(number) if self._possible else None
 
     def remainders(self, number: int) -> list[InstanceState]:
         """Return what remains of the formula from an undecided state on, for each instance."""
@@ -159,11 +245,15 @@ class StandingMonitor:
         unknown += self._forgotten_unknown
         return StartCounts(states - fails - pending - unknown, fails, pending, unknown)
 
+    @property
+    def _all(self) -> Sequence[OpenStarts | PossibleStarts]:
+        return [self._possible] if self._possible else self._starts
+
     def _undecided(self) -> list[Run]:
         """Return the starts from which an instance is undecided, if that matters."""
         found: list[Run] = []
         for half in Half:
-            runs = chain.from_iterable(each.runs(half) for each in self._starts)
+            runs = chain.from_iterable(each.runs(half) for each in self._all)
             joined = union_of(runs)
             if half is Half.PESSIMISTIC:
                 joined = difference(joined, self._unprovable)
@@ -177,10 +267,13 @@ class StandingMonitor:
         if self._gap_follows:
             changed = self._cross_gap(Gap(self._times[number - 1], now), values)
         self._times.append(now)
-        decided: list[tuple[OpenStarts, DecidedStarts]] = []
+        decided: list[tuple[_VerdictOf, _Decision]] = []
+        if self._possible:
+            possible = self._possible
+            decided += [(possible.verdict, found) for found in possible.step(values)]
         for index in self._due(symbols, now):
             starts = self._starts[index]
-            decided += [(starts, found) for found in starts.step(symbols[index])]
+            decided += [(starts.verdict, found) for found in starts.step(symbols[index])]
             self._ends[index] = starts.wakes_at
             if starts.fails_at_once:
                 self._fails_at_once.add(index)
@@ -192,16 +285,16 @@ class StandingMonitor:
         if self._fails_at_once:
             self._failing = self._starts[min(self._fails_at_once)]
             begins = self._failing.begins()
-            changed |= self._fail(self._failing, begins, now, values)
+            changed |= self._fail(self._failing.verdict, begins, now, values)
             if self._log:
                 self._log.add_at_once(begins.runs[0])
             self._failing_since = number + 1
         self._limit_memory()
         changed |= self._end_failures()
-        self._wakes_at = min(self._ends, default=inf)
+        self._wakes_at = -inf if self._possible else min(self._ends, default=inf)
         if self._failures.waiting:
             fading = (each.fades_at for each in self._starts)
-            self._wakes_at = min(self._wakes_at, *fading)
+            self._wakes_at = min([self._wakes_at, *fading])
         return changed
 
     def _due(self, symbols: list[int], now: int) -> list[int]:
@@ -213,31 +306,31 @@ class StandingMonitor:
         """Continue with the halves after a gap; return True if a failure has begun."""
         self._gap_follows = False
         self._symbols = [-1] * len(self._starts)
-        decided = [(each, found) for each in self._starts for found in each.cross_gap(gap)]
+        decided: list[tuple[_VerdictOf, _Decision]] = []
+        for each in self._all:
+            decided += [(each.verdict, found) for found in each.cross_gap(gap)]
         return self._apply(decided, gap.before, values)
 
     def _apply(
-        self, decided: Iterable[tuple[OpenStarts, DecidedStarts]], now: int, values: Values
+        self, decided: Iterable[tuple[_VerdictOf, _Decision]], now: int, values: Values
     ) -> bool:
         changed = False
-        for starts, found in decided:
+        for verdict_of, found in decided:
             if self._log:
                 self._log.add(found, now)
-            if not found.holds and found.group.half is Half.PESSIMISTIC:
+            if found.loss is not None:
                 self._unprovable = union(self._unprovable, found.runs)
             elif not found.holds:
-                changed |= self._fail(starts, found, now, values)
+                changed |= self._fail(verdict_of, found, now, values)
         return changed
 
-    def _fail(self, starts: OpenStarts, found: DecidedStarts, now: int, values: Values) -> bool:
+    def _fail(self, verdict_of: _VerdictOf, found: _Decision, now: int, values: Values) -> bool:
         """Record starts from which an instance is false; return True if a failure has begun."""
         began = False
         for run in found.runs:
-            if self._failures.extend(run):
-                continue
-            single = found._replace(runs=(run,))
-            verdict = starts.verdict(single)
-            began |= self._failures.add(Failure(run, verdict, now, values))
+            if not self._failures.extend(run):
+                verdict = verdict_of(found, run)
+                began |= self._failures.add(Failure(run, verdict, now, values))
         return began
 
     def _record_failing(self, end: int) -> None:
@@ -255,20 +348,20 @@ class StandingMonitor:
             return False
         for each in self._starts:
             each.join(len(self._times))
-        ended = [each for each in self._failures.waiting if self._holds_after(each.run)]
+        ended = [each for each in self._failures.waiting if self._holds_after(each.run.last)]
         for failure in ended:
             self._failures.end(failure)
         return bool(ended)
 
-    def _holds_after(self, run: Run) -> bool:
-        """Return True if the first start after a run that is neither unknown nor false is true."""
-        number = run.last + 1
+    def _holds_after(self, last: int) -> bool:
+        """Return True if the first start after one that is neither unknown nor false is true."""
+        number = last + 1
         while number < len(self._times):
-            if (last := self._failures.last_around(number)) is not None:
-                number = last + 1
+            if (end := self._failures.last_around(number)) is not None:
+                number = end + 1
                 continue
             is_unprovable = number_in(self._unprovable, number)
-            if any(each.has_open(number, pessimistic=not is_unprovable) for each in self._starts):
+            if any(each.has_open(number, pessimistic=not is_unprovable) for each in self._all):
                 return False
             if not is_unprovable:
                 return True
@@ -293,9 +386,9 @@ class StandingMonitor:
                 continue
             automaton.has_grown = False
             used = [each for each in self._starts if each.template is template]
-            if automaton.max_size > self._node_limit:
+            if automaton.max_size > self._limits.node_limit:
                 for each in used:
-                    each.check_size(self._node_limit)
+                    each.check_size(self._limits.node_limit)
             if automaton.is_full:
                 automaton.forget({location for each in used for location in each.locations})
                 for each in used:
@@ -308,16 +401,17 @@ class StandingMonitor:
         """Forget what no undecided start needs any more, and limit the rest."""
         self._settle()
         states = len(self._times)
-        runs = len(self._failures.kept) + sum(each.run_count() for each in self._starts)
+        runs = len(self._failures.kept) + sum(each.run_count() for each in self._all)
         if runs > MAX_RUNS:
             raise ReasoningError(
                 f'there are {runs} runs of states from which the formula is undecided or false, '
                 f'more than {MAX_RUNS}; give its operators shorter intervals'
             )
-        oldest = min((each.oldest(own=True) for each in self._starts), default=states)
-        self._times.forget(min(oldest, states - 2))
+        is_own = not self._keeps_times
+        oldest = min((each.oldest(own=is_own) for each in self._starts), default=states)
+        self._times.forget(min(max(oldest, states - MAX_RUNS), states - 2))
         self._most_kept = len(self._times.kept) + _CLEANUP_STATES
-        oldest = min((each.oldest(own=False) for each in self._starts), default=states)
+        oldest = min((each.oldest(own=False) for each in self._all), default=states)
         waiting = (each.run.last for each in self._failures.waiting)
         oldest = min([oldest, *waiting])
         false = self._failures.runs

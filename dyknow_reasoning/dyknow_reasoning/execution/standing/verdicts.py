@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
+from dyknow_reasoning.execution.standing.possible_starts import Loss, PossibleDecision
 from dyknow_reasoning.execution.standing.runs import Run, union
+from dyknow_reasoning.execution.unknown.possible_formulas import PossibleVerdict
 from dyknow_reasoning.progression.atoms import Values
-from dyknow_reasoning.progression.gaps import Gap, Half
 
 
 @dataclass(eq=False, slots=True)
@@ -26,7 +27,7 @@ class Failure:
     """
 
     run: Run
-    verdict: InstanceVerdict
+    verdict: InstanceVerdict | PossibleVerdict
     decided_at: int
     values: Values = field(repr=False)
     has_ended: bool = False
@@ -98,7 +99,8 @@ class StartCounts:
         holds: from which the formula is true.
         fails: from which it is false.
         undecided: from which it is undecided yet.
-        unknown: from which its verdict depends on states that are missing in a gap.
+        unknown: from which no state decides it any more: its verdict depends on states that are
+            missing in a gap, or on unknown values.
     """
 
     holds: int = 0
@@ -115,21 +117,22 @@ class VerdictLog:
     Attributes:
         true_at: the time of the deciding state, in nanoseconds.
         false_at: the same; None if that is the state itself.
-        unprovable: the gap that prevents that the formula becomes true.
+        unprovable: the gap that prevents that the formula becomes true; what remained of it if
+            its verdict depends on unknown values.
     """
 
     def __init__(self) -> None:
         self.true_at: dict[int, int] = {}
         self.false_at: dict[int, int | None] = {}
-        self.unprovable: dict[int, Gap] = {}
+        self.unprovable: dict[int, Loss] = {}
 
-    def add(self, decided: DecidedStarts, now: int) -> None:
+    def add(self, decided: DecidedStarts | PossibleDecision, now: int) -> None:
         """Add what a state decides; of many instances, the last to be true counts."""
-        group, numbers = decided.group, _numbers(decided.runs)
+        numbers = _numbers(decided.runs)
         if decided.holds:
             self.true_at.update(dict.fromkeys(numbers, now))
-        elif group.after_gap and group.half is Half.PESSIMISTIC:
-            self.unprovable.update(dict.fromkeys(numbers, group.after_gap.gap))
+        elif decided.loss is not None:
+            self.unprovable.update(dict.fromkeys(numbers, decided.loss))
         else:
             for number in numbers:
                 self.false_at.setdefault(number, now)

@@ -16,7 +16,6 @@ from typing import Any, Final
 
 from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS, Value
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.unknown.unknown_features import Range, UnknownFeatures
 from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
 from dyknow_reasoning.language.terms import (
     Feature,
@@ -31,6 +30,7 @@ from dyknow_reasoning.language.terms import (
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import kind_of
+from dyknow_reasoning.progression.unknown_features import Range, UnknownFeatures
 
 _Literals = Number | TextLiteral | Truth | Object
 _SEPARATOR: Final = '\x00'

@@ -16,25 +16,22 @@ is wrong. Example, `always (p -> eventually[0, 2 s] q)`, with `E` for `eventuall
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import ExitCode, amount
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
-from dyknow_reasoning.execution.automata.instance_states import FormulaInstance
+from dyknow_reasoning.execution.automata.automaton import Location, Times
 from dyknow_reasoning.execution.past.histories import PastRegister
 from dyknow_reasoning.execution.past.registers import Register
-from dyknow_reasoning.execution.unknown.bounds import bounded_truth
 from dyknow_reasoning.execution.unknown.choices import Choices, all_runs
-from dyknow_reasoning.execution.unknown.completions import Completions, is_exact
-from dyknow_reasoning.execution.unknown.unknown_features import UnknownFeatures, UnknownValueError
-from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
-from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
+from dyknow_reasoning.execution.unknown.parts import FormulaPart
+from dyknow_reasoning.language.formula import Atom
+from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.nodes import slots
 from dyknow_reasoning.progression.residual import growth_error
-from dyknow_reasoning.progression.sizes import FormulaLimits
+from dyknow_reasoning.progression.unknown_features import UnknownValueError
 
 Place: TypeAlias = tuple[Location, Times]
 """Where an instance is in its automaton."""
@@ -62,55 +59,21 @@ class Possibility:
 _HOLDS: Final = Possibility({}, {})
 
 
-@dataclass(frozen=True, slots=True)
-class Instances:
-    """Instances of one formula, and what they are progressed with.
-
-    Args:
-        instances: by their numbers.
-        registers: those of all past operators, inner ones first.
-        automata: of the instances.
-        unknown: the features that may be unknown.
-        limits: of formulas.
-    """
-
-    instances: Mapping[int, FormulaInstance]
-    registers: Mapping[str, PastRegister]
-    automata: Mapping[int, Automaton]
-    unknown: UnknownFeatures
-    limits: FormulaLimits
-
-    def part(self, numbers: Collection[int]) -> Instances:
-        """Return some of the instances."""
-        return replace(self, instances={each: self.instances[each] for each in numbers})
-
-
 class Possibilities:
     """What may remain of some instances of a formula.
 
     Args:
-        of: the instances.
+        part: the instances.
         found: their possibilities, as no instance is decided.
         wants: since when each unknown feature makes a difference, in nanoseconds.
     """
 
     def __init__(
-        self, of: Instances, found: Sequence[Possibility], wants: Mapping[str, int]
+        self, part: FormulaPart, found: Sequence[Possibility], wants: Mapping[str, int]
     ) -> None:
-        self.of, self.found, self.wants = of, found, dict(wants)
+        self.part, self.found, self.wants = part, found, dict(wants)
         self.may_hold = self.may_fail = False
         """True if the instances hold in some case, or one of them fails."""
-        self._registers = needed_registers(of)
-        atoms = [*_atoms_of(of.instances.values())]
-        atoms += [each for register in self._registers.values() for each in register.atoms]
-        atoms += [register.atom for register in self._registers.values()]
-        self.features = {str(each): None for atom in atoms for each in fields(atom)}
-        """The ground features that they depend on."""
-        self._kinds = next(iter(of.instances.values())).kinds
-        self._exact = {atom: self._is_exact(atom) for atom in atoms}
-        seen = [atom for atom in atoms if self._exact[atom]]
-        self._completions = Completions(seen, self._kinds, of.unknown)
-        self._predicates: dict[Atom, Predicate] = {}
 
     @property
     def verdict(self) -> bool | None:
@@ -118,6 +81,12 @@ class Possibilities:
         if self.found or self.may_hold is self.may_fail:
             return None
         return self.may_hold
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for those with one future."""
+        found = frozenset(each.key for each in self.found)
+        return frozenset(self.part.instances), found, self.may_hold, self.may_fail
 
     @property
     def is_open(self) -> bool:
@@ -129,7 +98,7 @@ class Possibilities:
 
         Those that disagree about a past operator of both are none.
         """
-        of = replace(self.of, instances={**self.of.instances, **other.of.instances})
+        part = self.part.of.part([*self.part.instances, *other.part.instances])
         cases = ([*each.found, *([_HOLDS] if each.may_hold else ())] for each in (self, other))
         found = [
             Possibility({**first.places, **second.places}, {**first.memories, **second.memories})
@@ -140,90 +109,68 @@ class Possibilities:
             )
         ]
         undecided = [each for each in found if each.places]
-        joined = Possibilities(of, undecided, {**self.wants, **other.wants})
+        joined = Possibilities(part, undecided, {**self.wants, **other.wants})
         joined.may_hold = len(undecided) < len(found)
         joined.may_fail = self.may_fail or other.may_fail
         return joined
 
     def parts(self) -> Iterator[Possibilities]:
         """Yield the instances one by one, if nothing unknown makes a difference any more."""
-        if len(self.of.instances) == 1 or len(self.found) > 1 or self.may_hold or self.may_fail:
+        is_single = len(self.part.instances) == 1
+        if is_single or len(self.found) > 1 or self.may_hold or self.may_fail:
             yield self
             return
         for number, place in self.found[0].places.items():
-            of = self.of.part([number])
-            memories = {each: self.found[0].memories[each] for each in needed_registers(of)}
-            yield Possibilities(of, [Possibility({number: place}, memories)], {})
+            part = self.part.of.part([number])
+            memories = {each: self.found[0].memories[each] for each in part.registers}
+            yield Possibilities(part, [Possibility({number: place}, memories)], {})
 
-    def step(self, time: int, values: Values, unknown: Collection[str]) -> None:
+    def copy(self) -> Possibilities:
+        """Return the same possibilities, to be progressed apart."""
+        copied = Possibilities(self.part, self.found, self.wants)
+        copied.may_hold, copied.may_fail = self.may_hold, self.may_fail
+        return copied
+
+    def step(
+        self, time: int, values: Values, unknown: Collection[str], *, begins_later: bool = False
+    ) -> None:
         """Progress all possibilities over a state.
 
         Args:
             time: its valid time, in nanoseconds.
             values: of the features.
             unknown: the features whose values are not known.
+            begins_later: True if the state is in the past of the instances.
 
         Raises:
             ReasoningError: for too many possibilities, a possibility that is too large, or a value
                 that is unusable.
         """
-        known = {name: values[name] for name in self.features if name in values}
-        for name in unknown:
-            known.pop(name, None)
-        errors = {name: UnknownValueError(name) for name in unknown if name in self.features}
+        part = self.part
+        named = (name for name in part.features if name in values and name not in unknown)
+        known = {name: values[name] for name in named}
+        errors = {name: UnknownValueError(name) for name in unknown if name in part.features}
+        limit = part.of.limits.possibility_limit
         found: dict[Hashable, Possibility] = {}
         asked: set[str] = set()
         runs = 0
         for before in self.found:
-            for run in all_runs(lambda choices: _Run(self, choices, known, errors)):
-                after = run.step(before, time)
+            for run in all_runs(lambda choices: _Run(part, choices, known, errors)):
+                after = (run.remember if begins_later else run.step)(before, time)
                 runs += 1
-                if runs > self.of.limits.possibility_limit:
-                    raise too_many(self.of.limits.possibility_limit, {**self.wants, **errors})
+                if runs > limit:
+                    raise too_many(limit, {**self.wants, **errors})
                 asked |= run.asked
-                if isinstance(after, bool):
-                    self.may_hold, self.may_fail = (
-                        self.may_hold or after,
-                        self.may_fail or not after,
-                    )
-                else:
+                if isinstance(after, Possibility):
                     found[after.key] = after
+                else:
+                    self.may_hold, self.may_fail = (
+                        self.may_hold | after,
+                        self.may_fail | (not after),
+                    )
         self.found = [] if self.may_hold and self.may_fail else list(found.values())
-        if len(self.found) + self.may_hold + self.may_fail == 1:
-            self.wants = {}
-        else:
-            self.wants = dict.fromkeys(sorted(asked), time) | self.wants
-
-    def truth(self, atom: Atom) -> Predicate:
-        """Return the predicate of an atom."""
-        if atom not in self._predicates:
-            self._predicates[atom] = predicate(atom, self._kinds)
-        return self._predicates[atom]
-
-    def is_exact(self, atom: Atom) -> bool:
-        """Return True if representatives of unknown values tell the truth of an atom."""
-        return self._exact[atom]
-
-    def bounded(self, atom: Atom, values: Mapping[str, Any]) -> bool | None:
-        """Return the truth of an atom if it is the same for all unknown values."""
-        if not isinstance(atom, Comparison):
-            return None
-        return bounded_truth(atom, values, self.of.unknown.range_of, self._kinds)
-
-    def options(self, name: str, values: Mapping[str, Any]) -> Sequence[Any]:
-        """Return representatives of an unknown feature, given values of the others."""
-        return self._completions.options(name, values)
-
-    @property
-    def registers(self) -> Mapping[str, PastRegister]:
-        """Those of the past operators that the instances depend on, inner ones first."""
-        return self._registers
-
-    def _is_exact(self, atom: Atom) -> bool:
-        inner: Sequence[Atom] = ()
-        if isinstance(atom, PastAtom) and not isinstance(self._registers[atom.field], Register):
-            inner = self._registers[atom.field].atoms
-        return is_exact(atom, self._kinds) and all(is_exact(each, self._kinds) for each in inner)
+        is_single = len(self.found) + self.may_hold + self.may_fail == 1
+        self.wants = {} if is_single else dict.fromkeys(sorted(asked), time) | self.wants
 
 
 class _Run:
@@ -231,7 +178,7 @@ class _Run:
 
     def __init__(
         self,
-        of: Possibilities,
+        of: FormulaPart,
         choices: Choices,
         known: Mapping[str, Any],
         errors: Mapping[str, UnknownValueError],
@@ -246,6 +193,46 @@ class _Run:
 
     def step(self, before: Possibility, time: int) -> Possibility | bool:
         """Return what remains of a possibility after a state; its verdict if it is decided."""
+        memories = self._memories(before, time)
+        of, places = self._of.of, dict[int, Place]()
+        for number, (location, times) in before.places.items():
+            symbol = self._symbol(self._of.instances[number].atoms, location.node.mask)
+            present = (*times, time)
+            move = of.templates[number].automaton.move(location, symbol, present)
+            if move.target.verdict is False:
+                return False
+            if move.target.verdict is None:
+                places[number] = move.target, move.select(present)
+        if not places:
+            return True
+        self._check_size(places)
+        return Possibility(places, memories)
+
+    def remember(self, before: Possibility, time: int) -> Possibility:
+        """Return a possibility of instances that begin later, with the state in their past."""
+        memories = self._memories(before, time)
+        places = dict(before.places)
+        for number, (location, times) in before.places.items():
+            instance = self._of.instances[number]
+            if instance.node.looks_back:
+                symbol = self._symbol(instance.atoms, location.node.mask)
+                present = (*times, time)
+                automaton = self._of.of.templates[number].automaton
+                move = automaton.remember(location, symbol, present)
+                places[number] = move.target, move.select(present)
+        self._check_size(places)
+        return Possibility(places, memories)
+
+    def _check_size(self, places: Mapping[int, Place]) -> None:
+        size, limit = sum(at.node.size for at, _ in places.values()), self._of.of.limits.node_limit
+        if size > limit:
+            number = max(places, key=lambda each: places[each][0].node.size)
+            raise growth_error(
+                size, limit, places[number][0].node, self._of.instances[number].atoms
+            )
+
+    def _memories(self, before: Possibility, time: int) -> dict[str, Any]:
+        """Return the memories of the past operators after the state, whose truth is known then."""
         memories: dict[str, Any] = {}
         for field, register in self._of.registers.items():
             if field not in before.memories:
@@ -253,24 +240,7 @@ class _Run:
             memories[field] = memory = before.memories[field].of_row(0)
             holds = self._past(register, memory, time)
             self._values[field] = self._incomplete[field] = self._truths[register.atom] = holds
-        of, places = self._of.of, dict[int, Place]()
-        for number, (location, times) in before.places.items():
-            instance = of.instances[number]
-            symbol = self._symbol(instance.atoms, location.node.mask)
-            present = (*times, time)
-            move = of.automata[number].move(location, symbol, present)
-            if move.target.verdict is False:
-                return False
-            if move.target.verdict is None:
-                places[number] = move.target, move.select(present)
-        if not places:
-            return True
-        size = sum(location.node.size for location, _ in places.values())
-        if size > of.limits.node_limit:
-            number = max(places, key=lambda each: places[each][0].node.size)
-            node, atoms = places[number][0].node, of.instances[number].atoms
-            raise growth_error(size, of.limits.node_limit, node, atoms)
-        return Possibility(places, memories)
+        return memories
 
     def _past(self, register: PastRegister, memory: Any, time: int) -> bool:
         """Return the truth of a past operator, whose memory takes the state."""
@@ -338,19 +308,3 @@ def too_many(limit: int, names: Collection[str] = ()) -> ReasoningError:
         'raise the limit',
         ExitCode.UNAVAILABLE,
     )
-
-
-def _atoms_of(instances: Collection[FormulaInstance]) -> Iterator[Atom]:
-    return (each.atoms[slot] for each in instances for slot in slots(each.node.mask))
-
-
-def needed_registers(of: Instances) -> dict[str, PastRegister]:
-    """Return the registers that instances depend on, in the order of their fields."""
-    pending = list(_atoms_of(of.instances.values()))
-    needed: set[str] = set()
-    while pending:
-        atom = pending.pop()
-        if isinstance(atom, PastAtom) and atom.field not in needed:
-            needed.add(atom.field)
-            pending += of.registers[atom.field].atoms
-    return {field: each for field, each in of.registers.items() if field in needed}

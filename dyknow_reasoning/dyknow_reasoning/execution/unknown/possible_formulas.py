@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import prod
@@ -13,6 +13,7 @@ import numpy as np
 from dyknow_common import format_time, listed
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.aggregation import Outcome
+from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
@@ -22,18 +23,8 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.histories import PastRegister
-from dyknow_reasoning.execution.unknown.possibilities import (
-    Instances,
-    Place,
-    Possibilities,
-    Possibility,
-    needed_registers,
-)
-from dyknow_reasoning.execution.unknown.unknown_features import (
-    ALL_KNOWN,
-    UnknownFeatures,
-    is_unknown,
-)
+from dyknow_reasoning.execution.unknown.parts import FormulaPart, Instances
+from dyknow_reasoning.execution.unknown.possibilities import Possibilities, Possibility
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
@@ -41,6 +32,10 @@ from dyknow_reasoning.progression.instances import Instance, required_features
 from dyknow_reasoning.progression.nodes import Remembering
 from dyknow_reasoning.progression.residual import holds_at_the_end
 from dyknow_reasoning.progression.sizes import FormulaLimits
+from dyknow_reasoning.progression.unknown_features import (
+    ALL_KNOWN,
+    is_unknown,
+)
 
 _MAX_NAMES: Final = 3
 """The unknown features that a text names."""
@@ -74,52 +69,14 @@ class PossibleFormula:
     them do for all values, and is false if those that are connected fail for all values.
 
     Args:
-        states: of its undecided instances, before a state with unknown values.
-        registers: those of the group.
-        unknown: the features that may be unknown.
-        limits: of formulas.
+        of: its instances.
+        parts: what may remain of them.
         latest: the valid time of the latest state, in nanoseconds.
     """
 
-    def __init__(
-        self,
-        states: Sequence[InstanceState],
-        registers: Mapping[str, PastRegister],
-        unknown: UnknownFeatures,
-        limits: FormulaLimits,
-        latest: int | None,
-    ) -> None:
-        self._templates: dict[int, Template] = {}
-        places: dict[int, Place] = {}
-        for number, state in enumerate(states):
-            initial = state.template.automaton.initial
-            template = self._templates[number] = Template(initial.node)
-            location = template.automaton.initial
-            if state.location is not initial:
-                location = replace(state.location, moves={}, memories={})
-                template.automaton.forget([location])
-            places[number] = location, state.times
-        of = Instances(
-            {number: state.instance for number, state in enumerate(states)},
-            dict(registers),
-            {number: each.automaton for number, each in self._templates.items()},
-            unknown,
-            limits,
-        )
-        self._latest = latest
+    def __init__(self, of: Instances, parts: Sequence[Possibilities], latest: int | None) -> None:
+        self._of, self._parts, self._latest = of, list(parts), latest
         self._gap_follows = False
-        self.is_plain = True
-        """False if a gap or an error has an effect on a past operator."""
-        self._parts: list[Possibilities] = []
-        for number, place in places.items():
-            part = of.part([number])
-            used = needed_registers(part)
-            self.is_plain &= all(register.is_plain for register in used.values())
-            memories = {field: each.memory.of_row(0) for field, each in used.items()}
-            self._parts.append(Possibilities(part, [Possibility({number: place}, memories)], {}))
-        self._unknown = unknown
-        self._limit = limits.possibility_limit
-        self._names = list(dict.fromkeys(name for part in self._parts for name in part.features))
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
@@ -134,9 +91,9 @@ class PossibleFormula:
         if self._gap_follows and self._latest is not None:
             raise unknowable(Gap(self._latest, time))
         previous, self._latest = self._latest, time
-        unknown = self._unknown.among(self._names, values)
+        unknown = self._of.unknown_at(values)
         for name in unknown:
-            self._join(name)
+            self._join(name, lambda each: each.features)
         parts: list[Possibilities] = []
         for part in self._parts:
             wants, before = part.wants, part.found
@@ -152,13 +109,44 @@ class PossibleFormula:
         self._parts = parts
         if not parts:
             return self._verdict(*decided, time, previous, values, unknown)
-        self._limit_memory()
         return None
+
+    def remember(self, time: int, values: Values) -> None:
+        """Take a state that is in the past of the formula, which begins later."""
+        self._latest = time
+        if not any(each.part.has_past for each in self._parts):
+            return
+        unknown = self._of.unknown_at(values)
+        for name in unknown:
+            self._join(name, lambda each: each.past_features)
+        for part in self._parts:
+            if part.part.has_past:
+                part.step(time, values, unknown, begins_later=True)
+        self._parts = [one for part in self._parts for one in part.parts()]
+
+    def copy(self) -> PossibleFormula:
+        """Return the same formula, to be progressed apart."""
+        return PossibleFormula(self._of, [each.copy() for each in self._parts], self._latest)
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for formulas with one future."""
+        return frozenset(each.key for each in self._parts)
+
+    @property
+    def is_open(self) -> bool:
+        """True if a state to come may decide it."""
+        return any(each.is_open for each in self._parts)
+
+    @property
+    def may_fail(self) -> bool:
+        """True if it is false in some case, whatever comes."""
+        return any(each.may_fail for each in self._parts)
 
     @property
     def looks_back(self) -> bool:
         """True if it depends on past operators."""
-        return any(part.registers for part in self._parts)
+        return any(each.part.registers for each in self._parts)
 
     @property
     def wants(self) -> Mapping[str, int]:
@@ -170,6 +158,11 @@ class PossibleFormula:
         return dict(sorted(found.items(), key=lambda each: each[1]))
 
     @property
+    def possibilities(self) -> int:
+        """The number of possibilities that a state progresses."""
+        return sum(len(each.found) for each in self._parts)
+
+    @property
     def cases(self) -> int:
         """The number of cases of the unknown values that make a difference."""
         return prod(len(part.found) + part.may_hold + part.may_fail for part in self._parts)
@@ -177,7 +170,7 @@ class PossibleFormula:
     def states(self) -> list[InstanceState]:
         """Return the states of the undecided instances in one of the cases."""
         found = [
-            InstanceState(part.of.instances[number], self._templates[number], *place, {})
+            InstanceState(self._of.instances[number], self._of.templates[number], *place, {})
             for part in self._parts
             for possibility in part.found[:1]
             for number, place in possibility.places.items()
@@ -186,7 +179,7 @@ class PossibleFormula:
 
     def holds_at_the_end(self) -> bool:
         """Return True if the formula would hold in all cases if no further state came."""
-        return not any(part.may_fail for part in self._parts) and all(
+        return not self.may_fail and all(
             holds_at_the_end(location.node)
             for part in self._parts
             for possibility in part.found
@@ -205,9 +198,10 @@ class PossibleFormula:
     ) -> PossibleVerdict | InstanceVerdict:
         """Return the verdict of a part; with its moment if no unknown value had a part in it."""
         holds = part.verdict is True
-        if not (wants or part.registers) and part.features.keys().isdisjoint(unknown):
+        depends = part.part
+        if not (wants or depends.registers) and depends.features.keys().isdisjoint(unknown):
             for number, place in before[0].places.items():
-                instance, template = part.of.instances[number], self._templates[number]
+                instance, template = self._of.instances[number], self._of.templates[number]
                 state = InstanceState(instance, template, *place, {})
                 read = quick_reader(instance.atoms, instance.kinds, state.node.mask)
                 symbol = read(values)
@@ -216,33 +210,64 @@ class PossibleFormula:
                     since = time if previous is None else previous
                     moment = DecidingMoment(state, symbol, time, since)
                     return InstanceVerdict(instance, holds, moment)
-        instance = min(part.of.instances.values(), key=lambda each: each.order)
+        instance = min(depends.instances.values(), key=lambda each: each.order)
         return PossibleVerdict(instance, holds, wants)
 
-    def _join(self, name: str) -> None:
+    def _join(self, name: str, features: Callable[[FormulaPart], Collection[str]]) -> None:
         """Join the parts that depend on an unknown feature, if they do not become too many."""
         joined: Possibilities | None = None
         others: list[Possibilities] = []
         for part in self._parts:
-            if not part.is_open or name not in part.features:
+            if not part.is_open or name not in features(part.part):
                 others.append(part)
             elif joined is None:
                 joined = part
-            elif len(joined.found) * len(part.found) <= self._limit:
+            elif len(joined.found) * len(part.found) <= self._of.limits.possibility_limit:
                 joined = joined.joined(part)
             else:
                 others.append(part)
         self._parts = [*others, joined] if joined else others
 
-    def _limit_memory(self) -> None:
-        for number, template in self._templates.items():
+    def limit_memory(self, others: Collection[PossibleFormula] = ()) -> None:
+        """Forget what full automata know, but for the locations in use.
+
+        Args:
+            others: those that use the same automata.
+        """
+        for template in set(self._of.templates.values()):
             if template.automaton.is_full:
-                template.automaton.forget(
-                    possibility.places[number][0]
-                    for part in self._parts
-                    for possibility in part.found
-                    if number in possibility.places
-                )
+                used = {at for each in (self, *others) for at in each.locations(template)}
+                template.automaton.forget(used)
+
+    def locations(self, template: Template) -> Iterator[Location]:
+        """Yield the locations of its instances in the automaton of a template."""
+        return (
+            location
+            for part in self._parts
+            for possibility in part.found
+            for number, (location, _) in possibility.places.items()
+            if self._of.templates[number] is template
+        )
+
+
+def possible_formula(
+    of: Instances, states: Iterable[InstanceState], latest: int | None
+) -> PossibleFormula:
+    """Return what remains of a formula that has met no unknown value.
+
+    Args:
+        of: its instances.
+        states: of those that are undecided, in the automata of `of`.
+        latest: the valid time of the latest state, in nanoseconds.
+    """
+    parts = []
+    for state in states:
+        number = state.instance.order
+        part = of.part([number])
+        memories = {field: each.memory.of_row(0) for field, each in part.registers.items()}
+        place = state.location, state.times
+        parts.append(Possibilities(part, [Possibility({number: place}, memories)], {}))
+    return PossibleFormula(of, parts, latest)
 
 
 class PossibleFormulas:
@@ -262,13 +287,14 @@ class PossibleFormulas:
         # The features of all these; None if it is to be found out.
         self._watched: tuple[str, ...] | None = None
 
-    def watch(self, formula_id: int, instances: Iterable[Instance]) -> None:
-        """Look out for unknown values of the features of a formula."""
+    def watch(self, formula_id: int, instances: Iterable[Instance]) -> bool:
+        """Look out for unknown values of the features of a formula; return True if there may be."""
         if self.unknown:
             names = (str(each) for each in required_features(instances))
             if found := [name for name in names if self.unknown.may_be(name)]:
                 self.waiting[formula_id] = found
                 self._watched = None
+        return formula_id in self.waiting
 
     def met(self, values: Values) -> list[int]:
         """Return the formulas that meet unknown values for the first time."""
@@ -316,12 +342,14 @@ class PossibleFormulas:
         self.remove(formula_id)
         if any(each.instance.half is not Half.WHOLE or _remembers(each) for each in states):
             return False
-        found = PossibleFormula(states, registers, self.unknown, self._limits, latest)
+        states = list(map(_apart, states))
+        of = Instances.of_states(states, registers, self.unknown, self._limits)
+        found = possible_formula(of, states, latest)
         if after_gap and (found.looks_back or not all(each.is_fresh for each in states)):
             found.gap()
-        if found.is_plain:
+        if of.is_plain:
             self.formulas[formula_id] = found
-        return found.is_plain
+        return of.is_plain
 
     def remove(self, formula_id: int) -> None:
         """Remove a formula, if it is one of these."""
@@ -335,12 +363,25 @@ class PossibleFormulas:
         for formula_id, each in self.formulas.items():
             try:
                 verdict = each.progress(time, values)
+                each.limit_memory()
             except ReasoningError as error:
                 found[formula_id] = error
             else:
                 if verdict is not None:
                     found[formula_id] = verdict
         return found
+
+
+def _apart(state: InstanceState) -> InstanceState:
+    """Return a state in an automaton of its own."""
+    initial, location = state.template.automaton.initial, state.location
+    template = Template(initial.node)
+    if location is initial:
+        location = template.automaton.initial
+    else:
+        location = replace(location, moves={}, memories={})
+        template.automaton.forget([location])
+    return replace(state, template=template, location=location)
 
 
 def _remembers(state: InstanceState) -> bool:
@@ -352,6 +393,11 @@ def _is_known(column: Array) -> bool:
     if column.dtype.kind == 'O':
         return not any(map(is_unknown, column))
     return column.dtype.kind != 'f' or not np.isnan(column).any()
+
+
+def want_text(wants: Mapping[str, int]) -> str:
+    """Return for want of which features a formula is undecided."""
+    return f'undecided for want of {wants_text(wants)}'
 
 
 def wants_text(wants: Mapping[str, int]) -> str:

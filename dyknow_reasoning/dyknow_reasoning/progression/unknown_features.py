@@ -40,6 +40,12 @@ class UnknownFeatures:
         """Return True if a ground feature may be unknown."""
         return self.all_may_be or _feature(name) in self.ranges
 
+    def marked(self, names: Iterable[str], values: Values) -> Values:
+        """Return the values of a state, with an UnknownValueError for those that are unknown."""
+        found: dict[str, Any] = dict(values)
+        found.update({name: UnknownValueError(name) for name in self.among(names, values)})
+        return found
+
     def among(self, names: Iterable[str], values: Values) -> list[str]:
         """Return the ground features that are unknown at a state."""
         return [name for name in names if is_unknown(values.get(name)) and self.may_be(name)]

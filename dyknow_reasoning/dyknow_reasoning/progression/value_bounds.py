@@ -11,19 +11,26 @@ from math import hypot, inf, isnan, nextafter, sqrt
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import MIRRORED_COMPARISONS
-from dyknow_reasoning.execution.unknown.unknown_features import (
-    ANY_NUMBER,
-    Range,
-    UnknownValueError,
-)
 from dyknow_reasoning.language.formula import Comparison
-from dyknow_reasoning.language.terms import Arithmetic, Feature, FieldReference, Function, Term
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
+    FieldReference,
+    Function,
+    Number,
+    Term,
+)
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import (
     CALCULATE,
     kind_of,
     predicate,
     term_reader,
+)
+from dyknow_reasoning.progression.unknown_features import (
+    ANY_NUMBER,
+    Range,
+    UnknownValueError,
 )
 
 Values: TypeAlias = Mapping[str, Any]
@@ -42,11 +49,10 @@ def bounded_truth(atom: Comparison, values: Values, range_of: RangeOf, kinds: Ki
     Raises:
         ReasoningError: for a value that is unusable.
     """
-    if atom.operator not in MIRRORED_COMPARISONS or not _are_numbers(atom, kinds):
+    sides = bounded_sides(atom, values, range_of, kinds)
+    if sides is None:
         return None
-    (low, high), (least, most) = (
-        _bounds(each, values, range_of, kinds) for each in (atom.left, atom.right)
-    )
+    (low, high), (least, most) = sides
     match atom.operator:
         case '<':
             return True if high < least else False if low >= most else None
@@ -61,9 +67,22 @@ def bounded_truth(atom: Comparison, values: Values, range_of: RangeOf, kinds: Ki
     return is_equal if atom.operator == '=' or is_equal is None else not is_equal
 
 
+def bounded_sides(
+    atom: Comparison, values: Values, range_of: RangeOf, kinds: Kinds
+) -> tuple[Range, Range] | None:
+    """Return the bounds of both sides of a comparison; None if they are no numbers.
+
+    Arguments as of `bounded_truth`.
+    """
+    if atom.operator not in MIRRORED_COMPARISONS or not _are_numbers(atom, kinds):
+        return None
+    left, right = (_bounds(each, values, range_of, kinds) for each in (atom.left, atom.right))
+    return left, right
+
+
 def _are_numbers(atom: Comparison, kinds: Kinds) -> bool:
     return all(
-        isinstance(each, Arithmetic | Function)
+        isinstance(each, Arithmetic | Function | Number)
         or (isinstance(each, Feature | FieldReference) and kind_of(each, kinds) is Kind.NUMBER)
         for each in (atom.left, atom.right)
     ) or any(isinstance(each, Arithmetic | Function) for each in (atom.left, atom.right))

@@ -1,0 +1,156 @@
+"""Instances of one formula, and what those that share unknown values depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+from dyknow_reasoning.execution.automata.configurations import Template
+from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
+from dyknow_reasoning.execution.past.histories import PastRegister
+from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.unknown.completions import Completions, is_exact
+from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
+from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
+from dyknow_reasoning.progression.nodes import slots
+from dyknow_reasoning.progression.sizes import FormulaLimits
+from dyknow_reasoning.progression.unknown_features import UnknownFeatures
+from dyknow_reasoning.progression.value_bounds import bounded_truth
+
+
+class Instances:
+    """Instances of one formula, and what they are progressed with.
+
+    Args:
+        instances: by their numbers.
+        registers: those of all past operators, inner ones first.
+        templates: of the instances.
+        unknown: the features that may be unknown.
+        limits: of formulas.
+    """
+
+    def __init__(
+        self,
+        instances: Mapping[int, FormulaInstance],
+        registers: Mapping[str, PastRegister],
+        templates: Mapping[int, Template],
+        unknown: UnknownFeatures,
+        limits: FormulaLimits,
+    ) -> None:
+        self.instances, self.registers, self.templates = instances, registers, templates
+        self.unknown, self.limits = unknown, limits
+        self._parts: dict[frozenset[int], FormulaPart] = {}
+
+    @classmethod
+    def of_states(
+        cls,
+        states: Iterable[InstanceState],
+        registers: Mapping[str, PastRegister],
+        unknown: UnknownFeatures,
+        limits: FormulaLimits,
+    ) -> Instances:
+        """Return the instances of some states, by their orders in the formula."""
+        states = list(states)
+        instances = {each.instance.order: each.instance for each in states}
+        templates = {each.instance.order: each.template for each in states}
+        return cls(instances, dict(registers), templates, unknown, limits)
+
+    def part(self, numbers: Collection[int]) -> FormulaPart:
+        """Return some of the instances."""
+        key = frozenset(numbers)
+        if key not in self._parts:
+            self._parts[key] = FormulaPart(self, {each: self.instances[each] for each in numbers})
+        return self._parts[key]
+
+    def unknown_at(self, values: Values) -> list[str]:
+        """Return the ground features that are unknown at a state."""
+        return self.unknown.among(self._features, values)
+
+    @cached_property
+    def _features(self) -> list[str]:
+        parts = (self.part([each]) for each in self.instances)
+        return list(dict.fromkeys(name for part in parts for name in part.features))
+
+    @property
+    def is_plain(self) -> bool:
+        """False if a gap or an error has an effect on a past operator."""
+        parts = (self.part([each]) for each in self.instances)
+        return all(register.is_plain for part in parts for register in part.registers.values())
+
+
+class FormulaPart:
+    """Some of the instances of a formula, and what they depend on.
+
+    Args:
+        of: all instances.
+        instances: these, by their numbers.
+    """
+
+    def __init__(self, of: Instances, instances: Mapping[int, FormulaInstance]) -> None:
+        self.of, self.instances = of, instances
+        self.registers = _needed_registers(of.registers, instances.values())
+        """Those of the past operators that they depend on, inner ones first."""
+        past = [each for register in self.registers.values() for each in register.atoms]
+        past += [register.atom for register in self.registers.values()]
+        atoms = [*_atoms_of(instances.values()), *past]
+        self.features = _features_of(atoms)
+        """The ground features that they depend on."""
+        remembers = any(each.node.looks_back for each in instances.values())
+        self.past_features = _features_of(atoms if remembers else past)
+        """Those whose past they depend on."""
+        self.has_past = remembers or bool(self.registers)
+        """True if they depend on earlier states."""
+        self._kinds = next(iter(instances.values())).kinds
+        self._exact = {atom: self._is_exact(atom) for atom in atoms}
+        seen = [atom for atom in atoms if self._exact[atom]]
+        self._completions = Completions(seen, self._kinds, of.unknown)
+        self._predicates: dict[Atom, Predicate] = {}
+
+    def truth(self, atom: Atom) -> Predicate:
+        """Return the predicate of an atom."""
+        if atom not in self._predicates:
+            self._predicates[atom] = predicate(atom, self._kinds)
+        return self._predicates[atom]
+
+    def is_exact(self, atom: Atom) -> bool:
+        """Return True if representatives of unknown values tell the truth of an atom."""
+        return self._exact[atom]
+
+    def bounded(self, atom: Atom, values: Mapping[str, Any]) -> bool | None:
+        """Return the truth of an atom if it is the same for all unknown values."""
+        if not isinstance(atom, Comparison):
+            return None
+        return bounded_truth(atom, values, self.of.unknown.range_of, self._kinds)
+
+    def options(self, name: str, values: Mapping[str, Any]) -> Sequence[Any]:
+        """Return representatives of an unknown feature, given values of the others."""
+        return self._completions.options(name, values)
+
+    def _is_exact(self, atom: Atom) -> bool:
+        inner: Sequence[Atom] = ()
+        if isinstance(atom, PastAtom) and not isinstance(self.registers[atom.field], Register):
+            inner = self.registers[atom.field].atoms
+        return is_exact(atom, self._kinds) and all(is_exact(each, self._kinds) for each in inner)
+
+
+def _features_of(atoms: Iterable[Atom]) -> dict[str, None]:
+    return {str(each): None for atom in atoms for each in fields(atom)}
+
+
+def _atoms_of(instances: Collection[FormulaInstance]) -> Iterator[Atom]:
+    return (each.atoms[slot] for each in instances for slot in slots(each.node.mask))
+
+
+def _needed_registers(
+    registers: Mapping[str, PastRegister], instances: Collection[FormulaInstance]
+) -> dict[str, PastRegister]:
+    """Return the registers that instances depend on, in the order of their fields."""
+    pending = list(_atoms_of(instances))
+    needed: set[str] = set()
+    while pending:
+        atom = pending.pop()
+        if isinstance(atom, PastAtom) and atom.field not in needed:
+            needed.add(atom.field)
+            pending += registers[atom.field].atoms
+    return {field: each for field, each in registers.items() if field in needed}
