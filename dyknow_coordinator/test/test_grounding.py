@@ -11,6 +11,7 @@ from dyknow_coordinator.grounding.feature_sources import (
     referenced_source,
     single_field_source,
 )
+from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.state_specification import state_specification
 from dyknow_coordinator.grounding.symbols import (
     check_symbols,
@@ -163,6 +164,33 @@ def test_the_state_stream_synchronises_all_sources() -> None:
     *streams, sink = parse_specification(text).declarations
     assert [stream.name for stream in streams] == ['a', 'b']
     assert sink == SinkDeclaration(Sync((StreamReference('a'), StreamReference('b'))))
+
+
+def test_features_of_one_stream_share_a_select() -> None:
+    texts = [
+        f'stream {name} = select {field} as "{feature}" from {origin}'
+        for name, field, feature, origin in (
+            ('a', 'dock', 'distance[r1, dock]', 'r1_distances'),
+            ('b', 'gate', 'distance[r1, gate]', 'r1_distances'),
+            ('c', 'gate', 'distance[r2, gate]', 'r2_distances'),
+            ('d', 'gate', 'distance[r3, gate]', 'fleet where id = "r3"'),
+            ('e', 'dock', 'distance[r4, dock]', 'fleet where id = "r4"'),
+            ('f', 'x', 'X[r1]', '"/r1/pose"'),
+            ('g', 'y', 'Y[r1]', '"/r1/pose"'),  # A message may lack one of them.
+        )
+    ]
+    sources = parse_sources(texts)
+    *streams, sink = parse_specification(state_specification(sources)).declarations
+    assert [str(each) for each in streams] == [
+        (
+            'stream a = select dock as "distance[r1, dock]", gate as "distance[r1, gate]" '
+            'from r1_distances'
+        ),
+        *texts[2:],
+    ]
+    assert str(sink) == 'sink sync(a, c, d, e, f, g)'
+    known = KnownStreams([KnownStream('r1_distances')], lambda _: True)
+    assert known.affected(sources, 'r1_distances') == sources[:2]
 
 
 def test_computational_units_are_declared_once() -> None:

@@ -15,7 +15,13 @@ from functools import cached_property
 
 from dyknow_common import NOT_CALIBRATED, ExitCode, Symbol, listed, quoted
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_stream_processing import Select, StreamDeclaration, UnitDeclaration, parse_specification
+from dyknow_stream_processing import (
+    Select,
+    StreamDeclaration,
+    StreamReference,
+    UnitDeclaration,
+    parse_specification,
+)
 
 
 class Grounding(IntEnum):
@@ -61,6 +67,7 @@ class FeatureSource:
         declaration: `stream NAME = ...`, canonical.
         units: the declarations of its computational units, canonical.
         grounding: how it was found: SYNTACTIC or SEMANTIC.
+        select: the declared stream, if features of the same stream may share it.
     """
 
     feature: str
@@ -68,6 +75,7 @@ class FeatureSource:
     declaration: str
     units: tuple[str, ...] = ()
     grounding: Grounding = Grounding.SEMANTIC
+    select: Select | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         return self.declaration.partition(' = ')[2]
@@ -148,6 +156,8 @@ def _feature_name(feature: str) -> str:
 def _preferred(
     sources: Sequence[FeatureSource], preferences: Sequence[Callable[[FeatureSource], bool]]
 ) -> FeatureSource:
+    if len(sources) == 1:
+        return sources[0]  # A formula may have thousands of features.
     return next(
         source
         for count in range(len(preferences), -1, -1)
@@ -167,7 +177,18 @@ def _sources_in(specification: str) -> Iterable[FeatureSource]:
     for declaration in declarations:
         if isinstance(declaration, StreamDeclaration) and isinstance(declaration.stream, Select):
             for selection in declaration.stream.selections:
-                yield FeatureSource(selection.name, declaration.name, str(declaration), units)
+                yield FeatureSource(
+                    selection.name,
+                    declaration.name,
+                    str(declaration),
+                    units,
+                    select=declaration.stream if _has_all_fields(declaration.stream) else None,
+                )
+
+
+def _has_all_fields(select: Select) -> bool:
+    """Return True if all samples have what is selected; messages of topics may lack some of it."""
+    return isinstance(select.source, StreamReference) and not select.source.is_topic
 
 
 def referenced_source(symbol: Symbol) -> FeatureSource:

@@ -79,6 +79,7 @@ class KnownStreams:
         self._is_published = is_published
         self._absolute = absolute
         self._has_begun = has_begun or self._is_received
+        self._known_origins: dict[FreeNames, frozenset[str]] = {}
 
     @staticmethod
     def parse(source: FeatureSource) -> None:
@@ -109,10 +110,11 @@ class KnownStreams:
 
     def topics(self, sources: Iterable[FeatureSource]) -> tuple[str, ...]:
         """Return the topics that sources are made from, but not topics of streams in between."""
+        named = set(map(_source_names, sources))
         found = {
             name
-            for source in sources
-            for name in self.origins(source)
+            for names in named
+            for name in self._origins(names)
             if name.startswith('/') and not self._is_made(name)
         }
         # Transforms are read from both topics of tf2.
@@ -145,6 +147,11 @@ class KnownStreams:
         return False
 
     def _origins(self, names: FreeNames) -> frozenset[str]:
+        if names not in self._known_origins:
+            self._known_origins[names] = self._find_origins(names)
+        return self._known_origins[names]
+
+    def _find_origins(self, names: FreeNames) -> frozenset[str]:
         found: set[str] = set()
         pending = [names]
         while pending:
@@ -239,6 +246,8 @@ def stream_topic(name: str) -> str:
 
 def _source_names(source: FeatureSource) -> FreeNames:
     """Return the streams and topics that a source names."""
+    if source.select is not None:
+        return _names_of(source.select, {})
     return _free_names(_source_text(source))
 
 

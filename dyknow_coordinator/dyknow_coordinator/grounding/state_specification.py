@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 
 from dyknow_common import StreamConstraints, Symbol
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource, Grounding
+from dyknow_stream_processing import Selection
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,35 @@ class FormulaInputs:
 
 def state_specification(sources: Iterable[FeatureSource]) -> str:
     """Return the specification of the state stream: all sources, synchronised (step 6)."""
-    distinct = _with_distinct_names(sources)
+    distinct = _with_distinct_names(_shared(sources))
     units = dict.fromkeys(unit for source in distinct for unit in source.units)
     declarations = dict.fromkeys(source.declaration for source in distinct)
     names = dict.fromkeys(source.stream for source in distinct)
     return ';\n'.join([*units, *declarations, f'sink sync({", ".join(names)})'])
+
+
+def _shared(sources: Iterable[FeatureSource]) -> Iterator[FeatureSource]:
+    """Yield sources such that features of the same samples of a stream share one select.
+
+    So a sync of the distances of 100 robots to 50 regions has 100 inputs, not 5,000.
+    """
+    groups: dict[object, list[FeatureSource]] = {}
+    for source in sources:
+        key: object = source
+        if source.select is not None:
+            key = source.units, replace(source.select, selections=())
+        groups.setdefault(key, []).append(source)
+    for group in groups.values():
+        first, *others = group
+        if first.select is not None and others:
+            chosen = dict.fromkeys(part for each in group for part in _selections(each))
+            select = replace(first.select, selections=tuple(chosen))
+            first = replace(first, declaration=f'stream {first.stream} = {select}')
+        yield first
+
+
+def _selections(source: FeatureSource) -> tuple[Selection, ...]:
+    return () if source.select is None else source.select.selections
 
 
 def _with_distinct_names(sources: Iterable[FeatureSource]) -> Sequence[FeatureSource]:

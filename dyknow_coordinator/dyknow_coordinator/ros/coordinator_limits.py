@@ -15,7 +15,7 @@ LIMITS: Final = {
     'plan_limit': (50, 'Plans that are monitored at once.'),
     'plan_part_limit': (1000, 'Actions and formulas of a plan.'),
     'object_limit': (10_000, 'Sorts and objects for which a formula is evaluated.'),
-    'feature_limit': (1000, 'Ground features of a formula, which are the fields of its states.'),
+    'feature_limit': (10_000, 'Ground features of a formula, which are the fields of its states.'),
     'ended_limit': (200, 'Formulas that are reported to operators after their end.'),
     'verdict_topic_limit': (200, 'Topics with the verdicts of formulas that have names.'),
 }

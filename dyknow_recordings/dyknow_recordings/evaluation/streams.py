@@ -129,7 +129,9 @@ class RecordedStreams:
         for name in self.running(origins):
             specification = parse_specification(self.dataflow.specification(name))
             trial.create(name, specification, NO_CONSTRAINTS, _ignore, _ignore)
-        for number, source in enumerate(sources):
+        # Those that select from streams read no more than these do.
+        of_topics = (source for source in sources if source.select is None)
+        for number, source in enumerate(of_topics):
             specification = parse_specification(';\n'.join([*source.units, source.declaration]))
             try:
                 trial.create(f'candidate {number}', specification, NO_CONSTRAINTS, _ignore, _ignore)

@@ -34,7 +34,7 @@ class StreamLimits:
         )
         self._characters = node.changing_parameter(
             'max_specification',
-            100_000,
+            500_000,
             'Number of characters of the specification in a request.',
             (100, 1_000_000),
         )
