@@ -28,6 +28,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 from math import prod
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 from dyknow_common import MAX_CHARACTERS, InlineText, unknown
@@ -39,13 +40,14 @@ from dyknow_configuration.formulas import formulas_of, read_constants
 from dyknow_configuration.guards import read_guards
 from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.positions import read_positions
-from dyknow_configuration.regions import read_regions
+from dyknow_configuration.regions import StatedRegion, read_regions, read_relations
 from dyknow_configuration.robot import (
     RobotConfiguration,
     RobotFeature,
     RobotMap,
     RobotSort,
     RobotVocabulary,
+    TextSource,
     choices,
 )
 from dyknow_configuration.topics import MAX_TEXTS, read_topics
@@ -53,6 +55,7 @@ from dyknow_configuration.triggers import NO_TRIGGERS, read_triggers
 from dyknow_configuration.vocabulary import FEATURE_KEYS, read_uncertainty, read_vocabulary
 from dyknow_configuration.yaml_values import YamlValue, read_yaml, texts
 from dyknow_reasoning import NO_CONSTANTS
+from dyknow_space import SpatialStatement
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
 KEYS: Final = (
@@ -61,6 +64,7 @@ KEYS: Final = (
     'features',
     'streams',
     'regions',
+    'relations',
     'positions',
     'topics',
     'constants',
@@ -121,7 +125,10 @@ def robot_of(
     if calibrated:
         check_calibrated(values, formulas, guards, forecasts.features)
     return RobotConfiguration(
-        ontologies=(*_files(texts(values, 'ontology')), *_ontology(vocabulary, path)),
+        ontologies=(
+            *_files(texts(values, 'ontology')),
+            *_ontology(values, vocabulary, regions, path),
+        ),
         annotations=(
             *_files(texts(values, 'annotations')),
             *_annotations(values, vocabulary),
@@ -151,11 +158,17 @@ def _streams(
     return [*_files(named, _STREAM_HINT), *read_streams(own, vocabulary)]
 
 
-def _ontology(vocabulary: RobotVocabulary, path: Path) -> list[InlineText]:
+def _ontology(
+    values: Mapping[str, YamlValue],
+    vocabulary: RobotVocabulary,
+    regions: Sequence[StatedRegion],
+    path: Path,
+) -> list[InlineText]:
+    relations = read_relations(values, regions, vocabulary.all_objects())
     if not vocabulary:
         return []
     name = re.sub(r'[^A-Za-z0-9_]+', '_', path.stem)
-    return [InlineText(str(path), ontology_text(vocabulary, name))]
+    return [InlineText(str(path), ontology_text(vocabulary, name, relations))]
 
 
 def _annotations(values: Mapping[str, YamlValue], vocabulary: RobotVocabulary) -> list[InlineText]:
@@ -214,12 +227,17 @@ _HEADER = """\
 """
 
 
-def ontology_text(vocabulary: RobotVocabulary, name: str) -> str:
+def ontology_text(
+    vocabulary: RobotVocabulary,
+    name: str,
+    relations: Mapping[str, Sequence[SpatialStatement]] = MappingProxyType({}),
+) -> str:
     """Return the ontology of a vocabulary.
 
     Args:
         vocabulary: the sorts, objects and features.
         name: of the ontology, which becomes the prefix of its names.
+        relations: what is known of the relations of regions, by region.
     """
     lines = [_HEADER.format(iri=f'http://www.dyknow.org/robots/{name}')]
     for sort in vocabulary.sorts.values():
@@ -234,6 +252,9 @@ def ontology_text(vocabulary: RobotVocabulary, name: str) -> str:
     for object_, names in sorted(sorts.items()):
         lines.append(f'    <owl:NamedIndividual rdf:about="#{object_}">')
         lines += [f'        <rdf:type rdf:resource="#{each}"/>' for each in names]
+        if object_ in relations:
+            known = '; '.join(map(str, relations[object_]))
+            lines.append(f'        <dyknow:relations>{known}</dyknow:relations>')
         lines.append('    </owl:NamedIndividual>')
     return '\n'.join([*lines, '</rdf:RDF>', ''])
 

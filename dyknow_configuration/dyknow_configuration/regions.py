@@ -7,26 +7,34 @@
       fences: {frame: wgs84, geojson: fences.geojson}
       keep_out: {is: KeepOut, frame: map, mask: keepout_mask.yaml}
 
-A file may hold several regions, which have their own names.
+A file may hold several regions, which have their own names. Their relations are computed; those of
+objects that are not drawn may be told:
+
+    relations: [kitchen NTPP flat, 'hall {EC, DC} flat']
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
-from dyknow_common import CONSTRAINT_KINDS
+from dyknow_common import CONSTRAINT_KINDS, unknown
 from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import (
     ALL_HEIGHTS,
+    MAX_RELATED,
     WGS84,
+    ContradictionError,
     Region,
     SpaceError,
+    SpatialKnowledge,
+    SpatialStatement,
     buffer_of,
     circle,
     geometry_of,
+    parse_statement,
     read_free_space,
     read_geojson,
     read_mask,
@@ -93,6 +101,45 @@ def read_regions(value: YamlValue) -> tuple[StatedRegion, ...]:
         if len(found) > MAX_REGIONS:
             raise key.error(f'the file has more than {MAX_REGIONS} regions; split it')
     return tuple(found.values())
+
+
+def read_relations(
+    values: Mapping[str, YamlValue], regions: Sequence[StatedRegion], objects: Collection[str]
+) -> dict[str, list[SpatialStatement]]:
+    """Return what is known of the relations of regions, drawn or told, by the first of each two.
+
+    Args:
+        values: by key.
+        regions: those that are drawn.
+        objects: the names of all objects; regions that are not drawn are among them.
+
+    Raises:
+        ConfigurationError: with the place of the fault, or of a statement that contradicts others.
+    """
+    drawn = [each.region for each in regions]
+    told: dict[SpatialStatement, YamlValue] = {}
+    for each in values['relations'].one_or_more() if 'relations' in values else ():
+        try:
+            statement = parse_statement(each.text('a relation'))
+        except SpaceError as error:
+            raise each.error(error.message) from None
+        for name in (statement.first, statement.second):
+            if name not in objects:
+                raise each.error(unknown('region', name, objects))
+        told.setdefault(statement, each)
+    if not told and len(drawn) > MAX_RELATED:
+        return {}
+    try:
+        knowledge = SpatialKnowledge(told, drawn)
+    except ContradictionError as error:
+        place = next(told[each] for each in reversed(error.statements) if each in told)
+        raise place.error(error.message) from None
+    except SpaceError as error:
+        raise values['relations'].error(error.message) from None
+    found: dict[str, list[SpatialStatement]] = {}
+    for statement in knowledge.statements:
+        found.setdefault(statement.first, []).append(statement)
+    return found
 
 
 def _regions(

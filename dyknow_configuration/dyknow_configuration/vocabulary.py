@@ -22,6 +22,7 @@ from dyknow_configuration.regions import DISTANCES, StatedRegion, positioned_sor
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 from dyknow_configuration.yaml_values import YamlValue, texts
 from dyknow_reasoning import ANY_NUMBER, SPATIAL, ForecastBound, ForecastFeature
+from dyknow_space import RELATION_NAMES
 
 SORT_KEYS: Final = ('below', 'description')
 FEATURE_KEYS: Final = (
@@ -93,6 +94,7 @@ class _VocabularyReader:
     def __init__(self, values: Mapping[str, YamlValue], regions: Sequence[StatedRegion]) -> None:
         self._values = values
         self._regions = regions
+        self._has_regions = bool(regions) or 'relations' in values
         self._kinds: dict[str, str] = {}
         self._sorts: dict[str, RobotSort] = {}
         self._features: dict[str, RobotFeature] = {}
@@ -302,6 +304,8 @@ class _VocabularyReader:
             )
         if name in _RESERVED or name in _UPPER:
             raise value.error(f"'{name}' is a reserved word; choose another name")
+        if kind == 'feature' and name in RELATION_NAMES and self._has_regions:
+            raise value.error(f"'{name}' is a relation of regions; choose another name")
         other = self._kinds.setdefault(name, kind)
         if other != kind:
             raise value.error(f"'{name}' is the name of a {other} already; choose another name")

@@ -16,6 +16,7 @@ from dyknow_coordinator.grounding.feature_sources import (
 )
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, stream_topic
 from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
+from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.source_choice import (
     EXCLUSION_NS,
@@ -97,6 +98,7 @@ __all__ = [
     'field_names',
     'find_uncertainties',
     'find_units',
+    'ground_features',
     'has_loaded',
     'has_units',
     'infer_sorts',
@@ -109,6 +111,7 @@ __all__ = [
     'unknown_features',
     'verdict_token',
     'with_caveat',
+    'with_relations',
     'with_sorts',
     'with_unit',
     'with_units',

@@ -18,16 +18,31 @@ from dyknow_space.regions.region import (
 )
 from dyknow_space.regions.shapes import buffer_of, circle
 from dyknow_space.regions.units import RegionDistances, SweptDistances
-from dyknow_space.relations.calculus import ANY, RegionRelation, compose, converse
+from dyknow_space.relations.calculus import (
+    ANY,
+    RELATION_NAMES,
+    RegionRelation,
+    compose,
+    converse,
+)
 from dyknow_space.relations.drawn import relation_of
-from dyknow_space.relations.knowledge import SpatialKnowledge, SpatialStatement, parse_statement
+from dyknow_space.relations.knowledge import (
+    MAX_RELATED,
+    ContradictionError,
+    SpatialKnowledge,
+    SpatialStatement,
+    parse_statement,
+)
 
 __all__ = [
     'ALL_HEIGHTS',
     'ALL_TIMES',
     'ANY',
+    'MAX_RELATED',
     'MAX_VERTICES',
+    'RELATION_NAMES',
     'WGS84',
+    'ContradictionError',
     'LocalPlane',
     'Region',
     'RegionDistances',

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
-from itertools import combinations, permutations
+from itertools import combinations, permutations, product
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -15,6 +15,8 @@ import pytest
 
 from dyknow_space import (
     ANY,
+    RELATION_NAMES,
+    Region,
     RegionRelation,
     SpaceError,
     SpatialKnowledge,
@@ -46,12 +48,12 @@ def polygon(random: Random, near: Any = None) -> Any:
     return found if random.random() < 0.7 else shapely().union(found, polygon(random))
 
 
-def triple(random: Random) -> list[Any]:
+def triple(random: Random) -> list[Region]:
     """Three polygons in any order, some like another one."""
     found = [polygon(random)]
     for _ in range(2):
         found.append(polygon(random, random.choice((None, *found, *found))))
-    return random.sample(found, 3)
+    return [Region('r', (), 'map', each) for each in random.sample(found, 3)]
 
 
 def test_compositions_of_drawn_regions() -> None:
@@ -129,21 +131,84 @@ def test_knowledge_is_what_all_scenarios_agree_on() -> None:
             for each in found:
                 possible |= each[a, b]
             assert knowledge.possible(a, b) == possible
-        asked = [pairs[0], pairs[-1]]
-        wanted = random.choice(list(RegionRelation))
-        truths = {any(each[pair] is wanted for pair in asked) for each in found}
-        verdict = knowledge.verdict(asked, lambda each, w=wanted: w in each.values())
-        assert verdict == (truths.pop() if len(truths) == 1 else None)
+        asked = [
+            SpatialStatement(*pair[:1], RegionRelation(random.randint(1, 254)), *pair[1:])
+            for pair in random.choices([*pairs, *((b, a) for a, b in pairs)], k=3)
+        ]
+        cases = list(knowledge.cases(asked))
+        assert len(cases) == len(set(cases))
+        assert set(cases) == {
+            tuple(bool(each[one.first, one.second] & one.relation) for one in asked)
+            for each in found
+        }
+
+
+def region(name: str, bounds: tuple[float, ...], **details: Any) -> Region:
+    return Region(name, (), details.pop('frame', 'map'), shapely().box(*bounds), **details)
 
 
 def test_told_and_drawn_regions() -> None:
-    drawn = {'flat': shapely().box(0, 0, 9, 9), 'office': shapely().box(20, 0, 29, 9)}
+    drawn = [region('flat', (0, 0, 9, 9)), region('office', (20, 0, 29, 9))]
     knowledge = SpatialKnowledge(['kitchen part_of flat', 'hall {EC, DC} flat'], drawn)
     assert knowledge.possible('kitchen', 'office') is RegionRelation.DC
     assert str(knowledge.possible('hall', 'flat')) == '{DC, EC}'
-    pairs = [('kitchen', 'hall')]
-    assert knowledge.verdict(pairs, lambda each: each[pairs[0]] is not RegionRelation.PO) is True
-    assert knowledge.verdict(pairs, lambda each: each[pairs[0]] is RegionRelation.DC) is None
+    apart = SpatialStatement('kitchen', RegionRelation.DC, 'hall')
+    overlap = SpatialStatement('hall', RELATION_NAMES['overlaps'], 'kitchen')
+    assert set(knowledge.cases([apart, overlap])) == {(True, False), (False, False)}
+    with pytest.raises(SpaceError, match=r'a EC flat; a NTPP office; flat DC office \(drawn\)$'):
+        SpatialKnowledge(['a EC flat', 'a DC x', 'a NTPP office'], drawn)
+
+
+def test_what_is_not_comparable_is_not_known() -> None:
+    here, there = region('here', (0, 0, 9, 9)), region('there', (1, 1, 2, 2), frame='odom')
+    later = region('later', (1, 1, 2, 2), times=(5, None))
+    assert relation_of(here, there) is relation_of(here, later) is None
+    assert SpatialKnowledge(['there NTPP later'], [here, there, later]).regions == [
+        'later',
+        'there',
+    ]
+
+
+def points(box: tuple[int, ...], margin: float) -> set[tuple[float, ...]]:
+    """The points of a lattice in a box with a margin; the lattice shows how boxes meet."""
+    low, high = box[:3], box[3:]
+    axes = ([x / 2 for x in range(-1, 12)] for _ in low)
+    return {
+        each
+        for each in product(*axes)
+        if all(a + margin <= x <= b - margin for a, x, b in zip(low, each, high, strict=True))
+    }
+
+
+def naive_relation(first: tuple[int, ...], second: tuple[int, ...]) -> RegionRelation:
+    """The relation of two boxes, by its definition."""
+    (a, b), (inner_a, inner_b) = (
+        [points(each, margin) for each in (first, second)] for margin in (0, 0.5)
+    )
+    if not a & b:
+        return RegionRelation.DC
+    if not inner_a & inner_b:
+        return RegionRelation.EC
+    if a == b:
+        return RegionRelation.EQ
+    if a <= b:
+        return RegionRelation.NTPP if a <= inner_b else RegionRelation.TPP
+    if b <= a:
+        return RegionRelation.NTPPI if b <= inner_a else RegionRelation.TPPI
+    return RegionRelation.PO
+
+
+def test_prisms_are_related_as_their_points_are() -> None:
+    random = Random(3)  # noqa: S311 - no secrets
+    for _ in range(CASES or 60):
+        boxes = []
+        for _ in range(2):
+            low = [random.randint(0, 3) for _ in range(3)]
+            boxes.append((*low, *(each + random.randint(1, 2) for each in low)))
+        first, second = (
+            region('r', (x, y, x2, y2), altitude=(z, z2)) for x, y, z, x2, y2, z2 in boxes
+        )
+        assert relation_of(first, second) is naive_relation(*boxes), boxes
 
 
 @pytest.mark.parametrize(

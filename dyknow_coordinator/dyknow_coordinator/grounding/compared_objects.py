@@ -23,12 +23,14 @@ SYNONYM_QUERY: Final = """
 """
 """The SPARQL query for pairs of names of one object."""
 
-_NAME: Final = r"[A-Za-z_]\w*'*"
+NAME: Final = r"[A-Za-z_]\w*'*"
+"""The pattern of the name of an object or a variable."""
+
 _TEXT: Final = re.compile(r'"(?:\\.|[^"\\])*"')
 _QUANTIFIER: Final = re.compile(
-    rf'\b(?:forall|exists|for|(?:at least|at most|exactly) [0-9]+) ({_NAME}) in ({_NAME})[:)]'
+    rf'\b(?:forall|exists|for|(?:at least|at most|exactly) [0-9]+) ({NAME}) in ({NAME})[:)]'
 )
-_COMPARISON: Final = re.compile(rf"(?<![\w.'])({_NAME}) !?= ({_NAME})(?![\w.'\[(])")
+_COMPARISON: Final = re.compile(rf"(?<![\w.'])({NAME}) !?= ({NAME})(?![\w.'\[(])")
 
 
 async def check_compared_objects(
@@ -46,10 +48,7 @@ async def check_compared_objects(
             objects.
         DyKnowError: if the query fails.
     """
-    text = _TEXT.sub('', formula)
-    sorts: dict[str, set[str]] = defaultdict(set)
-    for variable, sort in _QUANTIFIER.findall(text):
-        sorts[variable].add(sort)
+    text, sorts = _TEXT.sub('', formula), bound_sorts(formula)
     compared = [each for each in _COMPARISON.finditer(text) if sorts.keys() & {*each.groups()}]
     synonyms = _synonyms(await query(SYNONYM_QUERY)) if compared else {}
     for comparison in compared:
@@ -65,6 +64,14 @@ async def check_compared_objects(
                 f"'{comparison[0]}' is ambiguous: there are {listed(alike)}; give the objects "
                 'different names'
             )
+
+
+def bound_sorts(formula: str) -> dict[str, set[str]]:
+    """Return the sorts of each variable that the quantifiers of a canonical text bind."""
+    sorts: dict[str, set[str]] = defaultdict(set)
+    for variable, sort in _QUANTIFIER.findall(_TEXT.sub('', formula)):
+        sorts[variable].add(sort)
+    return dict(sorts)
 
 
 def _names(

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from typing import Final
 
 from dyknow_common import Symbol, SymbolKind
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import Grounding
 
+OPEN_RELATION: Final = 'open_relation'
+"""The text that tells cases of unknown relations of regions apart; no stream has it."""
+
 
 def feature_symbols(symbols: Iterable[Symbol]) -> tuple[Symbol, ...]:
-    """Return the features among symbols."""
-    return tuple(symbol for symbol in symbols if symbol.kind is SymbolKind.FEATURE)
+    """Return the features among symbols that streams have."""
+    return tuple(
+        symbol
+        for symbol in symbols
+        if symbol.kind is SymbolKind.FEATURE and symbol.name != OPEN_RELATION
+    )
 
 
 def sort_names(symbols: Iterable[Symbol]) -> tuple[str, ...]:

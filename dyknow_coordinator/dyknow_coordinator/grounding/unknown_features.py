@@ -8,13 +8,13 @@ and `-inf inf` for a feature without bounds or of another kind than a number.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import isnan
+from math import inf, isnan
 from typing import Final
 
 from dyknow_common import Symbol
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.declared_properties import QueryFunction, own_or_inherited
-from dyknow_coordinator.grounding.symbols import feature_symbols
+from dyknow_coordinator.grounding.symbols import OPEN_RELATION, feature_symbols
 
 # Without the first condition, owlready2 does not follow the path.
 _QUERY: Final = """
@@ -43,15 +43,18 @@ async def unknown_features(
     Raises:
         DyKnowError: for bounds that are none, or if the query fails.
     """
+    symbols = tuple(symbols)
+    relations = {each.name: (-inf, inf) for each in symbols if each.name == OPEN_RELATION}
     names = {each.name for each in feature_symbols(symbols) if not each.is_reference}
     if not names:
-        return {}
+        return relations
     stated: dict[str, list[tuple[str, _Range]]] = {}
     for feature, above, value in await query(_QUERY):
         name = feature.rpartition(':')[2]
         if name in names:
             stated.setdefault(name, []).append((above, _range(name, value)))
-    return {name: _widest(own_or_inherited(name, found)) for name, found in stated.items()}
+    ranges = {name: _widest(own_or_inherited(name, found)) for name, found in stated.items()}
+    return relations | ranges
 
 
 def _widest(found: Iterable[_Range]) -> _Range:

@@ -22,15 +22,16 @@ from dyknow_coordinator import (
     Grounding,
     check_compared_objects,
     check_symbols,
-    feature_symbols,
     feature_units,
     find_uncertainties,
     find_units,
+    ground_features,
     has_units,
     infer_sorts,
     parse_sources,
     sort_names,
     unknown_features,
+    with_relations,
     with_sorts,
     with_units,
 )
@@ -125,7 +126,7 @@ class FormulaGrounder:
         domains = self._domains(symbols, texts)
         candidates = self._candidates(symbols)
         group.begin(domains)
-        features = tuple(map(str, feature_symbols(group.symbols())))
+        features = ground_features(group.symbols())
         candidates = self._with_fields(candidates, features)
         candidates.choose(features)
         unknown = _finished(unknown_features(symbols, self._query))
@@ -172,9 +173,13 @@ class FormulaGrounder:
         check_symbols(symbols, Grounding.AUTO)
         canonical = str(group.formulas[formula_id])
         formula = with_sorts(canonical, _finished(infer_sorts(symbols, self._query)))
+        formula = _finished(with_relations(formula, self._instances, self._query))
         units = _finished(find_units(symbols, self._query)) if has_units(canonical) else {}
         uncertainties = _finished(find_uncertainties(canonical, symbols, self._query))
         return with_units(formula, units, uncertainties)
+
+    async def _instances(self, sorts: Sequence[str]) -> Mapping[str, tuple[str, ...]]:
+        return {sort: self._vocabulary.instances(sort) for sort in sorts}
 
     async def _matching_sources(self, concept: str) -> tuple[FeatureSource, ...]:
         return parse_sources(self._vocabulary.matching_streams(concept))

@@ -25,22 +25,22 @@ class RegionRelation(IntFlag):
     """The first is a part of the second, and touches its boundary."""
     NTPP = 16
     """The first is a part of the second, and does not touch its boundary."""
-    TPPi = 32
+    TPPI = 32
     """The second is a TPP of the first."""
-    NTPPi = 64
+    NTPPI = 64
     """The second is an NTPP of the first."""
     EQ = 128
     """They are equal."""
 
     def __str__(self) -> str:
-        names = [str(each.name) for each in bases(self)]
-        return names[0] if len(names) == 1 else f'{{{", ".join(names)}}}'
+        named = [name for name, each in RELATION_NAMES.items() if each == self]
+        return named[0] if named else f'{{{", ".join(str(each.name) for each in bases(self))}}}'
 
 
 ANY: Final = RegionRelation(255)
 """Nothing is known."""
 
-NAMES: Final[Mapping[str, RegionRelation]] = {
+RELATION_NAMES: Final[Mapping[str, RegionRelation]] = {
     **{str(each.name): each for each in RegionRelation},
     'part_of': RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.EQ,
     'touches': RegionRelation.EC,
@@ -50,26 +50,26 @@ NAMES: Final[Mapping[str, RegionRelation]] = {
 """Relations by their names in statements."""
 
 _CONVERSES: Final = {
-    RegionRelation.TPP: RegionRelation.TPPi,
-    RegionRelation.NTPP: RegionRelation.NTPPi,
+    RegionRelation.TPP: RegionRelation.TPPI,
+    RegionRelation.NTPP: RegionRelation.NTPPI,
 }
 
 # For each relation of a to b, as rows, and of b to c, those that a may have to c, in the order of
-# the flags; `*` are all, `<` are DC EC PO TPP NTPP, `>` are DC EC PO TPPi NTPPi.
+# the flags; `*` are all, `<` are DC EC PO TPP NTPP, `>` are DC EC PO TPPI NTPPI.
 _TABLE: Final = """
 DC    | * | < | < | < | < | DC | DC | DC
-EC    | > | DC EC PO TPP TPPi EQ | < | EC PO TPP NTPP | PO TPP NTPP | DC EC | DC | EC
+EC    | > | DC EC PO TPP TPPI EQ | < | EC PO TPP NTPP | PO TPP NTPP | DC EC | DC | EC
 PO    | > | > | * | PO TPP NTPP | PO TPP NTPP | > | > | PO
-TPP   | DC | DC EC | < | TPP NTPP | NTPP | DC EC PO TPP TPPi EQ | > | TPP
+TPP   | DC | DC EC | < | TPP NTPP | NTPP | DC EC PO TPP TPPI EQ | > | TPP
 NTPP  | DC | DC | < | NTPP | NTPP | < | * | NTPP
-TPPi  | > | EC PO TPPi NTPPi | PO TPPi NTPPi | PO TPP TPPi EQ | PO TPP NTPP | TPPi NTPPi | NTPPi | TPPi
-NTPPi | > | PO TPPi NTPPi | PO TPPi NTPPi | PO TPPi NTPPi | PO TPP NTPP TPPi NTPPi EQ | NTPPi | NTPPi | NTPPi
-EQ    | DC | EC | PO | TPP | NTPP | TPPi | NTPPi | EQ
+TPPI  | > | EC PO TPPI NTPPI | PO TPPI NTPPI | PO TPP TPPI EQ | PO TPP NTPP | TPPI NTPPI | NTPPI | TPPI
+NTPPI | > | PO TPPI NTPPI | PO TPPI NTPPI | PO TPPI NTPPI | PO TPP NTPP TPPI NTPPI EQ | NTPPI | NTPPI | NTPPI
+EQ    | DC | EC | PO | TPP | NTPP | TPPI | NTPPI | EQ
 """  # noqa: E501 - a table
 _SHORT: Final = {
     '*': ' '.join(RegionRelation.__members__),
     '<': 'DC EC PO TPP NTPP',
-    '>': 'DC EC PO TPPi NTPPi',
+    '>': 'DC EC PO TPPI NTPPI',
 }
 
 
@@ -87,7 +87,7 @@ def converse(relation: RegionRelation) -> RegionRelation:
 
 
 _SIDED: Final = (
-    RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.TPPi | RegionRelation.NTPPi
+    RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.TPPI | RegionRelation.NTPPI
 )
 
 

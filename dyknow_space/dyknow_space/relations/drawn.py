@@ -1,17 +1,31 @@
-"""The relation between two drawn regions: polygons of shapely."""
+"""The relation between two drawn regions."""
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
-from dyknow_space.relations.calculus import RegionRelation
+from dyknow_space.regions.region import ALL_HEIGHTS, ALL_TIMES, Region
+from dyknow_space.relations.calculus import RegionRelation, converse
+
+_IS_PART = RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.EQ
 
 
-def relation_of(first: Any, second: Any) -> RegionRelation:
-    """Return the relation of a polygon to another one; both are valid and have an area.
+def relation_of(first: Region, second: Region) -> RegionRelation | None:
+    """Return the relation of a region to another one; None if they are not comparable.
 
-    The coordinates are taken as they are: where regions should touch, their vertices must agree.
+    They are comparable if they are in one frame, and exist at all times. The coordinates are taken
+    as they are: where regions should touch, their vertices must agree.
     """
+    if first.frame != second.frame or {first.times, second.times} != {ALL_TIMES}:
+        return None
+    flat = _of_polygons(first.geometry, second.geometry)
+    if first.altitude == second.altitude == ALL_HEIGHTS:
+        return flat
+    return _of_prisms(flat, _of_intervals(first.altitude, second.altitude))
+
+
+def _of_polygons(first: Any, second: Any) -> RegionRelation:
     if first.disjoint(second):
         return RegionRelation.DC
     if first.touches(second):
@@ -22,8 +36,38 @@ def relation_of(first: Any, second: Any) -> RegionRelation:
         inner, tangential, proper = first, RegionRelation.TPP, RegionRelation.NTPP
         outer = second
     elif second.covered_by(first):
-        inner, tangential, proper = second, RegionRelation.TPPi, RegionRelation.NTPPi
+        inner, tangential, proper = second, RegionRelation.TPPI, RegionRelation.NTPPI
         outer = first
     else:
         return RegionRelation.PO
     return tangential if inner.boundary.intersects(outer.boundary) else proper
+
+
+def _of_intervals(first: tuple[float, float], second: tuple[float, float]) -> RegionRelation:
+    (low, high), (other_low, other_high) = first, second
+    if high <= other_low or other_high <= low:
+        touch = high == other_low or other_high == low
+        return RegionRelation.EC if touch else RegionRelation.DC
+    if first == second:
+        return RegionRelation.EQ
+    if low <= other_low and high >= other_high:
+        return converse(_of_intervals(second, first))
+    if low < other_low or high > other_high:
+        return RegionRelation.PO
+    shared = [a for a, b in zip(first, second, strict=True) if a == b and isfinite(a)]
+    return RegionRelation.TPP if shared else RegionRelation.NTPP
+
+
+def _of_prisms(base: RegionRelation, height: RegionRelation) -> RegionRelation:
+    """Return the relation of prisms, given those of their bases and their altitudes."""
+    both = base | height
+    for each in (RegionRelation.DC, RegionRelation.EC):
+        if each & both:
+            return each
+    if base is height:
+        return base
+    if not both & ~_IS_PART:
+        return RegionRelation.TPP
+    if not both & ~converse(_IS_PART):
+        return RegionRelation.TPPI
+    return RegionRelation.PO

@@ -11,17 +11,25 @@ B. Nebel, "On the complexity of qualitative spatial reasoning", 1999): in a *sce
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import combinations
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from dyknow_common import listed
 from dyknow_space.errors import SpaceError
-from dyknow_space.relations.calculus import ANY, NAMES, RegionRelation, bases, compose, converse
+from dyknow_space.regions.region import Region
+from dyknow_space.relations.calculus import (
+    ANY,
+    RELATION_NAMES,
+    RegionRelation,
+    bases,
+    compose,
+    converse,
+)
 from dyknow_space.relations.drawn import relation_of
 
-MAX_REGIONS: Final = 100
+MAX_RELATED: Final = 100
 """The most regions that statements may be about: the work grows with their cube."""
 MAX_CHOICES: Final = 20_000
 """The most relations that are tried to answer a question."""
@@ -39,6 +47,7 @@ class SpatialStatement:
     first: str
     relation: RegionRelation
     second: str
+    is_drawn: bool = field(default=False, compare=False)
 
     def __str__(self) -> str:
         return f'{self.first} {self.relation} {self.second}'
@@ -58,12 +67,25 @@ def parse_statement(text: str) -> SpatialStatement:
     first, names, second = found.groups()
     relation = 0
     for name in re.findall(r'\w+', names):
-        if name not in NAMES:
+        if name not in RELATION_NAMES:
             raise SpaceError(
-                f"'{text}': there is no relation '{name}' (there are: {listed(NAMES)})"
+                f"'{text}': there is no relation '{name}' (there are: {listed(RELATION_NAMES)})"
             )
-        relation |= NAMES[name]
+        relation |= RELATION_NAMES[name]
     return SpatialStatement(first, RegionRelation(relation), second)
+
+
+class ContradictionError(SpaceError):
+    """Statements about regions with which no scenario agrees.
+
+    Args:
+        statements: some of them; without any one of these, a scenario would agree with the others.
+    """
+
+    def __init__(self, statements: Sequence[SpatialStatement]) -> None:
+        self.statements = statements
+        shown = '; '.join(f'{each}{" (drawn)" if each.is_drawn else ""}' for each in statements)
+        super().__init__(f'statements about regions contradict each other: {shown}')
 
 
 class SpatialKnowledge:
@@ -71,34 +93,38 @@ class SpatialKnowledge:
 
     Args:
         statements: the statements, or their texts.
-        drawn: polygons of shapely, by the names of their regions.
+        drawn: regions, whose relations are known where they can be compared.
 
     Raises:
-        SpaceError: for a text that is no statement, too many regions, or a contradiction, of which
-            it names statements without any one of which there would be none.
+        SpaceError: for a text that is no statement, or too many regions.
+        ContradictionError: if no scenario agrees with the statements.
     """
 
     def __init__(
-        self,
-        statements: Iterable[SpatialStatement | str],
-        drawn: Mapping[str, Any] | None = None,
+        self, statements: Iterable[SpatialStatement | str], drawn: Sequence[Region] = ()
     ) -> None:
         told = [parse_statement(each) if isinstance(each, str) else each for each in statements]
-        told += (
-            SpatialStatement(a, relation_of(first, second), b)
-            for (a, first), (b, second) in combinations((drawn or {}).items(), 2)
-        )
+        for first, second in combinations(drawn, 2):
+            relation = relation_of(first, second)
+            if relation is not None:
+                told.append(SpatialStatement(first.name, relation, second.name, is_drawn=True))
         self.regions = sorted({name for each in told for name in (each.first, each.second)})
-        if len(self.regions) > MAX_REGIONS:
+        if len(self.regions) > MAX_RELATED:
             raise SpaceError(
-                f'the statements are about {len(self.regions)} regions, more than {MAX_REGIONS}; '
+                f'the statements are about {len(self.regions)} regions, more than {MAX_RELATED}; '
                 'tell less at once'
             )
         self._choices = 0
         self._relations = self._closed(told)
         if not self._is_consistent(self._relations):
-            shown = '; '.join(map(str, self._contradiction(told)))
-            raise SpaceError(f'statements about regions contradict each other: {shown}')
+            raise ContradictionError(self._contradiction(told))
+
+    @property
+    def statements(self) -> Iterator[SpatialStatement]:
+        """What is known of each two regions of which anything is known."""
+        for pair in combinations(self.regions, 2):
+            if self._relations[pair] != ANY:
+                yield SpatialStatement(pair[0], self._relations[pair], pair[1])
 
     def possible(self, first: str, second: str) -> RegionRelation:
         """Return the relations that a region has to another one in some scenario.
@@ -108,28 +134,35 @@ class SpatialKnowledge:
         """
         pair = self._pair(first, second)
         found = 0
-        for each, _ in self._scenarios([pair]):
-            found |= each[pair]
+        for each, narrowed in self._narrowed(self._relations, pair, bases(self._relations[pair])):
+            found |= each if self._is_consistent(narrowed) else 0
         return RegionRelation(found)
 
-    def verdict(
-        self, pairs: Sequence[Pair], holds: Callable[[Mapping[Pair, RegionRelation]], bool]
-    ) -> bool | None:
-        """Return the truth of a condition, or None if scenarios differ.
+    def cases(self, questions: Sequence[SpatialStatement]) -> Iterator[tuple[bool, ...]]:
+        """Yield the truths that questions have together in some scenario, each once.
 
         Args:
-            pairs: the regions whose relations the condition depends on.
-            holds: the condition, given one relation for each pair.
+            questions: of each two regions, whether they have one of some relations.
 
         Raises:
             SpaceError: as `possible`.
         """
-        found = set[bool]()
-        for each, _ in self._scenarios([self._pair(*pair) for pair in pairs]):
-            found.add(holds(each))
-            if len(found) > 1:
-                return None
-        return found.pop()
+        for each in questions:
+            self._pair(each.first, each.second)
+        yield from self._cases(self._relations, questions)
+
+    def _cases(
+        self, relations: _Relations, questions: Sequence[SpatialStatement]
+    ) -> Iterator[tuple[bool, ...]]:
+        if not questions:
+            yield ()
+            return
+        asked, *others = questions
+        pair, parts = (asked.first, asked.second), (asked.relation, ANY & ~asked.relation)
+        for each, narrowed in self._narrowed(relations, pair, parts):
+            if self._is_consistent(narrowed):
+                for rest in self._cases(narrowed, others):
+                    yield (each == asked.relation, *rest)
 
     def _pair(self, first: str, second: str) -> Pair:
         for name in (first, second):
@@ -139,21 +172,6 @@ class SpatialKnowledge:
         self._choices = 0
         return first, second
 
-    def _scenarios(self, pairs: Sequence[Pair]) -> Iterator[tuple[_Relations, _Relations]]:
-        """Yield the relations of some pairs in each scenario, and what follows from them."""
-        yield from self._chosen(self._relations, pairs, {})
-
-    def _chosen(
-        self, relations: _Relations, pairs: Sequence[Pair], chosen: _Relations
-    ) -> Iterator[tuple[_Relations, _Relations]]:
-        if not pairs:
-            if self._is_consistent(relations):
-                yield chosen, relations
-            return
-        pair, *others = pairs
-        for each, narrowed in self._narrowed(relations, pair):
-            yield from self._chosen(narrowed, others, {**chosen, pair: each})
-
     def _is_consistent(self, relations: _Relations) -> bool:
         """Return True if a scenario has one of the relations of each pair, which are closed."""
         if not all(relations.values()):
@@ -162,13 +180,19 @@ class SpatialKnowledge:
         if not pending:
             return True
         pair = min(pending, key=lambda each: relations[each].bit_count())
-        return any(self._is_consistent(each) for _, each in self._narrowed(relations, pair))
+        narrowed = self._narrowed(relations, pair, bases(relations[pair]))
+        return any(self._is_consistent(each) for _, each in narrowed)
 
     def _narrowed(
-        self, relations: _Relations, pair: Pair
+        self, relations: _Relations, pair: Pair, parts: Iterable[RegionRelation]
     ) -> Iterator[tuple[RegionRelation, _Relations]]:
-        """Yield each relation that a pair may have, and what follows from it."""
-        for each in bases(relations[pair]):
+        """Yield each part of the relations that a pair may have, and what follows from it."""
+        for each in parts:
+            narrower = relations[pair] & each
+            if narrower in {RegionRelation(0), relations[pair]}:
+                if narrower:
+                    yield each, relations
+                continue
             self._choices += 1
             if self._choices > MAX_CHOICES:
                 raise SpaceError(
@@ -176,13 +200,17 @@ class SpatialKnowledge:
                     'were tried); tell more of them, or ask about fewer'
                 )
             first, second = pair
-            narrowed = relations | {pair: each, (second, first): converse(each)}
+            narrowed = relations | {pair: narrower, (second, first): converse(narrower)}
             found = self._path_consistent(narrowed, [pair])
             if found is not None:
                 yield each, found
 
     def _closed(self, told: Iterable[SpatialStatement]) -> _Relations:
-        """Return what statements say of each pair; nothing is possible in a contradiction."""
+        """Return what follows from statements of each pair; nothing in a contradiction.
+
+        Drawn regions agree with each other, so it begins with what is told.
+        """
+        told = list(told)
         same = {(name, name): RegionRelation.EQ for name in self.regions}
         found = dict.fromkeys(((a, b) for a in self.regions for b in self.regions), ANY) | same
         for each in told:
@@ -191,7 +219,8 @@ class SpatialKnowledge:
                 ((each.second, each.first), converse(each.relation)),
             ):
                 found[pair] &= relation
-        closed = self._path_consistent(found, list(found)) if all(found.values()) else None
+        changed = {(each.first, each.second) for each in told if not each.is_drawn}
+        closed = self._path_consistent(found, changed) if all(found.values()) else None
         return closed or dict.fromkeys(found, RegionRelation(0))
 
     def _path_consistent(self, relations: _Relations, changed: Iterable[Pair]) -> _Relations | None:

@@ -27,9 +27,10 @@ from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
 from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
+from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
-from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
+from dyknow_coordinator.grounding.symbols import check_symbols, sort_names
 from dyknow_coordinator.grounding.units import (
     find_uncertainties,
     find_units,
@@ -327,7 +328,7 @@ class FormulaEvaluation(Evaluation):
             topic = self._context.state_topic(name)
             results = self._context.results.topic
             await clients.evaluate_group(group_id, domains, topic, results, unknown=unknown)
-            features = tuple(map(str, feature_symbols(await clients.symbols(group_id))))
+            features = ground_features(await clients.symbols(group_id))
             candidates.choose(features)
         except BaseException:
             self._context.cleanup.destroy_group(group_id)
@@ -357,12 +358,13 @@ class FormulaEvaluation(Evaluation):
         sorts = await infer_sorts(symbols, clients.query)
         states_units = has_units(self.canonical_formula)
         uncertainties = await find_uncertainties(self.canonical_formula, symbols, clients.query)
-        if not sorts and not states_units and not uncertainties:
-            return formula_id, symbols
-        await clients.remove_formula(group_id, formula_id)
         formula = with_sorts(self.canonical_formula, sorts)
+        formula = await with_relations(formula, clients.domains, clients.query)
         units = await find_units(symbols, clients.query) if states_units else {}
         formula = with_units(formula, units, uncertainties)
+        if formula == self.canonical_formula:
+            return formula_id, symbols
+        await clients.remove_formula(group_id, formula_id)
         formula_id, self.canonical_formula = await add_formula(formula)
         return formula_id, await clients.symbols(group_id)
 

@@ -1,0 +1,190 @@
+"""Relations between regions in formulas: what the ontology says of them is known before any state.
+
+If `dock` is a part of `warehouse`, and `street` is not, the formula `forall z in Aisle:
+part_of[z, warehouse]` is `forall z in Aisle: z = dock`. If it is not known whether `yard` is, a
+text that is unknown at each state tells the cases apart:
+
+    forall z in Aisle: ((open_relation[warehouse, yard] = "yard part_of warehouse") and (...)) or
+        ((open_relation[warehouse, yard] != "yard part_of warehouse") and (...))
+
+It is read at the first state only, so the formula is decided when all cases decide it alike.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
+from itertools import islice, product
+from typing import Final
+
+from dyknow_common import Symbol
+from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.compared_objects import NAME, bound_sorts
+from dyknow_coordinator.grounding.declared_properties import QueryFunction
+from dyknow_coordinator.grounding.symbols import OPEN_RELATION, feature_symbols
+from dyknow_space import RELATION_NAMES, RegionRelation, SpatialKnowledge, SpatialStatement
+
+MAX_CASES: Final = 64
+"""The most cases of relations that are not known."""
+
+_QUERY: Final = """
+    SELECT ?region ?statements WHERE {
+        ?region <http://www.dyknow.org/ontology#relations> ?statements .
+    }
+"""
+
+_ATOM: Final = re.compile(
+    rf'"(?:\\.|[^"\\])*"|\b(?P<relation>{"|".join(RELATION_NAMES)})'
+    rf'\[(?P<first>{NAME}), (?P<second>{NAME})\]'
+)
+_FORALL: Final = re.compile(rf'(forall {NAME} in {NAME}: )(.*)', re.DOTALL)
+
+DomainFunction = Callable[[Sequence[str]], Awaitable[Mapping[str, Sequence[str]]]]
+"""Returns the objects of each of some sorts."""
+
+
+def ground_features(symbols: Iterable[Symbol]) -> tuple[str, ...]:
+    """Return the features of objects that the states of a formula must hold.
+
+    Raises:
+        CoordinationError: if it depends on nothing but relations that are not known.
+    """
+    found = tuple(symbols)
+    features = tuple(map(str, feature_symbols(found)))
+    unknown = [each for each in found if each.name == OPEN_RELATION]
+    if unknown and not features:
+        regions = ', '.join(unknown[0].arguments)
+        raise CoordinationError(
+            f'it cannot be decided: the relations of {regions} are not known; tell them in '
+            "'relations', or draw the regions"
+        )
+    return features
+
+
+async def with_relations(formula: str, domains: DomainFunction, query: QueryFunction) -> str:
+    """Return a formula in which relations between regions are replaced by what is known of them.
+
+    Args:
+        formula: its canonical text, with all sorts.
+        domains: returns the objects of sorts.
+        query: returns the solutions of a SPARQL query of the ontology.
+
+    Raises:
+        CoordinationError: for too many cases of what is not known.
+        DyKnowError: if nothing is known of a region, or a request fails.
+    """
+    if not any(each['relation'] for each in _ATOM.finditer(formula)):
+        return formula
+    rows = await query(_QUERY)
+    if not rows:
+        return formula  # They are features.
+    sorts = bound_sorts(formula)
+    objects = await domains(sorted({sort for each in sorts.values() for sort in each}))
+    of_variables = {
+        variable: tuple(dict.fromkeys(name for sort in found for name in objects[sort]))
+        for variable, found in sorts.items()
+    }
+    knowledge = _knowledge(tuple(sorted({statements for _, statements in rows})))
+    return _RelationTexts(formula, of_variables, knowledge).text()
+
+
+@lru_cache(8)
+def _knowledge(texts: Sequence[str]) -> SpatialKnowledge:
+    return SpatialKnowledge(statement for text in texts for statement in text.split(';'))
+
+
+class _RelationTexts:
+    """Replaces the relations in a formula.
+
+    Args:
+        formula: its canonical text.
+        objects: those that each variable stands for.
+        knowledge: of the regions.
+    """
+
+    def __init__(
+        self, formula: str, objects: Mapping[str, Sequence[str]], knowledge: SpatialKnowledge
+    ) -> None:
+        self._formula, self._objects, self._knowledge = formula, objects, knowledge
+        atoms = [each for each in _ATOM.finditer(formula) if each['relation']]
+        questions = {each for atom in atoms for each in self._questions(atom).values()}
+        truths = {each: self._truth(each) for each in questions}
+        self._known = {each: truth for each, truth in truths.items() if truth is not None}
+        self._open = sorted(questions - self._known.keys(), key=str)
+
+    def text(self) -> str:
+        """Return the formula without relations."""
+        if not self._open:
+            return self._replaced(self._formula, self._known)
+        cases = list(islice(self._knowledge.cases(self._open), MAX_CASES + 1))
+        if len(cases) > MAX_CASES:
+            raise CoordinationError(
+                f'the formula depends on {len(self._open)} relations that are not known, which '
+                f"have more than {MAX_CASES} cases; tell more of them in 'relations'"
+            )
+        return self._distinguished(self._formula, cases)
+
+    def _distinguished(self, formula: str, cases: Sequence[Sequence[bool]]) -> str:
+        """Return a formula that is like it in each case; a case is the same for all objects."""
+        if found := _FORALL.fullmatch(formula):
+            head, body = found.groups()
+            body = body[1:-1] if body.startswith('(') else body
+            return f'{head}({self._distinguished(body, cases)})'
+        *others, last = cases
+        regions = sorted({name for each in self._open for name in (each.first, each.second)})
+        feature = f'{OPEN_RELATION}[{", ".join(regions)}]'
+        text = self._in_case(formula, last)
+        for case in reversed(others):
+            pairs = zip(self._open, case, strict=True)
+            label = '; '.join(f'{"" if truth else "not "}{each}' for each, truth in pairs)
+            holds = f'({feature} = "{label}") and ({self._in_case(formula, case)})'
+            text = f'({holds}) or (({feature} != "{label}") and ({text}))'
+        return text
+
+    def _in_case(self, formula: str, case: Sequence[bool]) -> str:
+        truths = self._known | dict(zip(self._open, case, strict=True))
+        return self._replaced(formula, truths)
+
+    def _replaced(self, formula: str, truths: Mapping[SpatialStatement, bool]) -> str:
+        def replacement(found: re.Match[str]) -> str:
+            if not found['relation']:
+                return found[0]
+            questions = self._questions(found)
+            true = [names for names, each in questions.items() if truths[each]]
+            other = [names for names, each in questions.items() if not truths[each]]
+            if len(true) <= len(other):
+                return f'({self._equalities(found, true)})'
+            return f'(not ({self._equalities(found, other)}))'
+
+        return _ATOM.sub(replacement, formula)
+
+    def _equalities(self, atom: re.Match[str], found: Iterable[tuple[str, str]]) -> str:
+        """Return that the variables of an atom stand for one of some pairs."""
+        texts = list(self._pair_texts((atom['first'], atom['second']), found))
+        return 'true' if '' in texts else ' or '.join(texts) or 'false'
+
+    def _pair_texts(
+        self, variables: tuple[str, str], found: Iterable[tuple[str, str]]
+    ) -> Iterator[str]:
+        for names in found:
+            pairs = dict.fromkeys(zip(variables, names, strict=True))
+            equal = [f'({one} = {name})' for one, name in pairs if one in self._objects]
+            yield f'({" and ".join(equal)})' if equal else ''
+
+    def _questions(self, atom: re.Match[str]) -> dict[tuple[str, str], SpatialStatement]:
+        """Return what an atom asks for each two regions that it may be about."""
+        first, second = (self._objects.get(name, (name,)) for name in atom.group('first', 'second'))
+        pairs = product(first, second)
+        if atom['first'] == atom['second']:
+            pairs = zip(first, second, strict=True)  # type: ignore[assignment]
+        relation = RELATION_NAMES[atom['relation']]
+        return {(a, b): SpatialStatement(a, relation, b) for a, b in pairs}
+
+    def _truth(self, asked: SpatialStatement) -> bool | None:
+        if asked.first == asked.second:
+            return bool(asked.relation & RegionRelation.EQ)
+        possible = self._knowledge.possible(asked.first, asked.second)
+        if not possible & asked.relation:
+            return False
+        return None if possible & ~asked.relation else True
