@@ -125,10 +125,7 @@ def robot_of(
     if calibrated:
         check_calibrated(values, formulas, guards, forecasts.features)
     return RobotConfiguration(
-        ontologies=(
-            *_files(texts(values, 'ontology')),
-            *_ontology(values, vocabulary, regions, path),
-        ),
+        ontologies=_ontologies(values, vocabulary, regions, path),
         annotations=(
             *_files(texts(values, 'annotations')),
             *_annotations(values, vocabulary),
@@ -158,17 +155,18 @@ def _streams(
     return [*_files(named, _STREAM_HINT), *read_streams(own, vocabulary)]
 
 
-def _ontology(
+def _ontologies(
     values: Mapping[str, YamlValue],
     vocabulary: RobotVocabulary,
     regions: Sequence[StatedRegion],
     path: Path,
-) -> list[InlineText]:
+) -> tuple[TextSource, ...]:
+    files = _files(texts(values, 'ontology'))
     relations = read_relations(values, regions, vocabulary.all_objects())
     if not vocabulary:
-        return []
+        return tuple(files)
     name = re.sub(r'[^A-Za-z0-9_]+', '_', path.stem)
-    return [InlineText(str(path), ontology_text(vocabulary, name, relations))]
+    return (*files, InlineText(str(path), ontology_text(vocabulary, name, relations)))
 
 
 def _annotations(values: Mapping[str, YamlValue], vocabulary: RobotVocabulary) -> list[InlineText]:
