@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from reasoning_reference import Trace, formulas, random_cases
 from test_progression import traces
@@ -32,7 +32,7 @@ def alone(formula: Formula, trace: Trace) -> list[FormulaResult]:
 
 
 @pytest.mark.parametrize(('batch', 'many'), list(product((1, 1000), (False, True))))
-@settings(max_examples=random_cases(20), deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(20))
 @given(ARRIVALS, st.sets(st.integers(0, 5)), traces(st.integers(1, 2), most=12))
 def test_each_formula_is_as_in_a_group_of_its_own(
     batch: int,

@@ -6,9 +6,9 @@ from itertools import combinations
 from types import ModuleType
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import counted, formulas, intervals, random_cases
+from reasoning_reference import counted, formulas, intervals
 from test_paths import OBJECTS, grounded
 from test_progression import irregular, verdicts
 
@@ -137,8 +137,6 @@ def expansion(bound: CountBound, number: int, members: tuple[Formula, ...]) -> F
     return found
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(40), deadline=None)
 @given(BOUNDS, st.integers(0, 4), st.lists(formulas(2), min_size=1, max_size=4), irregular)
 def test_a_count_is_its_expansion(
     bound: CountBound, number: int, members: list[Formula], trace: list[tuple[int, dict[str, bool]]]
@@ -154,8 +152,6 @@ def test_a_count_is_its_expansion(
             assert first == known
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(40), deadline=None)
 @given(BOUNDS, st.integers(0, 5), formulas(2), st.data())
 def test_a_quantifier_is_a_count_of_its_instances(
     bound: CountBound, number: int, body: Formula, data: st.DataObject

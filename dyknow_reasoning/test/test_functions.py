@@ -198,8 +198,7 @@ def results_on_all_paths(
     return found
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(20), deadline=None)
+@settings(max_examples=random_cases(20))
 @given(
     st.sampled_from(CALLS),
     st.lists(st.tuples(ANY, ANY), min_size=3, max_size=6),

@@ -6,9 +6,9 @@ import re
 from itertools import accumulate, product
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, Trace, formulas, holds, random_cases
+from reasoning_reference import NAMES, Trace, formulas, holds
 
 from dyknow_common import ExitCode, Verdict, round_time
 from dyknow_reasoning import FormulaGroup, FormulaResult
@@ -82,8 +82,6 @@ def check_sound(result: FormulaResult | None, formula: Formula, filled: Trace) -
         assert without_gap is None or without_gap.verdict is result.verdict
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(130), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(), segments(), st.data())
 def test_no_verdict_depends_on_what_is_missing(
     formula: Formula, found: Segments, data: st.DataObject
@@ -103,7 +101,6 @@ def all_fillings(first: Trace, last: Trace) -> list[Trace]:
     ]
 
 
-@settings(max_examples=random_cases(30), deadline=None)
 @given(
     formulas(2),
     st.lists(st.sampled_from(STATES), min_size=1, max_size=2),
@@ -164,7 +161,6 @@ def at_once(group: FormulaGroup, found: Segments) -> list[FormulaResult]:
     return told
 
 
-@settings(max_examples=random_cases(30), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(3), fleets(), st.data())
 def test_instances_in_a_gap(
     formula: Formula, fleet: dict[str, Segments], data: st.DataObject
@@ -188,7 +184,6 @@ def test_instances_in_a_gap(
             assert holds(formula, data.draw(fillings(fleet[guilty])), 0) is not True
 
 
-@settings(max_examples=random_cases(30), deadline=None)
 @given(formulas(), segments())
 def test_a_gap_without_time_for_a_state_changes_nothing(formula: Formula, found: Segments) -> None:
     trace = [state for segment in found for state in segment]

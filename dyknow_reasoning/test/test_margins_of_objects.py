@@ -7,9 +7,9 @@ from math import nan
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import COMPARISONS, formulas, random_cases
+from reasoning_reference import COMPARISONS, formulas
 
 from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.language.formula import (
@@ -83,7 +83,6 @@ def margins(
     return found
 
 
-@settings(max_examples=random_cases(150), deadline=None)
 @given(
     formulas(2, st.one_of(quantified, nested)),
     traces,

@@ -65,7 +65,7 @@ ROWS = st.tuples(st.integers(1, 4), st.sampled_from([NUMBERS, st.floats(-9, 9)])
 )
 
 
-@settings(max_examples=random_cases(20), deadline=None)
+@settings(max_examples=random_cases(20))
 @given(st.sampled_from([*REFERENCES]), ROWS, st.booleans())
 def test_all_paths_agree_with_the_reference(
     term: str,

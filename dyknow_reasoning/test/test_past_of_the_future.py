@@ -154,7 +154,6 @@ def check(formula: Formula, trace: Trace) -> None:
                 assert final in {None, outcome[0] is Verdict.TRUE}, (text, trace, number)
 
 
-@pytest.mark.timeout(7200)
 def test_every_start_is_that_of_the_reference() -> None:
     random = Random(1)  # noqa: S311 - no secret
     for _ in range(CASES):

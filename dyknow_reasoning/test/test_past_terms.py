@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from reasoning_reference import (
     COMPARISONS,
@@ -16,7 +16,6 @@ from reasoning_reference import (
     formulas,
     holds,
     past_value_of,
-    random_cases,
 )
 from test_gaps import Segments, check_sound, fillings, segments, verdict
 
@@ -98,7 +97,6 @@ def results(text: str, trace: Trace, *, at_once: bool = False, **asked: Any) -> 
     return group.decided_at_once() + found
 
 
-@settings(max_examples=random_cases(120), deadline=None, suppress_health_check=ALL_CHECKS)
 @given(formulas(3, WITH_TERMS), traces())
 def test_verdicts_are_those_of_the_reference(formula: Formula, trace: Trace) -> None:
     assert parse_formula(str(formula)) == formula
@@ -112,7 +110,6 @@ def test_verdicts_are_those_of_the_reference(formula: Formula, trace: Trace) -> 
         assert found == [expected]
 
 
-@settings(max_examples=random_cases(60), deadline=None, suppress_health_check=ALL_CHECKS)
 @given(comparisons(PAST), traces(), st.data())
 def test_each_state_of_a_guard(formula: Formula, trace: Trace, data: st.DataObject) -> None:
     guard = TrialFormula(str(formula), {})
@@ -126,7 +123,6 @@ def test_each_state_of_a_guard(formula: Formula, trace: Trace, data: st.DataObje
             accepted.append((time, values))
 
 
-@settings(max_examples=random_cases(60), deadline=None, suppress_health_check=ALL_CHECKS)
 @given(comparisons(PAST), traces())
 def test_each_state_of_a_standing_formula(formula: Formula, trace: Trace) -> None:
     expected = [holds(formula, trace, i) for i in range(len(trace))]
@@ -142,7 +138,6 @@ def test_each_state_of_a_standing_formula(formula: Formula, trace: Trace) -> Non
         assert (found.holds, found.fails) == (expected.count(True), expected.count(False))
 
 
-@settings(max_examples=random_cases(150), deadline=None, suppress_health_check=ALL_CHECKS)
 @given(formulas(2, WITH_TERMS), segments(), st.data())
 def test_no_verdict_depends_on_what_is_missing(
     formula: Formula, found: Segments, data: st.DataObject
@@ -152,7 +147,6 @@ def test_no_verdict_depends_on_what_is_missing(
         check_sound(result, formula, data.draw(fillings(found)))
 
 
-@settings(max_examples=random_cases(60), deadline=None)
 @given(OPERATORS, st.lists(st.integers(0, 3), min_size=1, max_size=6))
 def test_a_comparison_with_the_value_before_is_the_comparison_before(
     operator: str, values: list[int]
@@ -165,7 +159,6 @@ def test_a_comparison_with_the_value_before_is_the_comparison_before(
         assert [each.verdict for each in first] == [each.verdict for each in second]
 
 
-@settings(max_examples=random_cases(60), deadline=None)
 @given(
     OPERATORS,
     st.lists(st.integers(-3, 3), min_size=1, max_size=8),

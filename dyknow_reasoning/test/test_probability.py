@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import holds, intervals, random_cases
+from reasoning_reference import holds, intervals
 from scipy.optimize import linprog
 
 from dyknow_common import DyKnowError, ProbabilityInterval, Verdict
@@ -32,7 +32,6 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature
 
-EXAMPLES = random_cases(40)
 STANDARD = NormalDist()
 ROUNDING = 1e-9
 
@@ -96,7 +95,6 @@ def truths(x: float, y: float) -> list[tuple[dict[str, bool], float]]:
     ]
 
 
-@settings(max_examples=EXAMPLES)
 @given(
     formulas(list(SHARED)),
     st.lists(st.tuples(st.integers(1, 5), MEANS, MEANS), min_size=1, max_size=3),
@@ -134,7 +132,6 @@ UNKNOWN = {
 }
 
 
-@settings(max_examples=2 * EXAMPLES)
 @given(
     formulas(list(UNKNOWN)),
     st.lists(st.integers(1, 5), min_size=1, max_size=7),
@@ -191,7 +188,6 @@ def held_at_end(formula: Formula, at: Sequence[int], states: Sequence[Any]) -> b
     return not group.presumably_false(formula_id)
 
 
-@settings(max_examples=EXAMPLES)
 @given(
     st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=4), st.integers(0, 5)
 )

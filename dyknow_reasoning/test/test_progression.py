@@ -7,7 +7,7 @@ from itertools import accumulate, product
 from random import Random
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from reasoning_reference import NAMES, Trace, formulas, holds, intervals, negation, random_cases
 
@@ -24,8 +24,6 @@ from dyknow_reasoning.language.formula import (
     Until,
 )
 from dyknow_reasoning.language.terms import Feature, Truth
-
-EXAMPLES = random_cases(130)
 
 
 def verdicts(formula: Formula, trace: Trace) -> list[bool | None]:
@@ -66,11 +64,12 @@ def check(formula: Formula, trace: Trace) -> None:
 
 
 @pytest.mark.parametrize('steps', [st.just(1), st.just(2), st.integers(1, 5)], ids=str)
-@pytest.mark.timeout(1200)
-def test_verdicts_are_right_and_not_late(steps: st.SearchStrategy[int]) -> None:
-    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas(), traces(steps))(check)
-    )()
+@settings(max_examples=random_cases(100))
+@given(formulas(), st.data())
+def test_verdicts_are_right_and_not_late(
+    steps: st.SearchStrategy[int], formula: Formula, data: st.DataObject
+) -> None:
+    check(formula, data.draw(traces(steps)))
 
 
 LITERALS = st.sampled_from([Feature('p'), Not(Feature('p')), Feature('q')])
@@ -80,7 +79,6 @@ def over_one_body(kind: type[Always | Eventually]) -> st.SearchStrategy[Formula]
     return intervals().map(lambda interval: kind(Feature('p'), interval))
 
 
-@settings(max_examples=EXAMPLES, deadline=None)
 @given(
     st.recursive(
         over_one_body(Always) | over_one_body(Eventually) | LITERALS,
@@ -171,7 +169,7 @@ def continuations(trace: Trace, states: int) -> list[Trace]:
     ]
 
 
-@settings(max_examples=random_cases(20), deadline=None)
+@settings(max_examples=random_cases(20))
 @given(formulas(2), traces(st.just(1), most=3))
 def test_no_verdict_that_a_continuation_contradicts(formula: Formula, trace: Trace) -> None:
     found = verdicts(formula, trace)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from reasoning_reference import Trace, holds, random_cases
 from spatial_reference import OBJECTS
@@ -112,11 +112,6 @@ def traces(draw: st.DrawFn) -> Trace:
     return list(zip(accumulate(steps), states, strict=True))
 
 
-CASES = settings(
-    max_examples=random_cases(60), deadline=None, suppress_health_check=list(HealthCheck)
-)
-
-
 @pytest.fixture(params=[1, 3])
 def _objects(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(OBJECTS, 'R', tuple(f'a{number}' for number in range(request.param)))
@@ -130,8 +125,6 @@ def started(text: str) -> FormulaGroup:
 
 
 @pytest.mark.usefixtures('_objects')
-@pytest.mark.timeout(7200)
-@CASES
 @given(texts(), traces())
 def test_verdicts_are_those_of_the_reference(text: str, trace: Trace) -> None:
     formula = parse_formula(text)
@@ -149,8 +142,6 @@ def test_verdicts_are_those_of_the_reference(text: str, trace: Trace) -> None:
 
 
 @pytest.mark.usefixtures('_objects')
-@pytest.mark.timeout(7200)
-@CASES
 @given(texts(), traces(), st.data())
 def test_gaps_are_sound(text: str, trace: Trace, data: st.DataObject) -> None:
     """The verdict with a gap is that over the states which were missing."""
@@ -170,8 +161,6 @@ def test_gaps_are_sound(text: str, trace: Trace, data: st.DataObject) -> None:
 
 
 @pytest.mark.usefixtures('_objects')
-@pytest.mark.timeout(7200)
-@CASES
 @given(texts(), traces(), st.sampled_from([None, 'x', float('nan')]), st.data())
 def test_all_paths_give_the_same_results(
     text: str, trace: Trace, bad: Any, data: st.DataObject
@@ -200,8 +189,6 @@ def test_all_paths_give_the_same_results(
 
 
 @pytest.mark.usefixtures('_objects')
-@pytest.mark.timeout(7200)
-@CASES
 @given(texts(), traces())
 def test_formulas_asked_at_every_state(text: str, trace: Trace) -> None:
     group = FormulaGroup()

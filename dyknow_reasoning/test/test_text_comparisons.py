@@ -22,7 +22,7 @@ REFERENCES = {
 TEXTS = st.text('ab"é', max_size=3)
 
 
-@settings(max_examples=random_cases(20), deadline=None)
+@settings(max_examples=random_cases(20))
 @given(
     st.sampled_from([*REFERENCES]),
     st.sampled_from(['A[{0}] {1} B[{0}]', 'not (A[{0}] {1} B[{0}])', 'A[{0}] {1} "a"']),

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from itertools import accumulate, product
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import LEAVES, NAMES, Trace, holds, intervals, random_cases
+from reasoning_reference import LEAVES, NAMES, Trace, holds, intervals
 
 from dyknow_common import Value, Verdict
 from dyknow_reasoning import FormulaGroup, ReasoningError, UncertainFormula
@@ -92,7 +92,6 @@ def verdicts(formula: Formula, trace: Trace) -> list[Verdict]:
     return found
 
 
-@settings(max_examples=random_cases(40))
 @given(FORMULAS, uncertain_traces())
 def test_all_choices_are_evaluated(formula: Formula, trace: Uncertain) -> None:
     told, number = outcome(formula, trace)
@@ -109,7 +108,6 @@ def test_all_choices_are_evaluated(formula: Formula, trace: Uncertain) -> None:
     assert (told, number) == expected, str(formula)
 
 
-@settings(max_examples=random_cases(40))
 @given(FORMULAS, uncertain_traces(missing=True))
 def test_no_verdict_is_wrong(formula: Formula, trace: Uncertain) -> None:
     told, number = outcome(formula, trace)
