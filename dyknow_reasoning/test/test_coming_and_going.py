@@ -8,7 +8,7 @@ from itertools import product
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import Trace, formulas, random_cases
+from reasoning_reference import Trace, begun, formulas, random_cases
 from test_progression import traces
 
 from dyknow_common import ExitCode, Verdict
@@ -125,9 +125,7 @@ def test_a_group_forgets_the_formulas_that_have_left(monkeypatch: pytest.MonkeyP
     ],
 )
 def test_presumably_false(text: str, values: dict[str, bool], expected: bool) -> None:  # noqa: FBT001
-    group = FormulaGroup()
-    number = group.add_formula('it', text)
-    group.begin({})
+    group, number = begun(text)
     assert group.progress(0, values) == []
     assert group.presumably_false(number) is expected
 

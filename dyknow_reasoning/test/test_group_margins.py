@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from margin_reference import ended, margin
-from reasoning_reference import COMPARISONS, formulas
+from reasoning_reference import COMPARISONS, begun, formulas, with_history
 
 from dyknow_common import Margin, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, ReasoningError
@@ -34,10 +34,7 @@ states = st.lists(st.tuples(st.integers(1, 3), values), min_size=1, max_size=12)
 
 
 def group_of(text: str, domains: Any = None) -> tuple[FormulaGroup, int]:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', text, margin=True)
-    group.begin(domains or {})
-    return group, formula_id
+    return begun(text, domains, margin=True)
 
 
 def margins(text: str, *states: dict[str, Any]) -> list[Margin | None]:
@@ -123,9 +120,7 @@ def test_a_formula_that_is_added_later_begins_with_the_next_state() -> None:
 @pytest.mark.parametrize('text', ['once[0, 5 ns] x > 3', 'once[0, 5 ns] eventually[0, 1 ns] x > 3'])
 def test_a_kept_history_makes_the_margin_unknown(text: str) -> None:
     """The margins of the states that the formula looks back to are not kept."""
-    group = FormulaGroup()
-    group.begin({})
-    group.keep_history(text)
+    group = with_history(text)
     group.progress(0, {'x': 10.0})
     formula_id = group.add_formula('it', text, margin=True)
     assert group.margin(formula_id) == Margin()

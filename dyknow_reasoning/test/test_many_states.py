@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import formulas, random_cases
+from reasoning_reference import begun, formulas, random_cases
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
 from dyknow_reasoning.errors import ReasoningError
@@ -355,9 +355,7 @@ def test_times_are_integers_of_any_type(kind: str) -> None:
     ],
 )
 def test_times_of_other_types_are_errors(times: Any, type_name: str) -> None:
-    group = FormulaGroup()
-    group.add_formula('it', 'always p')
-    group.begin({})
+    group, _ = begun('always p')
     with pytest.raises(ReasoningError, match=f'valid times are of type {type_name}.*; give int'):
         group.progress_many(times, {'p': [True, False]})
     assert group.undecided
@@ -377,9 +375,7 @@ def test_times_of_other_types_are_errors(times: Any, type_name: str) -> None:
 def test_columns_and_times_of_other_shapes_are_errors(
     times: Any, column: Any, message: str
 ) -> None:
-    group = FormulaGroup()
-    group.add_formula('it', 'always p')
-    group.begin({})
+    group, _ = begun('always p')
     with pytest.raises(ReasoningError, match=message):
         group.progress_many(times, {'p': column})
 
@@ -440,9 +436,7 @@ def test_values_of_any_type(column: Any, objects: int) -> None:
 
 
 def test_no_states() -> None:
-    group = FormulaGroup()
-    group.add_formula('it', 'always p')
-    group.begin({})
+    group, _ = begun('always p')
     assert group.progress_many([], {}) == []
     assert group.progress_many(np.array([], np.int64), {'p': np.array([])}) == []
     assert group.progress_many(np.array([]), {'p': []}) == []

@@ -13,6 +13,7 @@ from reasoning_reference import (
     LEAVES,
     NAMES,
     Trace,
+    begun,
     formulas,
     holds,
     past_value_of,
@@ -87,9 +88,7 @@ def traces(draw: st.DrawFn) -> Trace:
 
 
 def results(text: str, trace: Trace, *, at_once: bool = False, **asked: Any) -> list[FormulaResult]:
-    group = FormulaGroup()
-    group.add_formula('it', text, **asked)
-    group.begin({})
+    group, _ = begun(text, **asked)
     if at_once:
         columns = {name: np.array([values[name] for _, values in trace]) for name in trace[0][1]}
         return group.progress_many([time for time, _ in trace], columns)
@@ -127,9 +126,7 @@ def test_each_state_of_a_guard(formula: Formula, trace: Trace, data: st.DataObje
 def test_each_state_of_a_standing_formula(formula: Formula, trace: Trace) -> None:
     expected = [holds(formula, trace, i) for i in range(len(trace))]
     for size in (1, len(trace)):
-        group = FormulaGroup()
-        number = group.add_formula('it', str(formula), every_state=True)
-        group.begin({})
+        group, number = begun(str(formula), every_state=True)
         for first in range(0, len(trace), size):
             part = trace[first : first + size]
             columns = {name: [values[name] for _, values in part] for name in NAMES}
@@ -238,9 +235,7 @@ STATES = [(i * SECOND, {'x': float(x), 'mode': mode}) for i, (x, mode) in enumer
 def test_explanations(text: str, explanation: str) -> None:
     found = results(text, STATES)
     columns = {name: [values[name] for _, values in STATES] for name in STATES[0][1]}
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({})
+    group, _ = begun(text)
     assert group.progress_many([time for time, _ in STATES], columns) == found
     assert [explanation in each.explanation for each in found] == [True] * bool(explanation)
 
@@ -260,9 +255,7 @@ def test_objects_have_values_of_their_own() -> None:
 
 def test_a_lost_value_is_an_error_while_it_counts() -> None:
     for text, states in (('x - prev(x) > 5', 1), ('count(x > 3, 1 s) > 5', 1)):
-        group = FormulaGroup()
-        number = group.add_formula('it', f'always[0, 0] not ({text})')
-        group.begin({})
+        group, _ = begun(f'always[0, 0] not ({text})')
         group.keep_history(f'not ({text})')
         for time, x in enumerate([1.0, float('nan'), 2.0, 3.0]):
             number = group.add_formula('it', f'not ({text})')

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import holds, intervals
+from reasoning_reference import begun, holds, intervals
 from scipy.optimize import linprog
 
 from dyknow_common import DyKnowError, ProbabilityInterval, Verdict
@@ -177,9 +177,7 @@ def test_bounds_hold_for_any_dependence(formula: Formula, steps: Sequence[int], 
 
 def held_at_end(formula: Formula, at: Sequence[int], states: Sequence[Any]) -> bool:
     """The verdict of a group if no further state came."""
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', str(formula))
-    group.begin({})
+    group, formula_id = begun(str(formula))
     results = group.decided_at_once()
     for time, values in zip(at, states, strict=True):
         results += group.progress(time, values)
@@ -278,9 +276,7 @@ def simulated_errors(
 
 
 def test_a_formula_asks_for_a_probability_at_each_state() -> None:
-    group = FormulaGroup()
-    group.add_formula('it', 'always (busy -> P(normal(x, s) > 0) >= 0.95)')
-    group.begin({})
+    group, _ = begun('always (busy -> P(normal(x, s) > 0) >= 0.95)')
     assert [str(each) for each in group.symbols()] == ['busy', 'x', 's']
     assert not group.progress(0, {'busy': False, 'x': 0.0, 's': 1.0})
     assert not group.progress(1, {'busy': True, 'x': 2.0, 's': 1.0})
@@ -292,9 +288,7 @@ def test_a_formula_asks_for_a_probability_at_each_state() -> None:
 
 def progressed(text: str, states: Sequence[Mapping[str, Any]]) -> tuple[Verdict, int | None, str]:
     """The verdict, the state that decides, and the error."""
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({'UAV': ('u1', 'u2')})
+    group, _ = begun(text, {'UAV': ('u1', 'u2')})
     for index, values in enumerate(states):
         for result in group.progress(index * 10**9, values):
             return result.verdict, index, str(result.error or '')
@@ -467,9 +461,7 @@ def test_an_open_probability_counts_as_its_formula_at_the_end(
     text: str,
     presumably_false: bool,  # noqa: FBT001
 ) -> None:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', text)
-    group.begin({})
+    group, formula_id = begun(text)
     for index, values in enumerate(NEAR[:2]):
         assert not group.progress(index, values)
     assert group.presumably_false(formula_id) is presumably_false

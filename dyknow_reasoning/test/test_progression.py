@@ -9,7 +9,16 @@ from random import Random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, Trace, formulas, holds, intervals, negation, random_cases
+from reasoning_reference import (
+    NAMES,
+    Trace,
+    begun,
+    formulas,
+    holds,
+    intervals,
+    negation,
+    random_cases,
+)
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup, parse_formula
@@ -28,9 +37,7 @@ from dyknow_reasoning.language.terms import Feature, Truth
 
 def verdicts(formula: Formula, trace: Trace) -> list[bool | None]:
     """The knowledge of progression after each state."""
-    group = FormulaGroup()
-    group.add_formula('it', str(formula))
-    group.begin({})
+    group, _ = begun(str(formula))
     known: bool | None = None
     found = []
     for time, values in trace:
@@ -148,9 +155,7 @@ def test_a_shift_in_time_changes_nothing(formula: Formula, trace: Trace, shift: 
 
 @given(formulas(3), irregular)
 def test_the_residual_says_what_the_rest_must_satisfy(formula: Formula, trace: Trace) -> None:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', str(formula))
-    group.begin({})
+    group, formula_id = begun(str(formula))
     for time, values in trace:
         group.progress(time, values)
         text = group.residual(formula_id)
@@ -197,9 +202,7 @@ def test_no_verdict_that_a_continuation_contradicts(formula: Formula, trace: Tra
     ],
 )
 def test_the_earliest_verdict(formula: str, times: list[int], decided_at: int | None) -> None:
-    group = FormulaGroup()
-    group.add_formula('it', formula)
-    group.begin({})
+    group, _ = begun(formula)
     results = [result for time in times for result in group.progress(time, {'p': True})]
     assert [result.decided_at for result in results] == ([] if decided_at is None else [decided_at])
 
@@ -236,9 +239,7 @@ def test_what_remains_may_nest_deeply() -> None:
 )
 def test_what_remains_does_not_grow_with_each_state(formula: str) -> None:
     random = Random(1)  # noqa: S311 - the same states each time
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', formula)
-    group.begin({})
+    group, formula_id = begun(formula)
     sizes = []
     for index in range(300):
         state = {name: random.random() < 0.5 for name in 'pqrs'}

@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, formulas
+from reasoning_reference import NAMES, begun, formulas
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -94,9 +93,7 @@ def scaled(interval: Interval) -> Interval:
 
 
 def verdict(formula: Formula, times: Sequence[int], states: Sequence[dict[str, bool]]) -> Verdict:
-    group = FormulaGroup()
-    group.add_formula('it', str(formula))
-    group.begin({})
+    group, _ = begun(str(formula))
     for time, state in zip(times, states, strict=True):
         for result in group.progress(time * SECOND, state):
             return result.verdict

@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import deeper, holds
+from reasoning_reference import begun, deeper, holds
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.language.formula import (
     And,
     Comparison,
@@ -28,9 +27,7 @@ from dyknow_reasoning.language.terms import Feature, Number
 
 def at_once(text: str) -> str:
     """The verdict without a state, or what remains."""
-    group = FormulaGroup()
-    number = group.add_formula('it', text)
-    group.begin({'S': ['a', 'b']})
+    group, number = begun(text, {'S': ['a', 'b']})
     results = group.decided_at_once()
     if results:
         return results[0].verdict.name
@@ -101,9 +98,7 @@ def test_without_a_state(text: str, expected: str) -> None:
 
 
 def test_a_dropped_atom_does_not_matter() -> None:
-    group = FormulaGroup()
-    group.add_formula('it', 'always (x > 10 and x > 5 and x != 7 and x > 10.0)')
-    group.begin({})
+    group, _ = begun('always (x > 10 and x > 5 and x != 7 and x > 10.0)')
     (instance,) = group._instances[1]
     assert instance.node.mask.bit_count() == 1
 
@@ -137,9 +132,7 @@ def test_one_state_has_the_verdict_of_the_reference(formula: Formula) -> None:
     expected = {}
     for x, y in product(VALUES, repeat=2):
         state = {'x': x, 'y': y}
-        group = FormulaGroup()
-        group.add_formula('it', str(formula))
-        group.begin({})
+        group, _ = begun(str(formula))
         (result,) = group.decided_at_once() or group.progress(0, state)
         expected[x, y] = holds(formula, [(0, state)], 0)
         assert (result.verdict is Verdict.TRUE) == expected[x, y], (str(formula), state)
@@ -203,9 +196,7 @@ def check(formula: Formula, steps: list[tuple[int, dict[str, Any]]]) -> None:
     """No verdict differs from the reference, which may know less, or comes later."""
     times = [sum(step for step, _ in steps[: index + 1]) for index in range(len(steps))]
     trace = [(time, state) for time, (_, state) in zip(times, steps, strict=True)]
-    group = FormulaGroup()
-    group.add_formula('it', str(formula))
-    group.begin({})
+    group, _ = begun(str(formula))
     known: bool | None = None
     for result in group.decided_at_once():
         known = result.verdict is Verdict.TRUE

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import Trace, holds, random_cases
+from reasoning_reference import Trace, begun, holds, random_cases
 from spatial_reference import OBJECTS
 from test_paths import plain, set_limits
 
@@ -118,9 +118,7 @@ def _objects(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def started(text: str) -> FormulaGroup:
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin(OBJECTS)
+    group, _ = begun(text, OBJECTS)
     return group
 
 
@@ -191,9 +189,7 @@ def test_all_paths_give_the_same_results(
 @pytest.mark.usefixtures('_objects')
 @given(texts(), traces())
 def test_formulas_asked_at_every_state(text: str, trace: Trace) -> None:
-    group = FormulaGroup()
-    number = group.add_formula('it', text, every_state=True)
-    group.begin(OBJECTS)
+    group, number = begun(text, OBJECTS, every_state=True)
     for time, values in trace:
         assert group.progress(time, values) == []
     formula = parse_formula(text)
@@ -214,9 +210,7 @@ NEAR = 'let D: m in over (D[a, b] <= 50 m for a, b in R) from r3 to s: '
 
 
 def decided(text: str, **changed: Any) -> FormulaResult:
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({'R': ['r1', 'r2', 'r3'], 'Other': ['x']})
+    group, _ = begun(text, {'R': ['r1', 'r2', 'r3'], 'Other': ['x']})
     (result,) = group.progress(
         0, {**VALUES, **{f'D[r{k[1]}, r{k[2]}]': v for k, v in changed.items()}}
     )

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import formulas
+from reasoning_reference import begun, formulas
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -24,9 +24,7 @@ States = Sequence[tuple[int, dict[str, bool], bool]]
 
 
 def group_of(text: str, domains: Domains) -> tuple[FormulaGroup, StandingMonitor]:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', text, every_state=True)
-    group.begin(domains)
+    group, formula_id = begun(text, domains, every_state=True)
     return group, group.standing.formulas[formula_id].monitor
 
 

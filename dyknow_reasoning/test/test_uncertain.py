@@ -8,10 +8,10 @@ from itertools import accumulate, product
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import LEAVES, NAMES, Trace, holds, intervals
+from reasoning_reference import LEAVES, NAMES, Trace, begun, holds, intervals
 
 from dyknow_common import Value, Verdict
-from dyknow_reasoning import FormulaGroup, ReasoningError, UncertainFormula
+from dyknow_reasoning import ReasoningError, UncertainFormula
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -81,9 +81,7 @@ def chosen(trace: Uncertain) -> list[Trace]:
 
 def verdicts(formula: Formula, trace: Trace) -> list[Verdict]:
     """The verdict of a group after each state."""
-    group = FormulaGroup()
-    group.add_formula('', str(formula))
-    group.begin({})
+    group, _ = begun(str(formula))
     found, verdict = [], Verdict.UNDECIDED
     for time, values in trace:
         for result in group.progress(time, values):
