@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from reasoning_reference import begun, holds, intervals
-from scipy.optimize import linprog
 
 from dyknow_common import DyKnowError, ProbabilityInterval, Verdict
 from dyknow_reasoning import FormulaGroup, ReasoningError, TrialFormula, parse_formula
@@ -192,6 +191,8 @@ def held_at_end(formula: Formula, at: Sequence[int], states: Sequence[Any]) -> b
 def test_counts_have_the_bounds_of_a_linear_program(
     pairs: Sequence[tuple[float, float]], count: int
 ) -> None:
+    from scipy.optimize import linprog  # noqa: PLC0415 - half a second, here alone
+
     chances = [(min(pair), max(pair)) for pair in pairs]
     outcomes = list(product((0, 1), repeat=len(chances)))
     goal = np.array([sum(outcome) >= count for outcome in outcomes], float)
