@@ -6,9 +6,9 @@ import re
 from itertools import accumulate, product
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, Trace, formulas, holds
+from reasoning_reference import NAMES, Trace, formulas, holds, random_cases
 
 from dyknow_common import ExitCode, Verdict, round_time
 from dyknow_reasoning import FormulaGroup, FormulaResult
@@ -82,6 +82,7 @@ def check_sound(result: FormulaResult | None, formula: Formula, filled: Trace) -
         assert without_gap is None or without_gap.verdict is result.verdict
 
 
+@settings(max_examples=random_cases(100))
 @given(formulas(), segments(), st.data())
 def test_no_verdict_depends_on_what_is_missing(
     formula: Formula, found: Segments, data: st.DataObject

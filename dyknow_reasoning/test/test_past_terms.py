@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from reasoning_reference import (
     COMPARISONS,
@@ -17,6 +17,7 @@ from reasoning_reference import (
     formulas,
     holds,
     past_value_of,
+    random_cases,
 )
 from test_gaps import Segments, check_sound, fillings, segments, verdict
 
@@ -46,7 +47,6 @@ from dyknow_reasoning.language.terms import (
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.margins.formula_margin import FormulaMargin
 
-ALL_CHECKS = list(HealthCheck)
 OPERATORS = st.sampled_from(sorted(COMPARISONS))
 WINDOWS = st.integers(0, 6).map(lambda end: Interval(0, end))
 
@@ -96,6 +96,7 @@ def results(text: str, trace: Trace, *, at_once: bool = False, **asked: Any) -> 
     return group.decided_at_once() + found
 
 
+@settings(max_examples=random_cases(100))
 @given(formulas(3, WITH_TERMS), traces())
 def test_verdicts_are_those_of_the_reference(formula: Formula, trace: Trace) -> None:
     assert parse_formula(str(formula)) == formula
@@ -135,6 +136,7 @@ def test_each_state_of_a_standing_formula(formula: Formula, trace: Trace) -> Non
         assert (found.holds, found.fails) == (expected.count(True), expected.count(False))
 
 
+@settings(max_examples=random_cases(100))
 @given(formulas(2, WITH_TERMS), segments(), st.data())
 def test_no_verdict_depends_on_what_is_missing(
     formula: Formula, found: Segments, data: st.DataObject
