@@ -24,23 +24,24 @@ import dyknow_semantics  # noqa: F401
 import dyknow_space  # noqa: F401
 import dyknow_stream_processing  # noqa: F401
 
+USUAL_CASES = 40
+"""Random cases of a property test, unless it needs others: `random_cases` tells them."""
+RANDOM_CASES = int(os.environ.get('DYKNOW_RANDOM_CASES', '0'))
+"""Random cases of each property test, if their number is unusual: `make test-long` has many."""
+LONG_RUN = 100
+"""More cases than this may take longer than the time limit of a test."""
+
 # Tests assert what comes out, not how fast: other processes may have the machine. A run repeats the
 # random cases of the one before, so that a failure belongs to a change; a long run seeks new ones.
 settings.register_profile(
-    'dyknow', deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
-)
-# Random cases of each property test, if their number is unusual: `make test-long` has many.
-RANDOM_CASES = int(os.environ.get('DYKNOW_RANDOM_CASES', '0'))
-LONG_RUN = 1000  # More cases than this may take longer than the time limit of a test.
-settings.register_profile(
-    'random_cases',
-    max_examples=max(1, RANDOM_CASES),
+    'dyknow',
+    max_examples=RANDOM_CASES or USUAL_CASES,
     deadline=None,
     derandomize=RANDOM_CASES <= LONG_RUN,
     database=None,
     suppress_health_check=list(HealthCheck),
 )
-settings.load_profile('random_cases' if RANDOM_CASES else 'dyknow')
+settings.load_profile('dyknow')
 
 # The cores of the packages need no ROS, and no more do their tests.
 collect_ignore_glob = [] if find_spec('rclpy') else ['dyknow_*/test/ros/*']

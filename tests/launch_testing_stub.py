@@ -10,8 +10,16 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+
+
+class ImportedModule(pytest.Module):
+    """A test module that is not imported again, under the name that the import mode gives it."""
+
+    def _getobj(self) -> ModuleType:
+        return sys.modules[self.path.stem]
 
 
 def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module:
@@ -21,4 +29,4 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> 
     module = import_module(module_path.stem)
     if module.__file__ != str(module_path):
         raise ImportError(f'{module_path} has the name of {module.__file__}; rename one')
-    return pytest.Module.from_parent(parent, path=module_path)
+    return ImportedModule.from_parent(parent, path=module_path)

@@ -21,6 +21,8 @@ from dyknow_common import NANOSECONDS
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import FormulaGroup
 
+pytestmark = pytest.mark.long
+
 MS = NANOSECONDS['ms']
 SECOND = NANOSECONDS['s']
 
@@ -193,7 +195,7 @@ def test_the_outcomes_of_a_scenario(
     scenarios: dict[str, Scenario], name: str, count: int, asked: int
 ) -> None:
     scenario = scenarios[name]
-    for seed in (scenario.seed, 101, 102, 103):
+    for seed in (scenario.seed, 101):
         messages = flight(replace(scenario, seed=seed), count, asked)
         assert_as_expected(scenario, endings(messages, scenario.duration))
 

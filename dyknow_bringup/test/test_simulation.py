@@ -3,7 +3,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_bringup.errors import BringupError
@@ -60,7 +60,6 @@ def test_everything_due_is_delivered(scenarios: dict[str, Scenario]) -> None:
     }
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30)
 @given(st.lists(st.integers(-SECOND, 2 * SECOND), max_size=8))
 def test_when_it_is_asked_makes_no_difference(
     scenarios: dict[str, Scenario], times: list[int]

@@ -13,6 +13,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import dyknow_command
 from dyknow_configuration import read_robot
 
+pytestmark = pytest.mark.long
+
 START, PERIOD = 1_700_000_000_000_000_000, 100_000_000
 
 # The fields of interest of each type, with values; a real message has more.

@@ -15,6 +15,8 @@ from rosbags.typesys import Stores, get_typestore
 import dyknow_command
 from dyknow_configuration import read_robot
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parent.parent.parent
 RECORDINGS = ROOT / 'dyknow_bringup' / 'recordings'
 EXPECTED = Path(__file__).parent / 'proposed'

@@ -76,8 +76,8 @@ def test_notes_on_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert f"{path}:5:26: warning: the comparison with 'prev' is false at the first" in shown
 
 
-OBJECTS = ', '.join(f'r{number}' for number in range(100_000))
-WORDS = 'a > 1 and ' * 90_000
+OBJECTS = ', '.join(f'r{number}' for number in range(50_100))
+WORDS = 'a > 1 and ' * 50_100
 
 
 @pytest.mark.parametrize('verb', ['lint', 'up', 'monitor'])

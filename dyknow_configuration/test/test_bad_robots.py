@@ -42,7 +42,7 @@ def test_a_file_that_is_too_large(tmp_path: Path) -> None:
         read_robot(path)
 
 
-MANY = f'objects: {{R: [{", ".join(f"r{number}" for number in range(6_000))}]}}\n'
+MANY = f'objects: {{R: [{", ".join(f"r{number}" for number in range(5_100))}]}}\n'
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from importlib import resources
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from served import TIMEOUT_S, PageConnection, Served, serving
 
@@ -26,6 +26,8 @@ from dyknow_dashboard.model.metrics import CONTENT_TYPE
 from dyknow_dashboard.server.guards import RateLimit, is_loopback, is_own_host, is_same_origin
 from dyknow_dashboard.server.pages import MAX_FRAME, MAX_PAGES
 from dyknow_dashboard.server.serving import MAX_BODY, MAX_HEADERS, DashboardServer, ServerOptions
+
+pytestmark = pytest.mark.long
 
 RUNNING = EvaluationStatus('power', 'always p', EvaluationPhase.RUNNING, started=0)
 ASKED = {'formula': 'true', 'name': '', 'every_state': False, 'margin': False, 'timeout_s': 1}
@@ -181,11 +183,6 @@ def test_too_many_requests(served: Served) -> None:
     assert served.request('GET', '/')[0] == 200
 
 
-@settings(
-    max_examples=60,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
 @given(st.binary(max_size=300))
 def test_any_bytes_get_a_4xx_or_a_closed_connection(served: Served, content: bytes) -> None:
     received = served.exchange(content + b'\r\n\r\n')

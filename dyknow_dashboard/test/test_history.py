@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Verdict
@@ -225,7 +225,6 @@ def test_failures_are_acknowledged_then_cleared(tmp_path: Path) -> None:
 NAMES = st.text('aÄß%_', max_size=3)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.lists(st.tuples(NAMES, st.integers(0, 5)), max_size=12),
     st.integers(0, 5),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import NANOSECONDS, SECOND_NS
@@ -32,7 +32,6 @@ def exchange(pair: PairClock, other: Other, at: int, there: int, back: int) -> i
     return pair.measure(at, other.read(received), other.read(replied), arrived)
 
 
-@settings(max_examples=100)
 @given(
     st.integers(-(10**13), 10**13),
     st.floats(-100, 100),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_federation import StreamKey
@@ -38,7 +38,6 @@ class Pair:
         return [each.valid_time for each in self.told if isinstance(each, Received)]
 
 
-@settings(max_examples=100)
 @given(st.data())
 def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair = Pair()

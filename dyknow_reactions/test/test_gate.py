@@ -95,7 +95,7 @@ class Reference:
     st.lists(st.tuples(st.integers(0, 4), EVENTS), max_size=60),
     st.booleans(),
 )
-@settings(max_examples=max(500, settings.default.max_examples), deadline=None)
+@settings(max_examples=max(500, settings.default.max_examples))
 def test_it_is_open_exactly_when_all_conditions_hold(
     events: list[tuple[int, Event]],
     latch: bool,  # noqa: FBT001 - drawn by hypothesis

@@ -1,4 +1,4 @@
-"""A slow, obvious reading of the semantics, and formulas to try it on."""
+"""A slow, obvious reading of the semantics, with formulas and groups to compare it with."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from dyknow_common import Value
+from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -48,6 +49,28 @@ Trace = Sequence[tuple[int, Mapping[str, Value]]]
 def random_cases(usual: int) -> int:
     """The number of random cases of a test, unless the run has another one."""
     return int(os.environ.get('DYKNOW_RANDOM_CASES', '0')) or usual
+
+
+def begun(
+    text: str,
+    domains: Mapping[str, Sequence[str]] | None = None,
+    *,
+    limits: FormulaLimits | None = None,
+    **asked: bool,
+) -> tuple[FormulaGroup, int]:
+    """A group of one formula that waits for its first state, and the number of the formula."""
+    group = FormulaGroup(limits or FormulaLimits())
+    number = group.add_formula('it', text, **asked)
+    group.begin(domains or {})
+    return group, number
+
+
+def with_history(text: str) -> FormulaGroup:
+    """A group without a formula, which remembers what one that comes later looks back to."""
+    group = FormulaGroup()
+    group.begin({})
+    group.keep_history(text)
+    return group
 
 
 def disjunction(values: Iterable[bool | None]) -> bool | None:

@@ -6,10 +6,9 @@ from itertools import accumulate, cycle, islice
 from math import inf, nan
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from margin_reference import Step, ended, margin
-from reasoning_reference import random_cases
 
 from dyknow_reasoning.language.formula import (
     Always,
@@ -144,7 +143,6 @@ def check(
             assert (at_last.lower, at_last.upper) == (found.lower, found.upper)
 
 
-@settings(max_examples=random_cases(60), deadline=None)
 @given(
     monitored,
     traces,
@@ -158,7 +156,6 @@ def test_bounds_do_not_depend_on_when_they_are_asked_for(
     check(formula, trace, asked, gap, bad)
 
 
-@settings(max_examples=random_cases(80), deadline=None)
 @given(
     steady,
     cycles(),

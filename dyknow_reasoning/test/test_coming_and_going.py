@@ -6,9 +6,9 @@ from dataclasses import replace
 from itertools import product
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import Trace, formulas, random_cases
+from reasoning_reference import Trace, begun, formulas, random_cases
 from test_progression import traces
 
 from dyknow_common import ExitCode, Verdict
@@ -32,7 +32,7 @@ def alone(formula: Formula, trace: Trace) -> list[FormulaResult]:
 
 
 @pytest.mark.parametrize(('batch', 'many'), list(product((1, 1000), (False, True))))
-@settings(max_examples=random_cases(20), deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(20))
 @given(ARRIVALS, st.sets(st.integers(0, 5)), traces(st.integers(1, 2), most=12))
 def test_each_formula_is_as_in_a_group_of_its_own(
     batch: int,
@@ -125,9 +125,7 @@ def test_a_group_forgets_the_formulas_that_have_left(monkeypatch: pytest.MonkeyP
     ],
 )
 def test_presumably_false(text: str, values: dict[str, bool], expected: bool) -> None:  # noqa: FBT001
-    group = FormulaGroup()
-    number = group.add_formula('it', text)
-    group.begin({})
+    group, number = begun(text)
     assert group.progress(0, values) == []
     assert group.presumably_false(number) is expected
 

@@ -6,9 +6,9 @@ from itertools import combinations
 from types import ModuleType
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import counted, formulas, intervals, random_cases
+from reasoning_reference import begun, counted, formulas, intervals
 from test_paths import OBJECTS, grounded
 from test_progression import irregular, verdicts
 
@@ -30,9 +30,7 @@ BOUNDS = st.sampled_from(CountBound)
 
 
 def results(text: str, states: list[dict[str, bool]], objects: tuple[str, ...] = OBJECTS) -> str:
-    group = FormulaGroup()
-    number = group.add_formula('it', text)
-    group.begin({'S': objects})
+    group, number = begun(text, {'S': objects})
     found: list[FormulaResult] = group.decided_at_once()
     for index, state in enumerate(states):
         found += group.progress(index * 1_000_000_000, state)
@@ -89,9 +87,7 @@ def test_no_objects() -> None:
 
 def gapped(text: str, first: str, second: str, third: str = '') -> str:
     """The result over states of P with a gap after the first, or what remains."""
-    group = FormulaGroup()
-    number = group.add_formula('it', text)
-    group.begin({'S': 'abc'})
+    group, number = begun(text, {'S': 'abc'})
     found = group.progress(0, {f'P[{each}]': each in first for each in 'abc'})
     group.gap()
     for time, holds in ((10, second), (20, third)):
@@ -137,8 +133,6 @@ def expansion(bound: CountBound, number: int, members: tuple[Formula, ...]) -> F
     return found
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(40), deadline=None)
 @given(BOUNDS, st.integers(0, 4), st.lists(formulas(2), min_size=1, max_size=4), irregular)
 def test_a_count_is_its_expansion(
     bound: CountBound, number: int, members: list[Formula], trace: list[tuple[int, dict[str, bool]]]
@@ -154,8 +148,6 @@ def test_a_count_is_its_expansion(
             assert first == known
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(40), deadline=None)
 @given(BOUNDS, st.integers(0, 5), formulas(2), st.data())
 def test_a_quantifier_is_a_count_of_its_instances(
     bound: CountBound, number: int, body: Formula, data: st.DataObject
@@ -181,9 +173,7 @@ def test_a_quantifier_is_a_count_of_its_instances(
 
 def test_many_objects_take_little_time() -> None:
     objects = [f'o{index}' for index in range(500)]
-    group = FormulaGroup()
-    number = group.add_formula('it', 'always at least 250 u in S: eventually[0 s, 3 s] P[u]')
-    group.begin({'S': objects})
+    group, number = begun('always at least 250 u in S: eventually[0 s, 3 s] P[u]', {'S': objects})
     for time in range(20):
         state = {f'P[{name}]': (index + time) % 4 < 2 for index, name in enumerate(objects)}
         assert group.progress(time * 1_000_000_000, state) == []
@@ -225,9 +215,7 @@ def test_the_size_of_a_count() -> None:
 @given(intervals())
 def test_what_remains_can_be_read_again(interval: Interval) -> None:
     text = f'at least 2 of (always{interval} p, eventually{interval} q, p until q)'
-    group = FormulaGroup()
-    number = group.add_formula('it', text)
-    group.begin({})
+    group, number = begun(text)
     found = group.progress(0, {'p': True, 'q': False})
     if not found:
         again = FormulaGroup()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
+from reasoning_reference import begun
 
 from dyknow_common import Value
-from dyknow_reasoning import FormulaGroup, FormulaResult, ground_atoms, objects_text, parse_formula
+from dyknow_reasoning import FormulaResult, ground_atoms, objects_text, parse_formula
 
 POWER = (
     'forall u in UAV: always (Power[u] > 150 -> '
@@ -17,9 +18,7 @@ def decided(
     text: str, columns: dict[str, list[Value]], step: int = 100_000_000
 ) -> FormulaResult | None:
     """The result of a formula over states at 10.0 s, 10.1 s, ..., or with another step."""
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({'UAV': ['uav1', 'uav2']})
+    group, _ = begun(text, {'UAV': ['uav1', 'uav2']})
     length = max(len(column) for column in columns.values())
     for index in range(length):
         values = {name: column[index % len(column)] for name, column in columns.items()}

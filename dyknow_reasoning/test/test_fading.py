@@ -13,6 +13,8 @@ from dyknow_reasoning.execution.automata import automaton
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts
 
+pytestmark = pytest.mark.long
+
 FORMULAS = [
     'p -> q until[0, 9 ns] always[0, 5 ns] not p',
     'p -> q until[3 ns, 9 ns] always[0, 5 ns] not p',
@@ -44,19 +46,17 @@ def random_states(random: Random, *, gaps: bool) -> States:
 
 @pytest.mark.parametrize('gaps', [False, True])
 @pytest.mark.parametrize('text', FORMULAS)
-@pytest.mark.timeout(3600)
 def test_the_verdicts_are_those_of_single_evaluations(text: str, gaps: bool) -> None:  # noqa: FBT001
     random = Random(text)  # noqa: S311
-    for _ in range(random_cases(10)):
+    for _ in range(random_cases(4)):
         check(text, {}, random_states(random, gaps=gaps))
 
 
 @pytest.mark.parametrize('text', FORMULAS)
-@pytest.mark.timeout(3600)
 def test_automata_that_are_forgotten(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(automaton, '_MAX_NODES', 1)
     random = Random(text)  # noqa: S311
-    for _ in range(random_cases(5)):
+    for _ in range(random_cases(2)):
         check(text, {}, random_states(random, gaps=True))
 
 

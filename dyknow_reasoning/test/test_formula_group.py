@@ -7,6 +7,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from reasoning_reference import begun
 
 from dyknow_common import ExitCode, LanguageError, Symbol, SymbolKind, Value, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, ReasoningError
@@ -154,9 +155,7 @@ def test_a_division_by_zero_is_an_error_also_between_constants() -> None:
     ],
 )
 def test_why_a_formula_needs_no_state(text: str, explanation: str) -> None:
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({'None': [], 'UAV': ['uav1']})
+    group, _ = begun(text, {'None': [], 'UAV': ['uav1']})
     [result] = group.decided_at_once()
     assert result.explanation == explanation
 
@@ -363,9 +362,7 @@ def test_memory_stays_flat(jitter: int) -> None:
 
 
 def test_an_object_is_compared_with_a_field() -> None:
-    group = FormulaGroup()
-    group.add_formula('formula', 'forall x in UAV: always x != leader.name')
-    group.begin({'UAV': ['uav1', 'uav2']})
+    group, _ = begun('forall x in UAV: always x != leader.name', {'UAV': ['uav1', 'uav2']})
     assert not group.progress(0, {'leader.name': 'uav3'})
     (result,) = group.progress(1, {'leader.name': 'uav2'})
     assert result.verdict is Verdict.FALSE

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 
 import pytest
+from reasoning_reference import begun
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits, ReasoningError, parse_formula
 from dyknow_reasoning.progression.sizes import formula_size
@@ -95,9 +96,7 @@ def test_two_formulas_that_are_too_large_together() -> None:
 
 def test_many_atoms_of_one_instance() -> None:
     """Python cannot compile an expression of so many parts."""
-    group = FormulaGroup()
-    group.add_formula('some', 'always exists x in S: P[x] < 3')
-    group.begin(objects(5000))
+    group, _ = begun('always exists x in S: P[x] < 3', objects(5000))
     values = {f'P[s{number}]': 5 for number in range(5000)}
     for time in range(10):
         assert group.progress(time, {**values, 'P[s77]': 1}) == []
@@ -106,9 +105,7 @@ def test_many_atoms_of_one_instance() -> None:
 
 
 def test_the_text_of_many_instances_that_remain() -> None:
-    group = FormulaGroup()
-    group.add_formula('all', 'forall x in S: always P[x] < 3')
-    group.begin(objects(3000))
+    group, _ = begun('forall x in S: always P[x] < 3', objects(3000))
     group.progress(0, {f'P[s{number}]': 1 for number in range(3000)})
     text = group.residual(1)
     assert text.startswith('(') and len(text) < 50_000  # noqa: PT018

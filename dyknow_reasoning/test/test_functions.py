@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import random_cases
+from reasoning_reference import begun, random_cases
 from test_paths import plain
 
 from dyknow_common import Verdict
@@ -26,9 +26,7 @@ NAMES = [f'o{index}' for index in range(30)]
 
 def decided(text: str, **values: Any) -> FormulaResult:
     """The result of a formula at one state."""
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({})
+    group, _ = begun(text)
     (result,) = group.decided_at_once() or group.progress(0, values)
     return result
 
@@ -198,8 +196,7 @@ def results_on_all_paths(
     return found
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(20), deadline=None)
+@settings(max_examples=random_cases(20))
 @given(
     st.sampled_from(CALLS),
     st.lists(st.tuples(ANY, ANY), min_size=3, max_size=6),

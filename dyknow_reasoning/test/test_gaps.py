@@ -6,7 +6,7 @@ import re
 from itertools import accumulate, product
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from reasoning_reference import NAMES, Trace, formulas, holds, random_cases
 
@@ -82,8 +82,7 @@ def check_sound(result: FormulaResult | None, formula: Formula, filled: Trace) -
         assert without_gap is None or without_gap.verdict is result.verdict
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(130), deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=random_cases(100))
 @given(formulas(), segments(), st.data())
 def test_no_verdict_depends_on_what_is_missing(
     formula: Formula, found: Segments, data: st.DataObject
@@ -103,7 +102,6 @@ def all_fillings(first: Trace, last: Trace) -> list[Trace]:
     ]
 
 
-@settings(max_examples=random_cases(30), deadline=None)
 @given(
     formulas(2),
     st.lists(st.sampled_from(STATES), min_size=1, max_size=2),
@@ -164,7 +162,6 @@ def at_once(group: FormulaGroup, found: Segments) -> list[FormulaResult]:
     return told
 
 
-@settings(max_examples=random_cases(30), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(3), fleets(), st.data())
 def test_instances_in_a_gap(
     formula: Formula, fleet: dict[str, Segments], data: st.DataObject
@@ -188,7 +185,6 @@ def test_instances_in_a_gap(
             assert holds(formula, data.draw(fillings(fleet[guilty])), 0) is not True
 
 
-@settings(max_examples=random_cases(30), deadline=None)
 @given(formulas(), segments())
 def test_a_gap_without_time_for_a_state_changes_nothing(formula: Formula, found: Segments) -> None:
     trace = [state for segment in found for state in segment]

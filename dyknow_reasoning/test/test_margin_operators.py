@@ -60,7 +60,7 @@ def test_a_margin_of_zero_has_no_sign(text: str) -> None:
     assert '-0' not in str(found.at_present().document)
 
 
-@settings(max_examples=random_cases(200), deadline=None)
+@settings(max_examples=random_cases(100))
 @given(formulas(3, leaves), traces)
 def test_bounds_are_those_of_the_reference(formula: Formula, trace: list) -> None:
     times = list(accumulate(step for step, _ in trace))
@@ -77,7 +77,7 @@ def test_an_open_margin_in_an_unbounded_past() -> None:
     check_prefixes(parse_formula('once always x > 3'), [(1, 1, {'x': 1.0}), (2, 2, {'x': 0.0})])
 
 
-@settings(max_examples=random_cases(200), deadline=None)
+@settings(max_examples=random_cases(100))
 @given(formulas(3, leaves), traces, st.sets(st.integers(1, 8), min_size=1, max_size=2))
 def test_bounds_after_gaps(formula: Formula, trace: list, gaps: set[int]) -> None:
     found: list[Step] = []
@@ -91,7 +91,7 @@ def test_bounds_after_gaps(formula: Formula, trace: list, gaps: set[int]) -> Non
     check_prefixes(formula, found)
 
 
-@settings(max_examples=random_cases(100), deadline=None)
+@settings(max_examples=random_cases(100))
 @given(formulas(3, leaves), traces, st.sets(st.integers(0, 8), min_size=1, max_size=2))
 def test_bounds_where_values_are_missing(formula: Formula, trace: list, bad: set[int]) -> None:
     times = list(accumulate(step for step, _ in trace))
@@ -99,7 +99,7 @@ def test_bounds_where_values_are_missing(formula: Formula, trace: list, bad: set
     check_prefixes(formula, [(t, t, v) for t, v in zip(times, states, strict=True)])
 
 
-@settings(max_examples=random_cases(100), deadline=None)
+@settings(max_examples=random_cases(100))
 @given(formulas(3, leaves), traces)
 def test_bounds_stay_correct_where_too_many_states_wait(formula: Formula, trace: list) -> None:
     with pytest.MonkeyPatch.context() as patch:

@@ -7,11 +7,10 @@ from math import nan
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import COMPARISONS, formulas, random_cases
+from reasoning_reference import COMPARISONS, begun, formulas
 
-from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.language.formula import (
     Comparison,
     Count,
@@ -66,9 +65,7 @@ def margins(
     formula: Formula, trace: list[tuple[int, dict[str, Any]]], gap: int, *, every_state: bool
 ) -> list[tuple[float, float, bool]]:
     """The bounds at each state, with a gap before one, and whether they have an atom."""
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', str(formula), margin=True, every_state=every_state)
-    group.begin({'S': OBJECTS})
+    group, formula_id = begun(str(formula), {'S': OBJECTS}, margin=True, every_state=every_state)
     found = []
     for index, (time, (_, state)) in enumerate(
         zip(accumulate(step for step, _ in trace), trace, strict=True)
@@ -83,7 +80,6 @@ def margins(
     return found
 
 
-@settings(max_examples=random_cases(150), deadline=None)
 @given(
     formulas(2, st.one_of(quantified, nested)),
     traces,
@@ -113,9 +109,7 @@ def test_many_objects_have_the_margins_of_each(
 
 def test_the_limiting_object_of_many() -> None:
     objects = [f'u{number}' for number in range(40)]
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', 'forall u in S: always h[u] > 5', margin=True)
-    group.begin({'S': objects})
+    group, formula_id = begun('forall u in S: always h[u] > 5', {'S': objects}, margin=True)
     heights = {f'h[{name}]': 10.0 + number for number, name in enumerate(objects)}
     group.progress(0, {**heights, 'h[u31]': 7.5, 'h[u9]': 8})
     assert str(group.margin(formula_id)) == 'at most 2.5 (h[u31] > 5)'

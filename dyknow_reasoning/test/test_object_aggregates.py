@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import random_cases
+from reasoning_reference import begun, random_cases
 from test_functions import NAMES, results_on_all_paths
 
 from dyknow_common import LanguageError, Verdict
@@ -28,9 +28,7 @@ VALUES = {'P[a]': 1.5, 'P[b]': 2, 'P[c]': 7.0, 'P[home]': 4.0, 'On[a]': True, 'O
 
 def decided(text: str, values: Mapping[str, Any] = VALUES, **asked: Any) -> FormulaResult:
     """The result of a formula at one state."""
-    group = FormulaGroup()
-    group.add_formula('it', text, **asked)
-    group.begin(DOMAINS)
+    group, _ = begun(text, DOMAINS, **asked)
     (result,) = group.decided_at_once() or group.progress(0, values)
     return result
 
@@ -65,7 +63,7 @@ ROWS = st.tuples(st.integers(1, 4), st.sampled_from([NUMBERS, st.floats(-9, 9)])
 )
 
 
-@settings(max_examples=random_cases(20), deadline=None)
+@settings(max_examples=random_cases(20))
 @given(st.sampled_from([*REFERENCES]), ROWS, st.booleans())
 def test_all_paths_agree_with_the_reference(
     term: str,

@@ -6,21 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
-
-from dyknow_reasoning import FormulaGroup
+from reasoning_reference import begun
 
 S = 1_000_000_000
 NO = {'p': False, 'q': False}
 YES = {'p': True, 'q': False}
 
 States = Sequence[tuple[float, Mapping[str, bool]]]
-
-
-def begun(text: str, *, every_state: bool = False) -> tuple[FormulaGroup, int]:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', text, every_state=every_state)
-    group.begin({})
-    return group, formula_id
 
 
 def texts(text: str, states: States) -> set[str]:

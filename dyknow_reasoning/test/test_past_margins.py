@@ -85,7 +85,7 @@ def in_window(trace: list, i: int, window: Window) -> list[int]:
     return [j for j in range(i + 1) if trace[j][1] >= now - end and trace[j][0] <= now - start]
 
 
-@settings(max_examples=random_cases(165), deadline=None)
+@settings(max_examples=random_cases(100))
 @given(traces, intervals, st.booleans(), st.integers(0, 14), st.sampled_from([HIGHEST, LOWEST]))
 def test_once_and_historically(
     trace: list,
@@ -103,7 +103,7 @@ def test_once_and_historically(
         assert found[i][0] == (unknown if signals is None else better(expected))[0]
 
 
-@settings(max_examples=random_cases(165), deadline=None)
+@settings(max_examples=random_cases(100))
 @given(traces, intervals, st.booleans(), st.integers(0, 14), st.sampled_from([HIGHEST, LOWEST]))
 def test_since(
     trace: list,
@@ -125,7 +125,7 @@ def test_since(
         assert found[i][0] == (unknown if signals is None else better(expected))[0]
 
 
-@settings(max_examples=random_cases(100), deadline=None)
+@settings(max_examples=random_cases(100))
 @given(traces, intervals, st.booleans(), st.booleans(), st.sampled_from([HIGHEST, LOWEST]))
 def test_the_past_of_the_future(
     trace: list,
@@ -157,7 +157,7 @@ def test_the_past_of_the_future(
         assert found[i][0] == better(expected)[0]
 
 
-@settings(max_examples=random_cases(65), deadline=None)
+@settings(max_examples=random_cases(100))
 @given(traces, st.integers(0, 14), st.sampled_from([HIGHEST, LOWEST]))
 def test_previous(trace: list, gap: int, unknown: Robustness) -> None:
     steps, known = with_gap(trace, gap, unknown)

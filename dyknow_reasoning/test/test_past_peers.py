@@ -8,9 +8,9 @@ from __future__ import annotations
 from random import Random
 
 import pytest
+from reasoning_reference import with_history
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup
 
 STATES = 30
 FORMULAS = 40
@@ -51,9 +51,7 @@ def random_formula(random: Random, depth: int) -> tuple[str, str, str]:
 
 
 def ours(text: str, rows: list[dict[str, bool]]) -> list[bool]:
-    group = FormulaGroup()
-    group.begin({})
-    group.keep_history(text)
+    group = with_history(text)
     found = []
     for time, row in enumerate(rows):
         number = group.add_formula('it', text)

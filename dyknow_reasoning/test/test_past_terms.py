@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from reasoning_reference import (
     COMPARISONS,
     LEAVES,
     NAMES,
     Trace,
+    begun,
     formulas,
     holds,
     past_value_of,
@@ -46,7 +47,6 @@ from dyknow_reasoning.language.terms import (
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.margins.formula_margin import FormulaMargin
 
-ALL_CHECKS = list(HealthCheck)
 OPERATORS = st.sampled_from(sorted(COMPARISONS))
 WINDOWS = st.integers(0, 6).map(lambda end: Interval(0, end))
 
@@ -88,9 +88,7 @@ def traces(draw: st.DrawFn) -> Trace:
 
 
 def results(text: str, trace: Trace, *, at_once: bool = False, **asked: Any) -> list[FormulaResult]:
-    group = FormulaGroup()
-    group.add_formula('it', text, **asked)
-    group.begin({})
+    group, _ = begun(text, **asked)
     if at_once:
         columns = {name: np.array([values[name] for _, values in trace]) for name in trace[0][1]}
         return group.progress_many([time for time, _ in trace], columns)
@@ -98,7 +96,7 @@ def results(text: str, trace: Trace, *, at_once: bool = False, **asked: Any) -> 
     return group.decided_at_once() + found
 
 
-@settings(max_examples=random_cases(120), deadline=None, suppress_health_check=ALL_CHECKS)
+@settings(max_examples=random_cases(100))
 @given(formulas(3, WITH_TERMS), traces())
 def test_verdicts_are_those_of_the_reference(formula: Formula, trace: Trace) -> None:
     assert parse_formula(str(formula)) == formula
@@ -112,7 +110,6 @@ def test_verdicts_are_those_of_the_reference(formula: Formula, trace: Trace) -> 
         assert found == [expected]
 
 
-@settings(max_examples=random_cases(60), deadline=None, suppress_health_check=ALL_CHECKS)
 @given(comparisons(PAST), traces(), st.data())
 def test_each_state_of_a_guard(formula: Formula, trace: Trace, data: st.DataObject) -> None:
     guard = TrialFormula(str(formula), {})
@@ -126,14 +123,11 @@ def test_each_state_of_a_guard(formula: Formula, trace: Trace, data: st.DataObje
             accepted.append((time, values))
 
 
-@settings(max_examples=random_cases(60), deadline=None, suppress_health_check=ALL_CHECKS)
 @given(comparisons(PAST), traces())
 def test_each_state_of_a_standing_formula(formula: Formula, trace: Trace) -> None:
     expected = [holds(formula, trace, i) for i in range(len(trace))]
     for size in (1, len(trace)):
-        group = FormulaGroup()
-        number = group.add_formula('it', str(formula), every_state=True)
-        group.begin({})
+        group, number = begun(str(formula), every_state=True)
         for first in range(0, len(trace), size):
             part = trace[first : first + size]
             columns = {name: [values[name] for _, values in part] for name in NAMES}
@@ -142,7 +136,7 @@ def test_each_state_of_a_standing_formula(formula: Formula, trace: Trace) -> Non
         assert (found.holds, found.fails) == (expected.count(True), expected.count(False))
 
 
-@settings(max_examples=random_cases(150), deadline=None, suppress_health_check=ALL_CHECKS)
+@settings(max_examples=random_cases(100))
 @given(formulas(2, WITH_TERMS), segments(), st.data())
 def test_no_verdict_depends_on_what_is_missing(
     formula: Formula, found: Segments, data: st.DataObject
@@ -152,7 +146,6 @@ def test_no_verdict_depends_on_what_is_missing(
         check_sound(result, formula, data.draw(fillings(found)))
 
 
-@settings(max_examples=random_cases(60), deadline=None)
 @given(OPERATORS, st.lists(st.integers(0, 3), min_size=1, max_size=6))
 def test_a_comparison_with_the_value_before_is_the_comparison_before(
     operator: str, values: list[int]
@@ -165,7 +158,6 @@ def test_a_comparison_with_the_value_before_is_the_comparison_before(
         assert [each.verdict for each in first] == [each.verdict for each in second]
 
 
-@settings(max_examples=random_cases(60), deadline=None)
 @given(
     OPERATORS,
     st.lists(st.integers(-3, 3), min_size=1, max_size=8),
@@ -245,9 +237,7 @@ STATES = [(i * SECOND, {'x': float(x), 'mode': mode}) for i, (x, mode) in enumer
 def test_explanations(text: str, explanation: str) -> None:
     found = results(text, STATES)
     columns = {name: [values[name] for _, values in STATES] for name in STATES[0][1]}
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({})
+    group, _ = begun(text)
     assert group.progress_many([time for time, _ in STATES], columns) == found
     assert [explanation in each.explanation for each in found] == [True] * bool(explanation)
 
@@ -267,9 +257,7 @@ def test_objects_have_values_of_their_own() -> None:
 
 def test_a_lost_value_is_an_error_while_it_counts() -> None:
     for text, states in (('x - prev(x) > 5', 1), ('count(x > 3, 1 s) > 5', 1)):
-        group = FormulaGroup()
-        number = group.add_formula('it', f'always[0, 0] not ({text})')
-        group.begin({})
+        group, _ = begun(f'always[0, 0] not ({text})')
         group.keep_history(f'not ({text})')
         for time, x in enumerate([1.0, float('nan'), 2.0, 3.0]):
             number = group.add_formula('it', f'not ({text})')

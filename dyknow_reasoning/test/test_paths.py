@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from reasoning_reference import formulas, random_cases
 
@@ -95,19 +95,21 @@ def check(
         assert found[-1] == found[0], (str(formula), progressed.__name__, limits)
 
 
+SOME_PATHS = st.lists(st.sampled_from(PATHS[:-1]), min_size=3, max_size=3, unique=True)
+
+
 @pytest.mark.parametrize('most_step', [1, 5])
-@pytest.mark.timeout(3600)
-def test_all_paths_give_the_same_results(most_step: int) -> None:
-    some_paths = st.lists(st.sampled_from(PATHS[:-1]), min_size=3, max_size=3, unique=True)
-    settings(max_examples=random_cases(20), deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas(3), recordings(most_step), some_paths)(check)
-    )()
+@settings(max_examples=random_cases(20))
+@given(formulas(3), SOME_PATHS, st.data())
+def test_all_paths_give_the_same_results(
+    most_step: int, formula: Formula, paths: list[tuple[Any, ...]], data: st.DataObject
+) -> None:
+    check(formula, data.draw(recordings(most_step)), paths)
 
 
 BAD_VALUES = ['x', True, None, float('nan'), 1 << 60, -(1 << 60)]
 
 
-@settings(max_examples=random_cases(25), deadline=None)
 @given(formulas(2), recordings(2), st.data())
 def test_bad_values_give_the_same_errors(
     formula: Formula, recording: tuple[list[int], Columns], data: st.DataObject
@@ -173,7 +175,6 @@ TERMS = st.recursive(
 )
 
 
-@settings(max_examples=random_cases(40), deadline=None)
 @given(
     TERMS,
     st.sampled_from(['=', '!=', '<', '<=', '>', '>=']),

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import holds, intervals, random_cases
-from scipy.optimize import linprog
+from reasoning_reference import begun, holds, intervals
 
 from dyknow_common import DyKnowError, ProbabilityInterval, Verdict
 from dyknow_reasoning import FormulaGroup, ReasoningError, TrialFormula, parse_formula
@@ -32,7 +31,6 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature
 
-EXAMPLES = random_cases(40)
 STANDARD = NormalDist()
 ROUNDING = 1e-9
 
@@ -96,7 +94,6 @@ def truths(x: float, y: float) -> list[tuple[dict[str, bool], float]]:
     ]
 
 
-@settings(max_examples=EXAMPLES)
 @given(
     formulas(list(SHARED)),
     st.lists(st.tuples(st.integers(1, 5), MEANS, MEANS), min_size=1, max_size=3),
@@ -134,7 +131,6 @@ UNKNOWN = {
 }
 
 
-@settings(max_examples=2 * EXAMPLES)
 @given(
     formulas(list(UNKNOWN)),
     st.lists(st.integers(1, 5), min_size=1, max_size=7),
@@ -180,9 +176,7 @@ def test_bounds_hold_for_any_dependence(formula: Formula, steps: Sequence[int], 
 
 def held_at_end(formula: Formula, at: Sequence[int], states: Sequence[Any]) -> bool:
     """The verdict of a group if no further state came."""
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', str(formula))
-    group.begin({})
+    group, formula_id = begun(str(formula))
     results = group.decided_at_once()
     for time, values in zip(at, states, strict=True):
         results += group.progress(time, values)
@@ -191,13 +185,14 @@ def held_at_end(formula: Formula, at: Sequence[int], states: Sequence[Any]) -> b
     return not group.presumably_false(formula_id)
 
 
-@settings(max_examples=EXAMPLES)
 @given(
     st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=1, max_size=4), st.integers(0, 5)
 )
 def test_counts_have_the_bounds_of_a_linear_program(
     pairs: Sequence[tuple[float, float]], count: int
 ) -> None:
+    from scipy.optimize import linprog  # noqa: PLC0415 - half a second, here alone
+
     chances = [(min(pair), max(pair)) for pair in pairs]
     outcomes = list(product((0, 1), repeat=len(chances)))
     goal = np.array([sum(outcome) >= count for outcome in outcomes], float)
@@ -282,9 +277,7 @@ def simulated_errors(
 
 
 def test_a_formula_asks_for_a_probability_at_each_state() -> None:
-    group = FormulaGroup()
-    group.add_formula('it', 'always (busy -> P(normal(x, s) > 0) >= 0.95)')
-    group.begin({})
+    group, _ = begun('always (busy -> P(normal(x, s) > 0) >= 0.95)')
     assert [str(each) for each in group.symbols()] == ['busy', 'x', 's']
     assert not group.progress(0, {'busy': False, 'x': 0.0, 's': 1.0})
     assert not group.progress(1, {'busy': True, 'x': 2.0, 's': 1.0})
@@ -296,9 +289,7 @@ def test_a_formula_asks_for_a_probability_at_each_state() -> None:
 
 def progressed(text: str, states: Sequence[Mapping[str, Any]]) -> tuple[Verdict, int | None, str]:
     """The verdict, the state that decides, and the error."""
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({'UAV': ('u1', 'u2')})
+    group, _ = begun(text, {'UAV': ('u1', 'u2')})
     for index, values in enumerate(states):
         for result in group.progress(index * 10**9, values):
             return result.verdict, index, str(result.error or '')
@@ -471,9 +462,7 @@ def test_an_open_probability_counts_as_its_formula_at_the_end(
     text: str,
     presumably_false: bool,  # noqa: FBT001
 ) -> None:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', text)
-    group.begin({})
+    group, formula_id = begun(text)
     for index, values in enumerate(NEAR[:2]):
         assert not group.progress(index, values)
     assert group.presumably_false(formula_id) is presumably_false

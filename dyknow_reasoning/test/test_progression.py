@@ -7,9 +7,18 @@ from itertools import accumulate, product
 from random import Random
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, Trace, formulas, holds, intervals, negation, random_cases
+from reasoning_reference import (
+    NAMES,
+    Trace,
+    begun,
+    formulas,
+    holds,
+    intervals,
+    negation,
+    random_cases,
+)
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup, parse_formula
@@ -25,14 +34,10 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.terms import Feature, Truth
 
-EXAMPLES = random_cases(130)
-
 
 def verdicts(formula: Formula, trace: Trace) -> list[bool | None]:
     """The knowledge of progression after each state."""
-    group = FormulaGroup()
-    group.add_formula('it', str(formula))
-    group.begin({})
+    group, _ = begun(str(formula))
     known: bool | None = None
     found = []
     for time, values in trace:
@@ -66,11 +71,12 @@ def check(formula: Formula, trace: Trace) -> None:
 
 
 @pytest.mark.parametrize('steps', [st.just(1), st.just(2), st.integers(1, 5)], ids=str)
-@pytest.mark.timeout(1200)
-def test_verdicts_are_right_and_not_late(steps: st.SearchStrategy[int]) -> None:
-    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas(), traces(steps))(check)
-    )()
+@settings(max_examples=random_cases(100))
+@given(formulas(), st.data())
+def test_verdicts_are_right_and_not_late(
+    steps: st.SearchStrategy[int], formula: Formula, data: st.DataObject
+) -> None:
+    check(formula, data.draw(traces(steps)))
 
 
 LITERALS = st.sampled_from([Feature('p'), Not(Feature('p')), Feature('q')])
@@ -80,7 +86,6 @@ def over_one_body(kind: type[Always | Eventually]) -> st.SearchStrategy[Formula]
     return intervals().map(lambda interval: kind(Feature('p'), interval))
 
 
-@settings(max_examples=EXAMPLES, deadline=None)
 @given(
     st.recursive(
         over_one_body(Always) | over_one_body(Eventually) | LITERALS,
@@ -150,9 +155,7 @@ def test_a_shift_in_time_changes_nothing(formula: Formula, trace: Trace, shift: 
 
 @given(formulas(3), irregular)
 def test_the_residual_says_what_the_rest_must_satisfy(formula: Formula, trace: Trace) -> None:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', str(formula))
-    group.begin({})
+    group, formula_id = begun(str(formula))
     for time, values in trace:
         group.progress(time, values)
         text = group.residual(formula_id)
@@ -171,7 +174,7 @@ def continuations(trace: Trace, states: int) -> list[Trace]:
     ]
 
 
-@settings(max_examples=random_cases(20), deadline=None)
+@settings(max_examples=random_cases(20))
 @given(formulas(2), traces(st.just(1), most=3))
 def test_no_verdict_that_a_continuation_contradicts(formula: Formula, trace: Trace) -> None:
     found = verdicts(formula, trace)
@@ -199,9 +202,7 @@ def test_no_verdict_that_a_continuation_contradicts(formula: Formula, trace: Tra
     ],
 )
 def test_the_earliest_verdict(formula: str, times: list[int], decided_at: int | None) -> None:
-    group = FormulaGroup()
-    group.add_formula('it', formula)
-    group.begin({})
+    group, _ = begun(formula)
     results = [result for time in times for result in group.progress(time, {'p': True})]
     assert [result.decided_at for result in results] == ([] if decided_at is None else [decided_at])
 
@@ -238,9 +239,7 @@ def test_what_remains_may_nest_deeply() -> None:
 )
 def test_what_remains_does_not_grow_with_each_state(formula: str) -> None:
     random = Random(1)  # noqa: S311 - the same states each time
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', formula)
-    group.begin({})
+    group, formula_id = begun(formula)
     sizes = []
     for index in range(300):
         state = {name: random.random() < 0.5 for name in 'pqrs'}

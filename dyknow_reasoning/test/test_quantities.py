@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from reasoning_reference import begun
 
 from dyknow_common import LanguageError, TextPosition
 from dyknow_reasoning import FormulaGroup, ReasoningError, parse_constants, parse_formula
@@ -95,9 +96,7 @@ def test_a_group_needs_to_know_the_units() -> None:
         "'1 \"m/s\"' has a unit, and the unit of 'Speed' is not known; state the unit, "
         'let Speed: UNIT in ..., or write a plain number'
     )
-    known = FormulaGroup()
-    known.add_formula('it', 'let Speed: km/h in always Speed[u1] < 1 m/s')
-    known.begin({})
+    known, _ = begun('let Speed: km/h in always Speed[u1] < 1 m/s')
     assert known.progress(0, {'Speed[u1]': 3.5}) == []
     (result,) = known.progress(1, {'Speed[u1]': 3.6})
     assert result.explanation.startswith('Speed[u1] = 3.6 at 0.000000001 s is not < 3.6')
@@ -137,9 +136,7 @@ def test_a_group_needs_to_know_the_units() -> None:
 def test_converted_numbers_are_shown_as_they_were_written(
     formula: str, speed: float, explanation: str
 ) -> None:
-    group = FormulaGroup()
-    group.add_formula('it', f'let v: m/s in {formula}')
-    group.begin({})
+    group, _ = begun(f'let v: m/s in {formula}')
     results = [each for time in (1, 2) for each in group.progress(time * 10**9, {'v': speed})]
     assert results[0].explanation.startswith(explanation)
     assert results[0].explanation.endswith(explanation) or 'held' in explanation

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import random_cases
 
 from dyknow_reasoning import FormulaGroup, FormulaResult
 from dyknow_reasoning.execution import instance_monitor, instance_pool
@@ -46,7 +45,6 @@ def assert_paths_agree(
     assert comparable(found) == comparable(expected)
 
 
-@settings(max_examples=random_cases(30), deadline=None)
 @given(st.data())
 def test_formulas_of_many_atoms(data: st.DataObject) -> None:
     atoms = data.draw(st.integers(1, 70))
@@ -74,7 +72,6 @@ def test_the_atom_that_decides_may_have_any_slot(slot: int) -> None:
     assert_paths_agree([formula], 0, [0, PERIOD_NS, 2 * PERIOD_NS], columns)
 
 
-@settings(max_examples=random_cases(30), deadline=None)
 @given(st.data())
 def test_values_that_are_not_known_in_some_instances(data: st.DataObject) -> None:
     objects = data.draw(st.integers(1, 60))

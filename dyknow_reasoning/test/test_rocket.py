@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
+from reasoning_reference import begun
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup, check_trace, read_trace
+from dyknow_reasoning import check_trace, read_trace
 
 MS = 1_000_000
 RECORDING = Path(__file__).parent / 'data' / 'sounding_rocket_launch.csv'
@@ -93,9 +94,7 @@ def test_properties_of_a_launch(formula: str, verdict: Verdict, decided_at: int)
     lines += [','.join((str(row['time'] / 1000), *map(str, row.values()))) for row in ROWS]
     [found] = check_trace([formula], {}, read_trace(lines))
     assert (found.verdict, found.decided_at) == (verdict, decided_at * MS)
-    group = FormulaGroup()
-    group.add_formula('it', formula)
-    group.begin({})
+    group, _ = begun(formula)
     times = [int(row['time']) * MS for row in ROWS]
     [result] = group.progress_many(times, {name: [row[name] for row in ROWS] for name in HEADER})
     assert (result.verdict, result.decided_at) == (verdict, decided_at * MS)

@@ -6,9 +6,10 @@ import csv
 from pathlib import Path
 
 import pytest
+from reasoning_reference import begun
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup, check_types, parse_formula
+from dyknow_reasoning import check_types, parse_formula
 from dyknow_reasoning.margins.formula_margin import FormulaMargin
 
 MS = 1_000_000
@@ -44,9 +45,7 @@ def test_verdicts_are_those_of_rtamt(formula: str) -> None:
         theirs.spec = text.replace('->', 'implies')
         theirs.parse()
         robustness = theirs.evaluate({'time': list(range(len(rows))), **columns})[0][1]
-        group = FormulaGroup()
-        group.add_formula('it', text)
-        group.begin({})
+        group, _ = begun(text)
         times = range(0, len(rows) * MS, MS)
         [result] = group.progress_many(times, columns)
         assert (result.verdict is Verdict.TRUE) == (robustness > 0)

@@ -7,13 +7,11 @@ from itertools import product
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import deeper, holds, random_cases
-from test_progression import EXAMPLES
+from reasoning_reference import begun, deeper, holds
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.language.formula import (
     And,
     Comparison,
@@ -29,9 +27,7 @@ from dyknow_reasoning.language.terms import Feature, Number
 
 def at_once(text: str) -> str:
     """The verdict without a state, or what remains."""
-    group = FormulaGroup()
-    number = group.add_formula('it', text)
-    group.begin({'S': ['a', 'b']})
+    group, number = begun(text, {'S': ['a', 'b']})
     results = group.decided_at_once()
     if results:
         return results[0].verdict.name
@@ -102,9 +98,7 @@ def test_without_a_state(text: str, expected: str) -> None:
 
 
 def test_a_dropped_atom_does_not_matter() -> None:
-    group = FormulaGroup()
-    group.add_formula('it', 'always (x > 10 and x > 5 and x != 7 and x > 10.0)')
-    group.begin({})
+    group, _ = begun('always (x > 10 and x > 5 and x != 7 and x > 10.0)')
     (instance,) = group._instances[1]
     assert instance.node.mask.bit_count() == 1
 
@@ -133,23 +127,17 @@ def together(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
     )
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(30), deadline=None)
 @given(st.recursive(st.one_of(ATOMS, MIRRORED), together, max_leaves=9))
 def test_one_state_has_the_verdict_of_the_reference(formula: Formula) -> None:
     expected = {}
     for x, y in product(VALUES, repeat=2):
         state = {'x': x, 'y': y}
-        group = FormulaGroup()
-        group.add_formula('it', str(formula))
-        group.begin({})
+        group, _ = begun(str(formula))
         (result,) = group.decided_at_once() or group.progress(0, state)
         expected[x, y] = holds(formula, [(0, state)], 0)
         assert (result.verdict is Verdict.TRUE) == expected[x, y], (str(formula), state)
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=EXAMPLES, deadline=None)
 @given(st.lists(ATOMS | MIRRORED, min_size=1, max_size=5), st.booleans())
 def test_a_junction_of_thresholds_is_decided_as_early_as_possible(
     atoms: list[Comparison],
@@ -164,6 +152,8 @@ def test_a_junction_of_thresholds_is_decided_as_early_as_possible(
     assert (verdict in {'TRUE', 'FALSE'}) == (len(found) == 1), str(formula)
 
 
+LEAVES = st.one_of(ATOMS, MIRRORED, *SEVERAL)
+STATES = st.fixed_dictionaries({name: st.sampled_from([-1, 0, 0.5, 1, 1.5, 2, 3]) for name in 'xy'})
 INTERVALS = st.sampled_from(['', '[0, 2 ns]', '[1 ns, 2 ns]', '[1 ns, inf]', '[2 ns, 4 ns]'])
 TRACES = st.lists(
     st.tuples(
@@ -175,8 +165,6 @@ TRACES = st.lists(
 )
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=EXAMPLES, deadline=None)
 @given(
     st.sampled_from(['and', 'or', '->']),
     st.tuples(*[st.sampled_from(['always', 'eventually', 'true until', 'y < 1 until'])] * 2),
@@ -196,26 +184,19 @@ def test_thresholds_in_two_windows(
         check(parse_formula(f'{first} {word} {second}'), trace)
 
 
-@pytest.mark.timeout(3600)
-def test_traces_have_the_verdicts_of_the_reference() -> None:
-    leaves = st.one_of(ATOMS, MIRRORED, *SEVERAL)
-    formulas = st.one_of(deeper(leaves), deeper(deeper(leaves)))
-    states = st.fixed_dictionaries(
-        {name: st.sampled_from([-1, 0, 0.5, 1, 1.5, 2, 3]) for name in 'xy'}
-    )
-    traces = st.lists(st.tuples(st.integers(1, 3), states), min_size=1, max_size=8)
-    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas, traces)(check)
-    )()
+@given(
+    st.one_of(deeper(LEAVES), deeper(deeper(LEAVES))),
+    st.lists(st.tuples(st.integers(1, 3), STATES), min_size=1, max_size=8),
+)
+def test_traces_have_the_verdicts_of_the_reference(formula: Formula, steps: list[Any]) -> None:
+    check(formula, steps)
 
 
 def check(formula: Formula, steps: list[tuple[int, dict[str, Any]]]) -> None:
     """No verdict differs from the reference, which may know less, or comes later."""
     times = [sum(step for step, _ in steps[: index + 1]) for index in range(len(steps))]
     trace = [(time, state) for time, (_, state) in zip(times, steps, strict=True)]
-    group = FormulaGroup()
-    group.add_formula('it', str(formula))
-    group.begin({})
+    group, _ = begun(str(formula))
     known: bool | None = None
     for result in group.decided_at_once():
         known = result.verdict is Verdict.TRUE

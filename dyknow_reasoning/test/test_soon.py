@@ -8,9 +8,10 @@ from itertools import product
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from reasoning_reference import begun
 
 from dyknow_common import LanguageError, Verdict
-from dyknow_reasoning import ForecastBound, ForecastFeature, FormulaGroup, notes_on, parse_formula
+from dyknow_reasoning import ForecastBound, ForecastFeature, notes_on, parse_formula
 
 SECOND = 1_000_000_000
 NAMES = ('x', 'y')
@@ -54,9 +55,7 @@ formulas = st.recursive(
 
 def soon(body: str, found: Forecasts) -> bool:
     """Return `soon`, asked of the bounds that a forecast unit makes of all its times."""
-    group = FormulaGroup()
-    group.add_formula('soon', f'soon[5 s] ({body})')
-    group.begin({})
+    group, _ = begun(f'soon[5 s] ({body})')
     state = {}
     for name, times in found.items():
         state[f'{name}_low_5s'] = min(low for low, _ in times)
@@ -142,9 +141,7 @@ def test_what_no_forecast_decides_is_refused(text: str, reason: str) -> None:
 
 
 def test_it_does_not_count_as_what_it_announces() -> None:
-    group = FormulaGroup()
-    group.add_formula('told', 'always ((soon[1 s] x > 3) -> x > 3)')
-    group.begin({})
+    group, _ = begun('always ((soon[1 s] x > 3) -> x > 3)')
     (result,) = group.progress(0, {'x_high_1s': 4.0, 'x': 1.0})
     assert result.verdict is Verdict.FALSE
 

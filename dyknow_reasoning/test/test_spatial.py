@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import Trace, holds, random_cases
+from reasoning_reference import Trace, begun, holds, random_cases
 from spatial_reference import OBJECTS
 from test_paths import plain, set_limits
 
@@ -112,26 +112,17 @@ def traces(draw: st.DrawFn) -> Trace:
     return list(zip(accumulate(steps), states, strict=True))
 
 
-CASES = settings(
-    max_examples=random_cases(60), deadline=None, suppress_health_check=list(HealthCheck)
-)
-
-
 @pytest.fixture(params=[1, 3])
 def _objects(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(OBJECTS, 'R', tuple(f'a{number}' for number in range(request.param)))
 
 
 def started(text: str) -> FormulaGroup:
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin(OBJECTS)
+    group, _ = begun(text, OBJECTS)
     return group
 
 
 @pytest.mark.usefixtures('_objects')
-@pytest.mark.timeout(7200)
-@CASES
 @given(texts(), traces())
 def test_verdicts_are_those_of_the_reference(text: str, trace: Trace) -> None:
     formula = parse_formula(text)
@@ -149,8 +140,6 @@ def test_verdicts_are_those_of_the_reference(text: str, trace: Trace) -> None:
 
 
 @pytest.mark.usefixtures('_objects')
-@pytest.mark.timeout(7200)
-@CASES
 @given(texts(), traces(), st.data())
 def test_gaps_are_sound(text: str, trace: Trace, data: st.DataObject) -> None:
     """The verdict with a gap is that over the states which were missing."""
@@ -170,8 +159,6 @@ def test_gaps_are_sound(text: str, trace: Trace, data: st.DataObject) -> None:
 
 
 @pytest.mark.usefixtures('_objects')
-@pytest.mark.timeout(7200)
-@CASES
 @given(texts(), traces(), st.sampled_from([None, 'x', float('nan')]), st.data())
 def test_all_paths_give_the_same_results(
     text: str, trace: Trace, bad: Any, data: st.DataObject
@@ -200,13 +187,9 @@ def test_all_paths_give_the_same_results(
 
 
 @pytest.mark.usefixtures('_objects')
-@pytest.mark.timeout(7200)
-@CASES
 @given(texts(), traces())
 def test_formulas_asked_at_every_state(text: str, trace: Trace) -> None:
-    group = FormulaGroup()
-    number = group.add_formula('it', text, every_state=True)
-    group.begin(OBJECTS)
+    group, number = begun(text, OBJECTS, every_state=True)
     for time, values in trace:
         assert group.progress(time, values) == []
     formula = parse_formula(text)
@@ -227,9 +210,7 @@ NEAR = 'let D: m in over (D[a, b] <= 50 m for a, b in R) from r3 to s: '
 
 
 def decided(text: str, **changed: Any) -> FormulaResult:
-    group = FormulaGroup()
-    group.add_formula('it', text)
-    group.begin({'R': ['r1', 'r2', 'r3'], 'Other': ['x']})
+    group, _ = begun(text, {'R': ['r1', 'r2', 'r3'], 'Other': ['x']})
     (result,) = group.progress(
         0, {**VALUES, **{f'D[r{k[1]}, r{k[2]}]': v for k, v in changed.items()}}
     )

@@ -7,10 +7,10 @@ from math import inf
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from margin_reference import Step, ended, least, margin
-from reasoning_reference import COMPARISONS, formulas, random_cases
+from reasoning_reference import COMPARISONS, begun, formulas
 
 from dyknow_common import Margin
 from dyknow_reasoning import FormulaGroup, standing
@@ -26,11 +26,8 @@ leaves = st.builds(
 traces = st.lists(st.tuples(st.integers(1, 3), values), min_size=1, max_size=14)
 
 
-def begun(text: str, domains: Any = None) -> tuple[FormulaGroup, int]:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', text, margin=True, every_state=True)
-    group.begin(domains or {})
-    return group, formula_id
+def asked(text: str, domains: Any = None) -> tuple[FormulaGroup, int]:
+    return begun(text, domains, margin=True, every_state=True)
 
 
 def can_be_asked(formula: Formula, gaps: set[int]) -> bool:
@@ -44,7 +41,7 @@ def bounds(found: Margin | None) -> tuple[float, float]:
 
 def check(formula: Formula, trace: list[tuple[int, float]], gaps: set[int]) -> None:
     """After each state, the margins are the least ones of evaluations from each state on."""
-    group, formula_id = begun(str(formula))
+    group, formula_id = asked(str(formula))
     monitor = group.standing.formulas[formula_id].monitor
     steps: list[Step] = []
     starts: list[int] = []
@@ -67,8 +64,6 @@ def check(formula: Formula, trace: list[tuple[int, float]], gaps: set[int]) -> N
         ]
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(100), deadline=None)
 @given(formulas(3, leaves), traces, st.sets(st.integers(1, 8), max_size=2))
 def test_the_worst_margin_is_the_least_of_single_evaluations(
     formula: Formula, trace: list, gaps: set[int]
@@ -81,7 +76,7 @@ def test_the_worst_margin_is_the_least_of_single_evaluations(
 
 
 def test_the_worst_margin_of_an_episode_names_its_atom() -> None:
-    group, formula_id = begun('forall u in UAV: Power[u] < 200', {'UAV': ['a', 'b']})
+    group, formula_id = asked('forall u in UAV: Power[u] < 200', {'UAV': ['a', 'b']})
     for second, (first, other) in enumerate([(150, 190), (210, 230), (205, 190), (150, 190)]):
         group.progress(second * S, {'Power[a]': float(first), 'Power[b]': float(other)})
     [episode] = group.standing.summary(formula_id).latest_episodes
@@ -91,7 +86,7 @@ def test_the_worst_margin_of_an_episode_names_its_atom() -> None:
 
 
 def test_the_worst_margin_is_known_after_the_verdict() -> None:
-    group, formula_id = begun('always[0 s, 2 s] x < 5')
+    group, formula_id = asked('always[0 s, 2 s] x < 5')
     worst = []
     for second, x in enumerate([6.0, 9.0, 4.0, 4.0]):
         group.progress(second * S, {'x': x})
@@ -105,7 +100,7 @@ def test_the_worst_margin_is_known_after_the_verdict() -> None:
 
 
 def test_a_long_episode_takes_little_memory() -> None:
-    group, formula_id = begun('x < 5')
+    group, formula_id = asked('x < 5')
     for number in range(20_000):
         group.progress(number, {'x': 6.0 + number % 7})
     margins: Any = group._margins.standing(formula_id)
@@ -118,9 +113,7 @@ def test_a_long_episode_takes_little_memory() -> None:
 
 
 def test_without_a_request_there_are_no_margins() -> None:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', 'x < 5', every_state=True)
-    group.begin({})
+    group, formula_id = begun('x < 5', every_state=True)
     group.progress(0, {'x': 6.0})
     assert group.margin(formula_id) is None
     assert group.standing.summary(formula_id).latest_episodes[0].worst is None

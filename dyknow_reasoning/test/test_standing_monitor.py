@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping, Sequence
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import formulas, random_cases
+from reasoning_reference import begun, formulas
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -16,7 +16,6 @@ from dyknow_reasoning.execution import StandingMonitor
 from dyknow_reasoning.language.formula import Formula, PastFormula, walk
 from dyknow_reasoning.language.parsing import parse_formula
 
-EXAMPLES = random_cases(100)
 Domains = Mapping[str, Sequence[str]]
 OBJECTS = ('a', 'b', 'c')
 
@@ -25,9 +24,7 @@ States = Sequence[tuple[int, dict[str, bool], bool]]
 
 
 def group_of(text: str, domains: Domains) -> tuple[FormulaGroup, StandingMonitor]:
-    group = FormulaGroup()
-    formula_id = group.add_formula('it', text, every_state=True)
-    group.begin(domains)
+    group, formula_id = begun(text, domains, every_state=True)
     return group, group.standing.formulas[formula_id].monitor
 
 
@@ -128,39 +125,30 @@ def recordings(
     return found
 
 
-def check_random(most_step: int, *, gaps: bool) -> None:
-    """Check random formulas over random states."""
-
-    def run(formula: Formula, states: States) -> None:
-        if can_be_asked(formula, states):
-            check(str(formula), {}, states)
-
-    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas(3), recordings('pq', most_step, gaps=gaps))(run)
-    )()
-
-
 @pytest.mark.parametrize('most_step', [1, 4])
 @pytest.mark.parametrize('gaps', [False, True])
-@pytest.mark.timeout(3600)
-def test_the_verdicts_are_those_of_single_evaluations(most_step: int, gaps: bool) -> None:  # noqa: FBT001
-    check_random(most_step, gaps=gaps)
+@given(formulas(3), st.data())
+def test_the_verdicts_are_those_of_single_evaluations(
+    most_step: int,
+    gaps: bool,  # noqa: FBT001
+    formula: Formula,
+    data: st.DataObject,
+) -> None:
+    states = data.draw(recordings('pq', most_step, gaps=gaps))
+    if can_be_asked(formula, states):
+        check(str(formula), {}, states)
 
 
 NAMES = [f'{name}[{each}]' for name in 'pq' for each in OBJECTS]
 
 
 @pytest.mark.parametrize('gaps', [False, True])
-@pytest.mark.timeout(3600)
-def test_many_objects(gaps: bool) -> None:  # noqa: FBT001
-    def run(formula: Formula, states: States) -> None:
-        body = re.sub(r'\b([pq])\b', r'\1[x]', str(formula))
-        if can_be_asked(formula, states):
-            check(f'forall x in S: {body}', {'S': OBJECTS}, states)
-
-    settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))(
-        given(formulas(3), recordings(NAMES, 3, gaps=gaps))(run)
-    )()
+@given(formulas(3), st.data())
+def test_many_objects(gaps: bool, formula: Formula, data: st.DataObject) -> None:  # noqa: FBT001
+    states = data.draw(recordings(NAMES, 3, gaps=gaps))
+    body = re.sub(r'\b([pq])\b', r'\1[x]', str(formula))
+    if can_be_asked(formula, states):
+        check(f'forall x in S: {body}', {'S': OBJECTS}, states)
 
 
 @pytest.mark.parametrize(

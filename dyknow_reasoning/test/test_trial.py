@@ -6,9 +6,8 @@ from random import Random
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import random_cases
 
 from dyknow_common import DyKnowError, LanguageError
 from dyknow_reasoning import (
@@ -63,7 +62,6 @@ def random_states(random: Random, count: int) -> list[tuple[int, dict[str, Any]]
 @given(
     st.randoms(use_true_random=False), st.sampled_from(['', 'always ', 'forall v in Sort: always '])
 )
-@settings(max_examples=random_cases(30), deadline=None)
 def test_the_verdicts_are_those_of_a_group_over_the_accepted_states(
     random: Random, prefix: str
 ) -> None:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from itertools import accumulate, product
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import LEAVES, NAMES, Trace, holds, intervals, random_cases
+from reasoning_reference import LEAVES, NAMES, Trace, begun, holds, intervals
 
 from dyknow_common import Value, Verdict
-from dyknow_reasoning import FormulaGroup, ReasoningError, UncertainFormula
+from dyknow_reasoning import ReasoningError, UncertainFormula
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -81,9 +81,7 @@ def chosen(trace: Uncertain) -> list[Trace]:
 
 def verdicts(formula: Formula, trace: Trace) -> list[Verdict]:
     """The verdict of a group after each state."""
-    group = FormulaGroup()
-    group.add_formula('', str(formula))
-    group.begin({})
+    group, _ = begun(str(formula))
     found, verdict = [], Verdict.UNDECIDED
     for time, values in trace:
         for result in group.progress(time, values):
@@ -92,7 +90,6 @@ def verdicts(formula: Formula, trace: Trace) -> list[Verdict]:
     return found
 
 
-@settings(max_examples=random_cases(40))
 @given(FORMULAS, uncertain_traces())
 def test_all_choices_are_evaluated(formula: Formula, trace: Uncertain) -> None:
     told, number = outcome(formula, trace)
@@ -109,7 +106,6 @@ def test_all_choices_are_evaluated(formula: Formula, trace: Uncertain) -> None:
     assert (told, number) == expected, str(formula)
 
 
-@settings(max_examples=random_cases(40))
 @given(FORMULAS, uncertain_traces(missing=True))
 def test_no_verdict_is_wrong(formula: Formula, trace: Uncertain) -> None:
     told, number = outcome(formula, trace)

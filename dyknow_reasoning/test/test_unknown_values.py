@@ -8,9 +8,9 @@ from math import inf
 from typing import cast
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds, random_cases
+from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds
 
 from dyknow_common import Margin, Value, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures
@@ -75,8 +75,6 @@ def completions(trace: PartialTrace, values: Sequence[Value]) -> Iterable[Trace]
         yield [(t, cast('dict[str, Value]', s)) for t, s in zip(times, completed, strict=True)]
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(60), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(), partial_traces((False, True), NAMES, 7))
 def test_verdicts_are_those_of_all_completions(formula: Formula, trace: PartialTrace) -> None:
     found = decided(started(str(formula)), trace)
@@ -126,8 +124,6 @@ def told(formula: Formula, traces: Sequence[Trace], length: int) -> Verdict | No
     return {(True,): Verdict.TRUE, (False,): Verdict.FALSE}.get(tuple(found))
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(40), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(2, EXACT), partial_traces((0, 1, 1.5, 2, 3), ('x', 'y'), 2))
 def test_orders_of_numbers_are_exact(formula: Formula, trace: PartialTrace) -> None:
     found = decided(started(str(formula), (), RANGES), trace)
@@ -142,8 +138,6 @@ def test_orders_of_numbers_are_exact(formula: Formula, trace: PartialTrace) -> N
     assert found is None or told_apart <= {found[1] is Verdict.TRUE, None}, (str(formula), trace)
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(40), deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     formulas(2, st.one_of(EXACT, SOUND)),
     partial_traces((0, 1, 1.5, 2, 3), ('x', 'y'), 2),

@@ -50,7 +50,7 @@ def wait_for(condition: Callable[[], Any], description: str) -> Any:
     deadline = time.monotonic() + LIMIT_S
     while not (found := condition()):
         assert time.monotonic() < deadline, f'no {description}'
-        time.sleep(0.01)
+        time.sleep(0.05)
     return found
 
 

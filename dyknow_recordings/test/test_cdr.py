@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from random_types import Member, all_values, definition, messages, types
 
@@ -23,7 +23,6 @@ def same(value: Any, expected: Any) -> bool:
     return bool(value == expected) or (value != value and expected != expected)  # noqa: PLR0124 - NaN
 
 
-@settings(max_examples=100)
 @given(messages(), st.data())
 def test_every_field_is_what_rosbags_decodes(drawn: Drawn, data: st.DataObject) -> None:
     made, decoded, serialised = drawn
@@ -42,7 +41,6 @@ def test_every_field_is_what_rosbags_decodes(drawn: Drawn, data: st.DataObject) 
             assert path not in values or same(fields.values[path].tolist()[row], values[path])
 
 
-@settings(max_examples=50)
 @given(messages(), st.data())
 def test_messages_that_are_cut_are_found(drawn: Drawn, data: st.DataObject) -> None:
     made, decoded, serialised = drawn
@@ -61,7 +59,6 @@ def test_messages_that_are_cut_are_found(drawn: Drawn, data: st.DataObject) -> N
                 assert same(fields.values[path].tolist()[row], expected[row][path])
 
 
-@settings(max_examples=50)
 @given(types(), st.lists(st.binary(max_size=60), min_size=1, max_size=5))
 def test_any_bytes_are_read_or_counted(made: dict[str, list[Member]], data: list[bytes]) -> None:
     layout = TypeLayout(definition(made))

@@ -1,4 +1,4 @@
-"""Checks on a Dask cluster of a scheduler and two workers, each a process."""
+"""Checks on a Dask cluster of a scheduler and one or two workers, each a process."""
 
 from __future__ import annotations
 
@@ -29,20 +29,24 @@ from running_checks import (
 from dyknow_recordings.check import main
 from dyknow_recordings.jobs import cluster as cluster_module
 
-pytestmark = pytest.mark.skipif(
-    find_spec('distributed') is None, reason='distributed is not installed'
-)
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(find_spec('distributed') is None, reason='distributed is not installed'),
+]
 
 
 @dataclass
 class DaskCluster:
     address: str
     processes: list[subprocess.Popen[bytes]]
-    """The scheduler, and two workers."""
+    """The scheduler, and its workers."""
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[DaskCluster]:
+ONE_WORKER = pytest.mark.parametrize('cluster', [('only',)], indirect=True, ids=['one worker'])
+
+
+@pytest.fixture(params=[('first', 'second')], ids=['two workers'])
+def cluster(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[DaskCluster]:
     description = tmp_path / 'scheduler.json'
     common = ['--no-dashboard', '--scheduler-file', str(description)]
     commands = [
@@ -53,7 +57,7 @@ def cluster(tmp_path: Path) -> Iterator[DaskCluster]:
                 *('--host', '127.0.0.1', '--no-nanny', '--nthreads', '1'),
                 *('--local-directory', str(tmp_path / name), *common),
             ]
-            for name in ('first', 'second')
+            for name in request.param
         ),
     ]
     processes = [
@@ -103,9 +107,11 @@ def test_a_worker_that_dies(
     assert (out, process.returncode) == checked(*recordings)
 
 
+@ONE_WORKER
 def test_the_scheduler_dies(cluster: DaskCluster, endless: EndlessRecording) -> None:
     with checking(str(endless.path), '--json', '--cluster', cluster.address) as process:
-        endless.wait_for_reader()
+        # The worker would compute until the test ends.
+        os.kill(endless.reader(), signal.SIGSTOP)
         cluster.processes[0].kill()
         out, err = process.communicate(timeout=LIMIT_S)
     assert names(out) == [(str(endless.path), 'UNAVAILABLE')]
@@ -136,6 +142,7 @@ def kill_workers(cluster: DaskCluster, endless: EndlessRecording) -> None:
         each.kill()
 
 
+@ONE_WORKER
 def test_an_interruption(cluster: DaskCluster, bags: list[str], endless: EndlessRecording) -> None:
     recordings = [bags[0], str(endless.path)]
     with checking(*recordings, '--json', '--cluster', cluster.address) as process:

@@ -24,6 +24,8 @@ from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, NoVocabulary
 
+pytestmark = pytest.mark.long
+
 MS = 1_000_000
 STREAMS = """
 compunit power: float electrical_power((voltage: float, current: float));
@@ -225,7 +227,7 @@ PUBLISHERS = st.sampled_from([None, 1, 2])
 SOME = st.lists(st.sampled_from(FORMULAS + STREAM_FORMULAS), min_size=1, max_size=6, unique=True)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=min(25, settings.default.max_examples))
 @given(MESSAGES, BATCHES, SOME, st.sampled_from(STARTS), PUBLISHERS)
 def test_plain_recordings(
     drawn: Drawn,
@@ -237,7 +239,7 @@ def test_plain_recordings(
     compare(made(drawn), batch, formulas, start, FILES, publishers)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=min(25, settings.default.max_examples))
 @given(MESSAGES, st.data(), BATCHES, SOME, st.sampled_from(STARTS), PUBLISHERS)
 def test_recordings_with_faults(
     drawn: Drawn,
@@ -262,7 +264,7 @@ class TwoStreams(NoVocabulary):
         return tuple(f'stream {name} = select v as Power from "/{name}"' for name in 'ac')
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=min(20, settings.default.max_examples))
 @given(MESSAGES, st.data(), BATCHES)
 def test_stand_ins(drawn: Drawn, data: st.DataObject, batch: int) -> None:
     for _ in range(data.draw(st.integers(0, 3))):
@@ -293,7 +295,7 @@ class ThreeStreams(NoVocabulary):
         return texts[concept]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=min(25, settings.default.max_examples))
 @given(MESSAGES, st.data(), BATCHES, st.sampled_from(STARTS[:3]))
 def test_stand_ins_of_several_features(
     drawn: Drawn, data: st.DataObject, batch: int, start: EpisodeStart

@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_types import Member, all_values, definition, messages
@@ -15,6 +16,8 @@ from dyknow_common import listed_as
 from dyknow_recordings.reading.messages.cdr import CdrReader
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
 from dyknow_recordings.reading.messages.layouts import TypeLayout
+
+pytestmark = pytest.mark.long
 
 Drawn = tuple[dict[str, list[Member]], list[Any], list[bytes]]
 MAX_EXACT = 1e30

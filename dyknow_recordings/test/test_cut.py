@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
 from small_bags import START, STORE, channel, chunk, mcap, schema, stored
@@ -18,6 +18,8 @@ from dyknow_recordings import Bag, MonitoringFiles, Outcome, RecordingError, off
 from dyknow_recordings.cut import add_cut_options
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.jobs.recording_job import RecordingJob
+
+pytestmark = pytest.mark.long
 
 MS, S = 1_000_000, 1_000_000_000
 
@@ -120,7 +122,6 @@ def formulas_file(folder: Path) -> Path:
     return path
 
 
-@settings(max_examples=60, deadline=None)
 @example(QUIET, QUIET, [(1000, 0, 4)], '0', '0')
 @example(QUIET, [*QUIET[:5], (100, 0, 3), *QUIET[6:]], [(50, 0, 4), (50, 0, 0)], '0', '0')
 @given(SHORT, SHORT, LONG, st.sampled_from(('0', '0.5', '20')), st.sampled_from(('0', '1')))

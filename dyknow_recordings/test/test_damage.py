@@ -8,7 +8,7 @@ from typing import Any
 from zlib import crc32
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_bags import COMPRESSIONS, FIELDS, Message, messages, write
 from small_logs import log, logged_numbers
@@ -60,7 +60,6 @@ def is_part(found: list[Message], whole: list[Message]) -> bool:
     return found == sorted(found, key=lambda each: each[0]) and Counter(found) <= Counter(whole)
 
 
-@settings(max_examples=40)
 @given(part=cuts(), unit=st.sampled_from([1, 4096]))
 def test_a_file_that_ends_early(recording: Path, folder: Path, part: float, unit: int) -> None:
     data = recording.read_bytes()
@@ -73,7 +72,6 @@ def test_a_file_that_ends_early(recording: Path, folder: Path, part: float, unit
     assert faults or len(found) == COUNT
 
 
-@settings(max_examples=60)
 @given(st.lists(st.tuples(cuts(), st.integers(0, 255)), min_size=1, max_size=8))
 def test_a_file_with_other_bytes(
     recording: Path, folder: Path, changes: list[tuple[float, int]]
@@ -86,7 +84,6 @@ def test_a_file_with_other_bytes(
     messages_of(path)
 
 
-@settings(max_examples=60)
 @given(cuts(), st.binary(min_size=1, max_size=20))
 def test_a_chunk_with_a_checksum(folder: Path, part: float, noise: bytes) -> None:
     """The writer of rosbags leaves out the checksums that recorders of ROS write."""
@@ -163,7 +160,6 @@ def test_an_index_that_is_damaged(tmp_path: Path) -> None:
     assert [each.reason for each in faults] == ['the index at the end of the file is damaged']
 
 
-@settings(max_examples=60)
 @given(cuts())
 def test_a_log_of_px4_that_ends_early(folder: Path, part: float) -> None:
     path = folder / 'log.ulg'
@@ -173,7 +169,6 @@ def test_a_log_of_px4_that_ends_early(folder: Path, part: float) -> None:
     assert found is None or found == list(range(len(found)))
 
 
-@settings(max_examples=100)
 @given(st.lists(st.tuples(cuts(), st.integers(0, 255)), min_size=1, max_size=8))
 def test_a_log_of_px4_with_other_bytes(folder: Path, changes: list[tuple[float, int]]) -> None:
     data = bytearray(log(range(50)))
@@ -184,7 +179,6 @@ def test_a_log_of_px4_with_other_bytes(folder: Path, changes: list[tuple[float, 
     logged_numbers(path)
 
 
-@settings(max_examples=100)
 @given(st.integers(0, 60), st.binary(max_size=5))
 def test_a_trace_with_other_bytes(folder: Path, at: int, noise: bytes) -> None:
     data = b'time_s, x, mode: string\n' + b''.join(b'%d, %d, a\n' % (n, n) for n in range(9))

@@ -18,6 +18,8 @@ from dyknow_recordings.evaluation.results import FormulaReport, Outcome
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
 from dyknow_recordings.reading.columns import TopicContent
 
+pytestmark = pytest.mark.long
+
 ONTOLOGY = """
 @prefix : <http://example.org/robots#> .
 @prefix dyknow: <http://www.dyknow.org/ontology#> .

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from unittest import mock
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from recorded import TYPE, RecordedSample, at, recording
 
@@ -85,7 +85,6 @@ def reference(
 VALUES = st.lists(st.sampled_from([0, 2, 2, 2, 5]), min_size=1, max_size=12)
 
 
-@settings(max_examples=50)
 @given(VALUES, VALUES, st.integers(-400, 400), st.sampled_from(FORMULAS))
 def test_a_stand_in(first: list[int], second: list[int], begin: int, formula: str) -> None:
     main = series('/main', first, 0, 100)

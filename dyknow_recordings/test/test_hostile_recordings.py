@@ -20,6 +20,8 @@ from small_bags import write as write_bag
 from dyknow_recordings.check import main
 from dyknow_recordings.reading.bags import mcap_records
 
+pytestmark = pytest.mark.long
+
 MOST_SECONDS = 20
 MOST_MEGABYTES = 700
 GIB = 1 << 30

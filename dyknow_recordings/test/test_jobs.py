@@ -34,6 +34,8 @@ from dyknow_recordings import MonitoringFiles, RequestedFormula
 from dyknow_recordings.jobs.processes import run_in_processes
 from dyknow_recordings.jobs.recording_job import RecordingJob, run_here
 
+pytestmark = pytest.mark.long
+
 TERMINAL = {'TERM': 'xterm', 'COLUMNS': '80', 'LINES': '24'}
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from itertools import chain
 
-from hypothesis import given, settings
+import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 from recorded import recording
 from test_column_states import (
@@ -22,8 +23,9 @@ from dyknow_configuration import RequestedFormula
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import Outcome
 
+pytestmark = pytest.mark.long
 
-@settings(max_examples=40)
+
 @given(
     st.tuples(MESSAGES, MESSAGES, MESSAGES).map(lambda parts: [*chain(*parts)]),
     st.tuples(st.integers(0, 60), st.integers(0, 8)),

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from backports import zstd
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_bags import (
     START,
@@ -26,6 +26,8 @@ from small_bags import (
 
 from dyknow_common import NANOSECONDS
 from dyknow_recordings.check import main
+
+pytestmark = pytest.mark.long
 
 STEP = 100 * NANOSECONDS['ms']
 DEFINITION = 'int32 x\n'
@@ -388,7 +390,6 @@ def test_no_state_holds_a_value_from_before_the_gap(
     assert found['episodes'][0]['decided_at_ns'] == START + LATE * STEP + 1
 
 
-@settings(max_examples=60)
 @given(
     st.lists(st.tuples(st.integers(8, 5000), st.integers(1, 255)), min_size=1, max_size=4),
     st.none() | st.integers(9, 5000),

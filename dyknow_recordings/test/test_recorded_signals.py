@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from recorded import at, recording, sample
 
@@ -51,7 +51,6 @@ def feed(
         first += size
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     STEPS,
     st.integers(0, 2**32 - 1),
@@ -221,7 +220,6 @@ def test_without_a_report_nothing_is_kept() -> None:
     assert report.formulas[0].signals is None
 
 
-@settings(max_examples=60, deadline=None)
 @given(STEPS, st.integers(1, 10**7), st.lists(st.integers(1, 60), max_size=20))
 def test_a_signal_with_a_window_keeps_the_values_in_it(
     steps: list[int], window: int, blocks: list[int]

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hypothesis import given, settings
+import pytest
+from hypothesis import given
 from hypothesis import strategies as st
 from recorded import TYPE, RecordedSample, at, recording
 
@@ -16,6 +17,8 @@ from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import Episode, FormulaReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+
+pytestmark = pytest.mark.long
 
 MS = 1_000_000
 MAX_DELAY = 200 * MS
@@ -78,7 +81,6 @@ def agrees(found: FormulaReport, expected: CheckResult) -> None:
         assert expected.explanation.endswith(f'what remains: {episode.residual_formula}')
 
 
-@settings(max_examples=50)
 @given(SAMPLES, SAMPLES)
 def test_ordered_samples(first: Drawn, second: Drawn) -> None:
     drawn = zip(TOPICS, (first, second), strict=True)
@@ -92,7 +94,6 @@ def test_ordered_samples(first: Drawn, second: Drawn) -> None:
         agrees(found, *check_trace([formula], {}, states(inputs, until)))
 
 
-@settings(max_examples=50)
 @given(SAMPLES, SAMPLES)
 def test_samples_in_any_order(first: Drawn, second: Drawn) -> None:
     drawn = zip(TOPICS, (first, second), strict=True)

@@ -23,7 +23,7 @@ from dyknow_semantics import (
 )
 from dyknow_semantics.ontology.vocabulary import CLASS, SUBCLASS_OF, TYPE, UPPER_ONTOLOGY
 
-CASES = 250
+CASES = 100
 ONTOLOGIES, SORTS, FEATURES = ('o1', 'o2', 'o3'), ('A', 'B', 'C'), ('f', 'g')
 OBJECTS = ('x', 'y', 'z')
 

@@ -6,7 +6,7 @@ from io import BytesIO
 
 import owlready2
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_semantics import Knowledge, SemanticsError, Triple
@@ -123,7 +123,6 @@ RELATIONS = st.lists(
 TYPES = st.lists(st.tuples(st.sampled_from(OBJECTS), st.sampled_from(CLASSES)), max_size=5)
 
 
-@settings(max_examples=40, deadline=None)
 @given(RELATIONS, TYPES)
 def test_hierarchies_are_as_owlready2_sees_them(
     relations: list[tuple[str, str, str]], types: list[tuple[str, str]]

@@ -22,6 +22,8 @@ from dyknow_semantics.ontology.documents.documents import read_text
 from dyknow_semantics.ontology.features import INHERITED, StatedSignature
 from dyknow_semantics.ontology.new_entities import assumed_signature
 
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parent.parent.parent
 GRAMMARS = {
     'dyknow_reasoning/dyknow_reasoning/language/formula.lark': FORMULA_WORDS,

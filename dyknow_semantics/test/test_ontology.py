@@ -17,6 +17,8 @@ from dyknow_semantics.ontology.queries import answer_query
 from dyknow_semantics.ontology.store import Store
 from dyknow_semantics.workers import Work
 
+pytestmark = pytest.mark.long
+
 RDF_TYPE = '<http://www.w3.org/1999/02/22-rdf-syntax-ns#type>'
 RDFS_SUBCLASS = '<http://www.w3.org/2000/01/rdf-schema#subClassOf>'
 OWL = 'http://www.w3.org/2002/07/owl#'

@@ -16,6 +16,8 @@ from dyknow_semantics.ontology.documents.documents import read_with_imports
 from dyknow_semantics.ontology.documents.sources import OntologySource
 from dyknow_semantics.ontology.reasoner import Draft
 
+pytestmark = pytest.mark.long
+
 HARBOUR = 'http://www.example.org/harbour#'
 MORE = """
 @prefix : <http://www.example.org/harbour#> .

@@ -16,6 +16,8 @@ from dyknow_common import Value
 from dyknow_stream_processing import NeedsStepsError, Sample, SampleBatch, never
 from dyknow_stream_processing.dataflow.batches import column_of
 
+pytestmark = pytest.mark.long
+
 MS = 1_000_000
 UNITS = """
 compunit power: float electrical_power((voltage: float, current: float));
@@ -231,7 +233,7 @@ def compare(text: str, parts: list[list[Message]], by_steps: Iterable[bool]) -> 
 
 
 @pytest.mark.parametrize('name', PLANNED)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=min(10, settings.default.max_examples))
 @given(PARTS, st.data())
 def test_batches_among_steps(name: str, drawn: list[Drawn], data: st.DataObject) -> None:
     by_steps = [data.draw(st.sampled_from([False, False, True])) for _ in drawn]

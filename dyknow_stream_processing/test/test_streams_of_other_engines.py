@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from recorded_flow import Flow
 
@@ -21,6 +21,8 @@ from dyknow_stream_processing.dataflow.received_watermarks import (
     ReceivedWatermarks,
     SampleOrigin,
 )
+
+pytestmark = pytest.mark.long
 
 END = 80
 QUIET = 30
@@ -221,7 +223,6 @@ def run(made: str, read: str, events: Case) -> Reader:
 
 @pytest.mark.parametrize('made', MADE)
 @pytest.mark.parametrize('read', READ)
-@settings(max_examples=50)
 @given(events=case())
 def test_each_tick_is_that_of_a_single_engine(made: str, read: str, events: Case) -> None:
     if made == 'receipt':

@@ -8,11 +8,13 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from recorded_flow import Flow
 from transform_messages import push_transforms, transform
+
+pytestmark = pytest.mark.long
 
 Matrix = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
@@ -104,7 +106,6 @@ def ancestors(tree: dict[str, tuple[str, ReferenceLink]], frame: str) -> list[st
     return [frame, *ancestors(tree, tree[frame][0])] if frame in tree else [frame]
 
 
-@settings(deadline=None, max_examples=100)
 @given(trees(), st.permutations(FRAMES), st.randoms(use_true_random=False))
 def test_every_sample_is_that_of_matrices(
     tree: dict[str, tuple[str, ReferenceLink]], frames: list[str], random: Random
