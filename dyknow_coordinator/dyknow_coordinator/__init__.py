@@ -40,7 +40,7 @@ from dyknow_coordinator.grounding.units import (
     with_units,
 )
 from dyknow_coordinator.grounding.unknown_features import unknown_features
-from dyknow_coordinator.plans.plan import (
+from dyknow_coordinator.plan import (
     Event,
     FormulaPosition,
     Holds,

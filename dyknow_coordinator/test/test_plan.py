@@ -21,7 +21,7 @@ from dyknow_coordinator import (
     PlanPhase,
     PlanVerdict,
 )
-from dyknow_coordinator.plans.plan import Step, withdrawal
+from dyknow_coordinator.plan import Step, withdrawal
 
 ACTIONS = ('take_off', 'fly_to', 'land')
 ORDERS = ([], [Event.STARTED], [Event.STARTED, Event.SUCCEEDED], [Event.STARTED, Event.FAILED],

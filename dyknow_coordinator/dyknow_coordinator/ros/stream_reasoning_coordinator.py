@@ -49,7 +49,7 @@ from dyknow_coordinator.ros.evaluation.change_listener import ChangeListener
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
-from dyknow_coordinator.ros.plans.plan_monitoring import PlanMonitoring
+from dyknow_coordinator.ros.plan_monitoring import PlanMonitoring
 from dyknow_coordinator.ros.reporting.episode_messages import verdicts_to_message
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
 from dyknow_coordinator.ros.reporting.nodes_report import NodesReport

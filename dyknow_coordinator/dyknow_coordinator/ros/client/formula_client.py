@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from math import isfinite
+from numbers import Real
+from types import NoneType
 from typing import Any, Final, Self
 
 from dyknow_interfaces.action import MonitorFormula, MonitorPlan
 from dyknow_interfaces.srv import EvaluateFormula
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.task import Future
 
 from dyknow_common import (
@@ -21,27 +27,31 @@ from dyknow_common import (
     StreamConstraints,
 )
 from dyknow_common.ros import (
+    SERVICE,
     NodeAdapter,
     RemoteNode,
     constraints_to_message,
     nanoseconds_to_duration,
+    snake_case,
 )
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer, Progress
 from dyknow_coordinator.grounding.feature_sources import Grounding
-from dyknow_coordinator.plans.plan import Plan, PlanOutcome, PlanVerdict
+from dyknow_coordinator.plan import Plan, PlanOutcome, PlanVerdict
 from dyknow_coordinator.ros.answers import answer_from_message, progress_from_message
-from dyknow_coordinator.ros.client.action_call import GRACE_S, ActionCall, GoalTimeouts
-from dyknow_coordinator.ros.client.arguments import check_arguments, check_request
-from dyknow_coordinator.ros.client.blocking import helper_node, refuse_in_callback
+from dyknow_coordinator.ros.client.action_call import (
+    GRACE_S,
+    ActionCall,
+    ActionCaller,
+    GoalTimeouts,
+)
 from dyknow_coordinator.ros.client.formula_attempts import (
     FormulaAttempts,
     answer_of_goal,
     notify_listener,
 )
-from dyknow_coordinator.ros.client.goals import CoordinatorGoals
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
-from dyknow_coordinator.ros.plans.plan_messages import plan_to_goal, verdict_from_message
+from dyknow_coordinator.ros.plan_messages import plan_to_goal, verdict_from_message
 from dyknow_coordinator.ros.reporting.evaluation_messages import (
     black_box_to_message,
     error_from_status,
@@ -51,6 +61,23 @@ COORDINATOR: Final = 'stream_reasoning_coordinator'
 
 DAY_S: Final = 86_400.0
 """Default timeout of a monitored formula."""
+
+_TYPES: Final[Mapping[str, tuple[Any, str]]] = {
+    'formula': (str, 'a text in the formula language'),
+    'name': (str, 'a text'),
+    'timeout': (Real, 'a number of seconds'),
+    'wait': (Real, 'a number of seconds'),
+    'grounding': (Grounding, 'a member of Grounding, such as Grounding.AUTO'),
+    'constraints': (StreamConstraints, 'a StreamConstraints'),
+    'plan': (Plan, 'a Plan'),
+    'record': (BlackBoxOptions | NoneType, 'a BlackBoxOptions or None'),
+    'node': (Node, 'a node of rclpy'),
+    'coordinator': (str, 'the name of a node'),
+    **dict.fromkeys(('margin', 'every_state', 'restart_on_change'), (bool, 'True or False')),
+    **dict.fromkeys(('on_verdict', 'on_feedback'), (Callable, 'a function')),
+    'on_interruption': (Callable | NoneType, 'a function or None'),
+}
+"""The type of each argument, and the words for it."""
 
 
 class Monitor:
@@ -340,3 +367,136 @@ def _request(
         constraints=constraints_to_message(constraints),
         timeout=nanoseconds_to_duration(round(timeout_s * SECOND_NS)),
     )
+
+
+def helper_node(node: Node) -> Node:
+    """Return a hidden node beside another one, for a thread that waits."""
+    return Node(
+        f'_{node.get_name()}_formula_client',
+        context=node.context,
+        namespace=node.get_namespace(),
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )
+
+
+def refuse_in_callback(node: Node) -> None:
+    """Raise an error if this thread is inside the executor of the node: both would wait."""
+    executor = node.executor
+    frame = inspect.currentframe()
+    while executor is not None and frame is not None:
+        # A multi-threaded executor spins in one thread and runs callbacks in others.
+        if frame.f_code.co_name.startswith('spin') and frame.f_locals.get('self') is executor:
+            raise RuntimeError(
+                'evaluate_blocking was called in a callback, and would block the executor; '
+                'await evaluate, or use monitor'
+            )
+        frame = frame.f_back
+
+
+class CoordinatorGoals:
+    """Sends goals to the coordinator, with one action client for each action.
+
+    Args:
+        node: that sends.
+        coordinator: the coordinator.
+    """
+
+    def __init__(self, node: NodeAdapter, coordinator: RemoteNode) -> None:
+        self._node = node
+        self._coordinator = coordinator
+        self._actions: dict[Any, ActionCaller] = {}
+        self._calls: set[ActionCall] = set()
+
+    def send(
+        self,
+        action_type: Any,
+        goal: Any,
+        timeouts: GoalTimeouts,
+        on_end: Callable[[Any, DyKnowError | None], None],
+        on_feedback: Callable[[Any], None],
+    ) -> ActionCall:
+        """Send a goal; see `ActionCall`."""
+
+        def end(result: Any, error: DyKnowError | None) -> None:
+            self._calls.discard(call)
+            on_end(result, error)
+
+        call = ActionCall(
+            self._node,
+            self._coordinator,
+            self._action(action_type),
+            goal,
+            timeouts,
+            on_end=end,
+            on_feedback=on_feedback,
+        )
+        self._calls.add(call)
+        return call
+
+    def close(self, error: DyKnowError) -> None:
+        """End all calls with an error, also the goals that the coordinator accepts later."""
+        calls = list(self._calls)
+        for call in calls:
+            call.fail(error)
+            call.on_answered = lambda: self._destroy_actions(calls)
+        self._destroy_actions(calls)
+
+    def _destroy_actions(self, calls: Sequence[ActionCall]) -> None:
+        """Destroy the action clients, unless some calls are unanswered.
+
+        A client that is destroyed at once may lose the request to cancel a goal, and cannot cancel
+        one that is accepted later. The coordinator would evaluate its formula until its timeout.
+        """
+        if not any(each.is_unanswered for each in calls):
+            while self._actions:
+                self._actions.popitem()[1].destroy()
+
+    def _action(self, action_type: Any) -> ActionCaller:
+        if action_type not in self._actions:
+            self._actions[action_type] = ActionCaller(
+                self._node.node,
+                action_type,
+                f'{self._coordinator.name}/{snake_case(action_type.__name__)}',
+                callback_group=MutuallyExclusiveCallbackGroup(),
+                goal_service_qos_profile=SERVICE,
+                result_service_qos_profile=SERVICE,
+                cancel_service_qos_profile=SERVICE,
+                feedback_sub_qos_profile=QoSProfile(depth=SERVICE.depth),
+            )
+        return self._actions[action_type]
+
+
+def check_request(
+    formula: object,
+    timeout: object,
+    grounding: object,
+    constraints: object,
+    wait: object,
+    **others: object,
+) -> None:
+    """Check the arguments of a request; raises like `check_arguments`."""
+    check_arguments(
+        formula=formula,
+        timeout=timeout,
+        grounding=grounding,
+        constraints=constraints,
+        wait=wait,
+        **others,
+    )
+
+
+def check_arguments(**arguments: object) -> None:
+    """Check arguments; rclpy would not say which one is wrong, or only when they are used.
+
+    Raises:
+        TypeError: names the argument of a wrong type.
+        ValueError: names the time that is not finite.
+    """
+    for name, value in arguments.items():
+        expected, words = _TYPES[name]
+        if not isinstance(value, expected) or (expected is not bool and isinstance(value, bool)):
+            raise TypeError(f'{name} must be {words}, not {value!r}')
+        if isinstance(value, Real) and not isfinite(value):
+            raise ValueError(f'{name} must be a finite number of seconds, not {value!r}')

@@ -11,7 +11,7 @@ from rclpy.task import Future
 
 from dyknow_common.ros import RemoteNode
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.plans.plan import (
+from dyknow_coordinator.plan import (
     Event,
     FormulaPosition,
     PlanOutcome,

@@ -21,7 +21,7 @@ from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.grounding.feature_sources import Grounding
-from dyknow_coordinator.plans.plan import (
+from dyknow_coordinator.plan import (
     NO_STATE,
     Event,
     FormulaPosition,
@@ -35,7 +35,7 @@ from dyknow_coordinator.plans.plan import (
 from dyknow_coordinator.ros.actions import CancellingActionServer
 from dyknow_coordinator.ros.answers import requested_grounding
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
-from dyknow_coordinator.ros.plans.plan_messages import plan_from_goal, verdict_to_message
+from dyknow_coordinator.ros.plan_messages import plan_from_goal, verdict_to_message
 
 Start = Callable[[EvaluationRequest], FormulaEvaluation]
 """Starts the evaluation of a formula."""

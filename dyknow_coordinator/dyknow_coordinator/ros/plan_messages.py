@@ -12,7 +12,7 @@ from dyknow_interfaces.msg import PlanVerdict as PlanVerdictMessage
 from dyknow_common import Verdict
 from dyknow_common.ros import fill_exit_status, nanoseconds_to_time, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.plans.plan import (
+from dyknow_coordinator.plan import (
     FormulaPosition,
     Holds,
     Plan,

@@ -1,1 +1,0 @@
-"""Monitoring of the execution of plans."""

@@ -1,1 +1,0 @@
-"""Monitoring of plans: the action, the service and their messages."""
