@@ -313,7 +313,7 @@ class _Lookup:
         if found := self._arrays.get(names):
             entry = '' if _has_arrays(found.lasts[number:]) else found.entry
         if entry not in self._fields:
-            near = near_fields(self._fields, entry)
+            near = [each for each in near_fields(self._fields, entry) if '[' not in each]
             hint = f'; did you mean {" or ".join(map(repr, near))}?' if near else ''
             raise _AbsenceError(f"no single '{field}' beside '{array}' gives the number{hint}")
         kind = self._types.get(entry)
