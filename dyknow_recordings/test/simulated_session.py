@@ -38,6 +38,7 @@ from dyknow_coordinator.ros.evaluation.state_supervisor import StateSupervisor
 from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.ros import group_evaluation, state_subscription
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
+from dyknow_reasoning.ros.stream_reasoning_engine import SUPERVISION_PERIOD_S
 from dyknow_recordings.evaluation.grounding import FormulaGrounder
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import Vocabulary
@@ -316,6 +317,7 @@ class SimulatedSystem:
             background,
             publisher,  # type: ignore[arg-type]
         )
+        self._engine.create_timer(SUPERVISION_PERIOD_S, self.group.change_if_due)
         self._context: Any = SimpleNamespace(
             node=node,
             clients=_Clients(self),

@@ -17,6 +17,7 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.state_line import Breach, ReadStream
 from dyknow_stream_processing.ros import (
     SequenceGaps,
     doubtful_from,
@@ -29,7 +30,7 @@ VIOLATIONS_SUFFIX: Final = '/violations'
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class ReceivedState:
     """A received state.
 
     Args:
@@ -43,33 +44,7 @@ class State:
     loss: str
 
 
-@dataclass(frozen=True, slots=True)
-class Breach:
-    """A violation of a constraint of a state stream.
-
-    Args:
-        valid_time: the valid time of the sample that broke the constraint, in nanoseconds.
-        message: the description of the violation.
-    """
-
-    valid_time: int
-    message: str
-
-
-@dataclass(frozen=True, slots=True)
-class Pause:
-    """A pause of the progression after a violation of a constraint.
-
-    Args:
-        since: the start by the wall clock, in nanoseconds.
-        breach: the violation.
-    """
-
-    since: int
-    breach: Breach
-
-
-class StateSubscription:
+class StateSubscription(ReadStream[ReceivedState]):
     """Subscription to the states of one stream, and to its violations.
 
     The times of states are not compared with the clock: the engine that makes the states has
@@ -78,24 +53,18 @@ class StateSubscription:
     Args:
         topic: the topic of the states.
         on_state: called with this subscription and each state.
-        on_breach: called with this subscription and each violation.
+        on_breach: called with this subscription after each violation.
     """
 
     def __init__(
         self,
         node: DyKnowNode,
         topic: str,
-        on_state: Callable[[StateSubscription, State], None],
-        on_breach: Callable[[StateSubscription, Breach], None],
+        on_state: Callable[[StateSubscription, ReceivedState], None],
+        on_breach: Callable[[StateSubscription], None],
     ) -> None:
+        super().__init__()
         self.topic = topic
-        self.breach: Breach | None = None
-        """The latest violation."""
-        self.doubtful_from: int | None = None
-        """The valid time from which on violations make states doubtful; None without a violation.
-
-        They may have been received before: if a sample is late, its time may have passed.
-        """
         self._on_state = on_state
         self._on_breach = on_breach
         self._start_time = node.now()
@@ -116,11 +85,6 @@ class StateSubscription:
             node, Sample, topic, self._on_sample, STREAM, self._owner.refusal
         )
 
-    def doubt(self, valid_time: int) -> None:
-        """Take the states from a valid time on for doubtful, because of a violation."""
-        if self.doubtful_from is None or valid_time < self.doubtful_from:
-            self.doubtful_from = valid_time
-
     def destroy(self) -> None:
         """End both subscriptions."""
         self._owner.stop()
@@ -135,7 +99,7 @@ class StateSubscription:
         self._violations.retry()
         self._loss = ''
         self._sequence.note(info.get('publication_sequence_number'))
-        self._on_state(self, State(valid_time, message, self._loss))
+        self._on_state(self, ReceivedState(valid_time, message, self._loss))
 
     def _on_loss(self, count: int) -> None:
         self._loss = f'{count} states were lost' if count else 'the state stream was recreated'
@@ -145,4 +109,4 @@ class StateSubscription:
         if time_to_nanoseconds(message.available_time) >= self._start_time:
             self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
             self.doubt(doubtful_from(message))
-            self._on_breach(self, self.breach)
+            self._on_breach(self)

@@ -24,7 +24,6 @@ Without a gap, because a better stream is available:
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Final, Protocol
 
@@ -56,9 +55,6 @@ from dyknow_stream_processing.ros import doubtful_from
 
 RESUME_TIMEOUT_S: Final = 2.0
 """Time within which other streams must replace those that failed."""
-
-HAND_OVER_LIMIT_S: Final = 5.0
-"""Time within which a stream that is left must be as late as the one that replaces it."""
 
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
@@ -428,17 +424,9 @@ class StateSupervisor:
         )
 
     async def _retire(self, former: StateStream) -> None:
-        """Destroy a stream once the reasoning engine has unsubscribed from it.
-
-        If it has no state as late as the first of the next stream, it is left with a gap.
-        """
-        limit_s = self._context.wall_time_s() + HAND_OVER_LIMIT_S
+        """Destroy a stream once the reasoning engine has unsubscribed from it."""
         while former in self._left and self._is_subscribed(former.topic):
             await self._context.node.deadlines.after(POLL_PERIOD_S)
-            if self._context.wall_time_s() > limit_s and not self._is_changing:
-                limit_s += HAND_OVER_LIMIT_S
-                with suppress(DyKnowError):
-                    await self._evaluate(self.stream, gap=True)
         if former in self._left:
             self._left.remove(former)
             former.destroy()
