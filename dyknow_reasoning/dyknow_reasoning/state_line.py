@@ -87,19 +87,6 @@ class Breach:
     message: str
 
 
-@dataclass(frozen=True, slots=True)
-class Pause:
-    """A pause after a violation of a constraint.
-
-    Args:
-        since: the time at which it began, in nanoseconds.
-        breach: the violation.
-    """
-
-    since: int
-    breach: Breach
-
-
 @dataclass(eq=False)
 class ReadStream(Generic[State]):
     """A state stream that a `StateLine` reads, or may read.
@@ -146,7 +133,9 @@ class StateLine(Generic[Stream]):
         """The stream that is to replace it without a gap."""
         self.latest: int | None = None
         """The valid time of the latest counted state; None before the first."""
-        self.pause: Pause | None = None
+        self.pause: Breach | None = None
+        """The violation that pauses the line; None while it reads states."""
+        self.paused_at = 0
         self.is_in_gap = False
         """True from a gap to the first state after it."""
         self.catches_up = False
@@ -177,7 +166,7 @@ class StateLine(Generic[Stream]):
         """Use a stream instead of the one in use; its kept states are to be received next."""
         doubtful_from = self.stream.doubtful_from if self.stream else None
         self.stream, self.next = stream, None
-        self.pause = Pause(now, stream.breach) if stream.breach else None
+        self.pause, self.paused_at = stream.breach, now
         if self.latest is None:
             return
         is_doubtful = doubtful_from is not None and doubtful_from <= self.latest
@@ -191,10 +180,12 @@ class StateLine(Generic[Stream]):
             self.is_in_gap = self.catches_up = True
             self._on_gap(self.latest)
 
-    def break_off(self, stream: Stream, now: int) -> None:
-        """Pause if the stream in use is violated."""
-        if stream is self.stream and stream.breach and not self.pause:
-            self.pause = Pause(now, stream.breach)
+    def break_off(self, stream: Stream, now: int) -> bool:
+        """Pause if a stream is in use; return False if it is not, or the line is paused already."""
+        if stream is not self.stream or self.pause:
+            return False
+        self.pause, self.paused_at = stream.breach, now
+        return True
 
     def receive(self, valid_time: int, *, is_after_loss: bool = False) -> bool:
         """Return True if a state of the stream in use counts.

@@ -194,10 +194,10 @@ def test_a_stream_that_broke_a_constraint_before_it_is_used_pauses_the_line() ->
     other = reader.stream()
     reader.publish(other, 1)
     reader.violate(other, 1)
-    assert reader.line.pause is None
+    assert not reader.line.pause
     reader.change(other, 7)
-    assert reader.line.pause is not None
-    assert reader.line.pause.since == 7
+    assert reader.line.pause is other.breach
+    assert reader.line.paused_at == 7
     reader.publish(other, 2)
     assert reader.counted == [1]
 

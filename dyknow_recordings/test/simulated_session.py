@@ -462,10 +462,11 @@ class SimulatedSystem:
             )
             for name, (specification, created_at) in self._made.items()
         ]
-        topics = {*self.recording.contents, *(each.topic for each in made)}
+        topics = {each.topic for each in made}
         # Nobody knows of a topic that no stream is made from whether it has had a message.
         begun = (lambda topic: streams.received_at(topic) > 0) if self.is_instant else None
-        return KnownStreams(made, topics.__contains__, streams.absolute, begun)
+        found = {each for each in self.recording.contents if streams.is_published(each)}
+        return KnownStreams(made, (topics | found).__contains__, streams.absolute, begun)
 
     def _waits_for(self, name: str, created_at: int) -> str:
         latest = self._samples.get(name)

@@ -34,10 +34,10 @@ from dyknow_reasoning.ros.result_messages import (
 )
 from dyknow_reasoning.ros.state_subscription import (
     VIOLATIONS_SUFFIX,
-    ReceivedState,
+    State,
     StateSubscription,
 )
-from dyknow_reasoning.state_line import StateLine
+from dyknow_reasoning.state_line import Breach, StateLine
 from dyknow_stream_processing.ros import sample_fields
 
 _MAX_EVENTS = 20
@@ -290,9 +290,10 @@ class GroupEvaluation:
     def fail_after_pause(self, limit_s: float) -> None:
         """Fail all formulas if the group has been paused for longer than the limit."""
         pause = None if self._work.is_busy else self._line.pause
-        if pause and self.group.undecided and self._wall_time() - pause.since > limit_s * SECOND_NS:
-            error = ReasoningError(pause.breach.message, ExitCode.CONSTRAINT_VIOLATION)
-            self.publish(self.group.fail(error, pause.breach.valid_time))
+        paused_ns = self._wall_time() - self._line.paused_at
+        if pause and self.group.undecided and paused_ns > limit_s * SECOND_NS:
+            error = ReasoningError(pause.message, ExitCode.CONSTRAINT_VIOLATION)
+            self.publish(self.group.fail(error, pause.valid_time))
 
     async def progress_reports(self) -> Sequence[FormulaProgress]:
         """Return a report on each undecided formula, with the events since the last reports.
@@ -337,7 +338,7 @@ class GroupEvaluation:
     def _is_large(self) -> bool:
         return self._step_s > HEAVY_STEP_S or self.parts > HEAVY_PARTS
 
-    def _on_state(self, stream: StateSubscription, state: ReceivedState) -> None:
+    def _on_state(self, stream: StateSubscription, state: State) -> None:
         """Receive a state; if too many wait, drop it, and note the loss with the next one."""
         is_crowded = self._work.waiting_states >= MAX_QUEUED_STATES
         if stream is not self._line.stream:
@@ -353,32 +354,31 @@ class GroupEvaluation:
             state = replace(state, loss=loss)
         self._work.receive(lambda: self._handle(stream, state))
 
-    def _handle(self, stream: StateSubscription, state: ReceivedState) -> None:
+    def _handle(self, stream: StateSubscription, state: State) -> None:
         if stream is self._line.stream:
             self._receive(state)
         if self._line.next:
             # After the state, if that takes long.
             self._work.receive_first([self.change_if_due])
 
-    def _on_breach(self, stream: StateSubscription) -> None:
+    def _on_breach(self, stream: StateSubscription, _breach: Breach) -> None:
         # The states before the violation may still wait.
         self._work.receive(lambda: self._handle_breach(stream))
 
     def _handle_breach(self, stream: StateSubscription) -> None:
         """Change to the next stream, or pause."""
-        was_paused = self._line.pause
-        self._line.break_off(stream, self._wall_time())
+        if not self._line.break_off(stream, self._wall_time()):
+            return
         if self._line.next:
             self.change_if_due()
-        elif not was_paused:
+        else:
             self._log_pause()
 
     def _log_pause(self) -> None:
         if pause := self._line.pause:
-            text = f"the group '{self.name}' is paused: {pause.breach.message}"
-            self._node.get_logger().info(text)
+            self._node.get_logger().info(f"the group '{self.name}' is paused: {pause.message}")
 
-    def _receive(self, state: ReceivedState) -> None:
+    def _receive(self, state: State) -> None:
         """Progress the group over a state of the stream in use, if it counts."""
         line, latest = self._line, self._line.latest
         caught_up = line.catches_up
@@ -396,14 +396,14 @@ class GroupEvaluation:
         if self.group.undecided:
             self._progress(state)
 
-    def _progress(self, state: ReceivedState) -> None:
+    def _progress(self, state: State) -> None:
         self._states += 1
         if self._is_large() or self._work.waiting_states:
             self._work.start(lambda: self._progressed(state), self.publish)
         else:
             self.publish(self._progressed(state))
 
-    def _progressed(self, state: ReceivedState) -> Sequence[FormulaResult]:
+    def _progressed(self, state: State) -> Sequence[FormulaResult]:
         """Progress the group over a state; return the new results."""
         begun = perf_counter()
         try:

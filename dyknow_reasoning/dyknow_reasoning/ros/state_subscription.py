@@ -14,15 +14,14 @@ from dyknow_common.ros import (
     DirectSubscription,
     DyKnowNode,
     TopicOwner,
-    time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.state_line import Breach, ReadStream
 from dyknow_stream_processing.ros import (
     SequenceGaps,
-    doubtful_from,
     publishers_of,
     sample_valid_time,
+    violation_from_message,
 )
 
 VIOLATIONS_SUFFIX: Final = '/violations'
@@ -30,7 +29,7 @@ VIOLATIONS_SUFFIX: Final = '/violations'
 
 
 @dataclass(frozen=True, slots=True)
-class ReceivedState:
+class State:
     """A received state.
 
     Args:
@@ -44,7 +43,7 @@ class ReceivedState:
     loss: str
 
 
-class StateSubscription(ReadStream[ReceivedState]):
+class StateSubscription(ReadStream[State]):
     """Subscription to the states of one stream, and to its violations.
 
     The times of states are not compared with the clock: the engine that makes the states has
@@ -53,15 +52,15 @@ class StateSubscription(ReadStream[ReceivedState]):
     Args:
         topic: the topic of the states.
         on_state: called with this subscription and each state.
-        on_breach: called with this subscription after each violation.
+        on_breach: called with this subscription and each violation.
     """
 
     def __init__(
         self,
         node: DyKnowNode,
         topic: str,
-        on_state: Callable[[StateSubscription, ReceivedState], None],
-        on_breach: Callable[[StateSubscription], None],
+        on_state: Callable[[StateSubscription, State], None],
+        on_breach: Callable[[StateSubscription, Breach], None],
     ) -> None:
         super().__init__()
         self.topic = topic
@@ -99,14 +98,15 @@ class StateSubscription(ReadStream[ReceivedState]):
         self._violations.retry()
         self._loss = ''
         self._sequence.note(info.get('publication_sequence_number'))
-        self._on_state(self, ReceivedState(valid_time, message, self._loss))
+        self._on_state(self, State(valid_time, message, self._loss))
 
     def _on_loss(self, count: int) -> None:
         self._loss = f'{count} states were lost' if count else 'the state stream was recreated'
 
     def _on_violation(self, message: Any, _info: object) -> None:
         # The topic is latched: violations before the subscription are ignored.
-        if time_to_nanoseconds(message.available_time) >= self._start_time:
-            self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
-            self.doubt(doubtful_from(message))
-            self._on_breach(self)
+        violation = violation_from_message(message)
+        if violation.available_time >= self._start_time:
+            self.breach = Breach(violation.valid_time, violation.message)
+            self.doubt(violation.doubtful_from)
+            self._on_breach(self, self.breach)

@@ -17,7 +17,7 @@ from dyknow_common.ros import nanoseconds_to_time
 from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.ros import group_evaluation
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
-from dyknow_reasoning.ros.state_subscription import ReceivedState, StateSubscription
+from dyknow_reasoning.ros.state_subscription import State, StateSubscription
 from dyknow_reasoning.state_line import HAND_OVER_LIMIT_NS
 from dyknow_stream_processing import Sample, ViolationKind
 
@@ -85,7 +85,7 @@ class Group:
         """Receive a state, which waits if the group is busy."""
         stream = self.streams[topic]
         sample = Sample(valid_time, valid_time, {'power': 100.0})
-        stream._on_state(stream, ReceivedState(valid_time, sample, loss))
+        stream._on_state(stream, State(valid_time, sample, loss))
 
     def wait(self, duration: int) -> None:
         """Let time pass, and the engine supervise its groups."""

@@ -8,26 +8,23 @@ hundred milliseconds. A `StateLine` decides which states count, as in the reason
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_coordinator import (
     SILENCE_LIMIT_NS,
-    TRANSIENT,
     CoordinationError,
     FeatureSource,
     FormulaInputs,
-    SourceChoice,
-    StateFault,
+    SourceSession,
     SymbolGrounding,
     describe_sources,
     describe_violation,
     may_be_silent,
-    silent_topics,
     state_specification,
     worst_fault,
 )
@@ -40,9 +37,6 @@ from dyknow_stream_processing import Sample, SampleBatch, Violation
 
 WAITING_LIMIT_NS: Final = 3 * SECOND_NS
 """The time without states after which a formula is waiting for them."""
-
-REPORT_NS: Final = 1200 * NANOSECONDS['ms']
-"""Time after which it is known which topics are silent when states break a constraint."""
 
 
 class StateGroup:
@@ -71,9 +65,9 @@ class StateGroup:
         self.waits_for = ''
         self._name, self._inputs, self._streams = name, inputs, streams
         self._begin, self._on_fault = begin, on_fault
-        self._choice = SourceChoice()
         self._line: StateLine[RecordedStates] = StateLine(episodes.gap, episodes.end_gap)
         self._standby = RecordedStandby(inputs, streams, self._create, self._line)
+        self._session = SourceSession(inputs, lambda: streams.known, self._standby.exclude)
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
         self.origins = frozenset(
@@ -81,20 +75,17 @@ class StateGroup:
         )
         """The streams of files that its states may be made of."""
         self._topics_to_begin = set(streams.known.topics(inputs.candidates.found))
-        self._faults: list[StateFault] = []
-        self._chosen: tuple[FeatureSource, ...] = ()
         # The log time from which on the stream in use is.
         self._used_since = 0
         self._latest_receipt, self._streams_made = -1, 0
         self._latest_error = CoordinationError('')
-        self._silence: tuple[int, Violation] | None = None
 
     def start(self, now: int) -> None:
         """Make the states, unless no formula needs them."""
         if self.episodes.has_ended:
             return
         try:
-            chosen = self._choose(now)
+            chosen = self._session.choose(self._inputs.candidates, now)
             if not chosen:
                 raise CoordinationError('the formula names no feature, so it has no states')
             self._switch(chosen, now)
@@ -118,7 +109,7 @@ class StateGroup:
         """The stream in use, and the standby; none unless their states may be made as columns."""
         line, used = self._line, self._line.stream
         is_unsteady = line.is_in_gap or line.pause or line.catches_up or line.next
-        if used is None or is_unsteady or self._faults or self.has_ended:
+        if used is None or is_unsteady or self._session.faults or self.has_ended:
             return ()
         if self._is_replaceable and self._begun_topics():
             return ()  # At the next look, their sources may be better.
@@ -146,24 +137,24 @@ class StateGroup:
 
     def react(self, now: int) -> None:
         """Replace streams that have failed, or fail; free the states at the end."""
-        obstacle = ''
-        while self._faults and not self.episodes.has_ended:
-            fault, count = worst_fault(self._faults), len(self._faults)
+        session, faults = self._session, self._session.faults
+        session.obstacle = ''
+        while faults and not self.episodes.has_ended:
+            fault, count = worst_fault(faults), len(faults)
             standby = self._standby.take(now)
-            chosen = standby.chosen if standby else self._replacements(now)
-            failed = any(self._choice.is_excluded(each, now) for each in chosen)
-            if not standby and failed and (obstacle or not fault.transient):
-                text = f'{fault.error.message}{obstacle}'
-                self._fail(CoordinationError(text, fault.error.code))
+            chosen = standby.chosen if standby else session.replacements(now)
+            failed = session.have_failed(chosen, now)
+            if not standby and failed and (session.obstacle or not fault.transient):
+                self._fail(session.failure())
                 break
             try:
                 if not standby:
                     self._switch(chosen, now)
             except DyKnowError as error:
-                obstacle = f'; no other states: {error.message}'
-                self._exclude(set(chosen) - set(self._chosen) or chosen, now)
+                session.obstacle = error.message
+                session.exclude(set(chosen) - set(session.chosen) or chosen, now)
                 continue
-            del self._faults[:count]
+            del faults[:count]
             self._latest_error = fault.error
             # The kept states may end the formulas.
             self.episodes.add_event(f'{fault.error.message}; {describe_sources(chosen)}')
@@ -177,8 +168,8 @@ class StateGroup:
         # States that are only observed any more are not made of other streams.
         if self.episodes.has_ended:
             self._standby.end()
-            if self._faults or not self.episodes.observer:
-                self._faults.clear()
+            if faults or not self.episodes.observer:
+                faults.clear()
                 self._destroy()
 
     def lose(self, lost: LostMessages, now: int, *, is_late: bool = False) -> None:
@@ -207,23 +198,20 @@ class StateGroup:
 
     def check_silence(self, now: int) -> None:
         """Replace the sources of topics that have been silent for too long."""
-        if self._line.stream is None:
+        stream = self._line.stream
+        if stream is None:
             return
-        if self._standby.is_due(now):
-            self._on_fault()
-        self._find_silent_sources(self._line.stream, now)
+        self._session.look(
+            stream.name,
+            self._streams.received(stream.name),
+            self._used_since,
+            now,
+            known_until=now,
+            silence_limit=SILENCE_LIMIT_NS,
+        )
         self._renew_standby(now)
-        received = self._streams.received(self._line.stream.name)
-        oldest, known = now - SILENCE_LIMIT_NS, self._streams.known
-        for silent in silent_topics(self._chosen, known, received, self._used_since, oldest):
-            self._exclude(silent.sources, now)
-            others = self._replacements(now)
-            can_replace = self._choice.can_replace(silent.sources, others, known, now)
-            if can_replace or silent.is_overdue:
-                limit = SILENCE_LIMIT_NS / SECOND_NS
-                text = f"topic '{silent.topic}' has been silent for {limit:g} s"
-                error = CoordinationError(text, ExitCode.UNAVAILABLE)
-                self._interrupt(StateFault(error, transient=can_replace))
+        if self._session.faults or self._standby.is_due(now):
+            self._on_fault()
 
     def finish(self, start: int, end: int) -> None:
         """Record what remains undecided, and why no states came lately, if that is known.
@@ -239,8 +227,8 @@ class StateGroup:
         first = max(start, self._begin) - 1
         made = stream.created_at if stream.created_at > first + 1 else first
         # What would pass for an undecided formula may be one whose states have failed.
-        if self._silence is not None:
-            text = _describe(self._silence[1])
+        if violation := self._session.unexplained(stream.name):
+            text = describe_violation(violation)
             self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
         elif self._line.is_in_gap and not self.episodes.has_losses:
             reason = self._streams.waits_for(stream.name, made) or 'no state has come since'
@@ -253,15 +241,6 @@ class StateGroup:
         elif self._latest_receipt <= since:
             since = max(since, made)
             self.waits_for = self._streams.waits_for(stream.name, since, (start, end))
-
-    def _choose(self, now: int) -> tuple[FeatureSource, ...]:
-        inputs, known = self._inputs, self._streams.known
-        return self._choice.choose(inputs.features, inputs.candidates, known, now)
-
-    def _replacements(self, now: int) -> tuple[FeatureSource, ...]:
-        """Return the sources to use after a fault, those in use or others."""
-        inputs, known = self._inputs, self._streams.known
-        return self._choice.replacements(inputs.features, inputs.candidates, known, now)
 
     def _switch(self, chosen: tuple[FeatureSource, ...], now: int) -> None:
         """Make the states of other sources from now on."""
@@ -285,16 +264,15 @@ class StateGroup:
 
     def _use(self, stream: RecordedStates, now: int) -> None:
         self._line.change(stream, now)
-        self._chosen, self._used_since, self._silence = stream.chosen, now, None
+        self._session.chosen, self._used_since = stream.chosen, now
         self.groundings = self._inputs.candidates.symbol_groundings(stream.chosen)
         self._stand_by(stream, now)
 
     def _stand_by(self, stream: RecordedStates, now: int) -> None:
-        best, known = self._chosen, self._streams.known
-        is_doubtful = may_be_silent(self._streams.received(stream.name).values(), now)
-        if not is_doubtful:
-            best = self._choice.better(best, self._inputs.candidates, known, now)
-        self._standby.follow(self._next_name(), self._chosen, best, now)
+        received = self._streams.received(stream.name)
+        best = self._session.better(received, now, now)
+        self._standby.follow(self._next_name(), stream.chosen, best, now)
+        is_doubtful = may_be_silent(received.values(), now)
         if is_doubtful and self._standby.due:
             self._standby.due = now
 
@@ -331,7 +309,7 @@ class StateGroup:
             self._line.stream = None
 
     def _fail(self, error: DyKnowError) -> None:
-        self._faults.clear()
+        self._session.faults.clear()
         self.episodes.fail(error)
         self._destroy()
 
@@ -357,48 +335,9 @@ class StateGroup:
             return
         self._standby.note_violation(violation)
         stream.breach = Breach(violation.valid_time, violation.message)
-        stream.doubt(violation.valid_time)
+        stream.doubt(violation.doubtful_from)
         self._line.break_off(stream, violation.available_time)
         self.episodes.add_violation(violation)
-        if violation.constraint in TRANSIENT:
-            error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
-            self._interrupt(StateFault(error, transient=True))
-        elif violation.stream_name == stream.name:
-            self._silence = self._silence or (violation.available_time + REPORT_NS, violation)
-        else:
-            known = self._streams.known
-            self._replace(known.affected(self._chosen, violation.stream_name), violation)
-
-    def _find_silent_sources(self, stream: RecordedStates, now: int) -> None:
-        """Find the sources that made the states break a constraint some time ago."""
-        if self._silence is None or self._silence[0] > now:
-            return
-        violation, self._silence = self._silence[1], None
-        received = self._streams.received(stream.name)
-        oldest = max(received.values(), default=0) - violation.allowed
-        known = self._streams.known
-        silent = [topic for topic, latest in received.items() if latest < oldest]
-        self._replace(
-            [each for topic in silent for each in known.affected(self._chosen, topic)], violation
-        )
-
-    def _replace(self, sources: Sequence[FeatureSource], violation: Violation) -> None:
-        error = CoordinationError(_describe(violation), ExitCode.CONSTRAINT_VIOLATION)
-        # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
-        self._exclude(sources or self._chosen, violation.available_time)
-        self._interrupt(StateFault(error, transient=False))
-
-    def _exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
-        self._choice.exclude(sources, now)
-        self._standby.exclude(sources, now)
-
-    def _interrupt(self, fault: StateFault) -> None:
-        self._faults.append(fault)
+        now = violation.available_time
+        self._session.note_violation(violation, stream.name, stream.chosen, now)
         self._on_fault()
-
-
-def _describe(violation: Violation) -> str:
-    """Return the description of a violation, as the coordinator describes it."""
-    return describe_violation(
-        violation.message, violation.constraint, violation.observed, violation.allowed
-    )
