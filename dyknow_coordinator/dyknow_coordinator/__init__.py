@@ -27,9 +27,9 @@ from dyknow_coordinator.grounding.source_choice import (
     describe_sources,
     describe_violation,
     may_be_silent,
-    silent_topics,
     worst_fault,
 )
+from dyknow_coordinator.grounding.source_session import SourceSession
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
 from dyknow_coordinator.grounding.stream_fields import field_names
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
@@ -84,6 +84,7 @@ __all__ = [
     'PlanVerdict',
     'Progress',
     'SourceChoice',
+    'SourceSession',
     'StandingVerdicts',
     'StateFault',
     'SymbolGrounding',
@@ -104,7 +105,6 @@ __all__ = [
     'infer_sorts',
     'may_be_silent',
     'parse_sources',
-    'silent_topics',
     'sort_names',
     'state_specification',
     'stream_topic',

@@ -21,9 +21,9 @@ from dyknow_coordinator import (
     infer_sorts,
     may_be_silent,
     parse_sources,
-    silent_topics,
     worst_fault,
 )
+from dyknow_stream_processing import Violation
 
 
 def source(topic: str, constraints: str = '') -> FeatureSource:
@@ -126,24 +126,6 @@ def test_stand_ins_avoid_the_sources_in_use() -> None:
     assert choice.stand_ins([B, other], candidates, KNOWN, 11 * SECOND_NS) == ()
 
 
-def test_silent_topics() -> None:
-    received = {'/a': 4, '/b': 9, '/c': 0}
-    silent = silent_topics([A, B, C], KNOWN, received, since=2, oldest=5)
-    assert [(each.topic, each.sources, each.is_overdue) for each in silent] == [
-        ('/a', (A,), False),
-        ('/c', (C,), False),
-    ]
-
-
-def test_a_periodic_stream_is_overdue_if_it_has_begun() -> None:
-    periodic = source('/a', ' with sample_period = 2 ns')
-    known = KnownStreams([KnownStream('unrelated')], lambda _: True)
-    (silent,) = silent_topics([periodic], known, {'/a': 4}, since=0, oldest=7)
-    assert silent.is_overdue
-    (silent,) = silent_topics([periodic], known, {'/a': 0}, since=0, oldest=7)
-    assert not silent.is_overdue
-
-
 def test_the_worst_fault_is_one_of_the_streams_themselves() -> None:
     lost, broken = (
         StateFault(CoordinationError(text), transient=text == 'lost') for text in ('lost', 'broken')
@@ -153,10 +135,11 @@ def test_the_worst_fault_is_one_of_the_streams_themselves() -> None:
 
 
 def test_violations_are_described_with_what_was_measured() -> None:
-    assert describe_violation('late', 'max_delay', 3 * SECOND_NS, SECOND_NS) == (
-        'late (max_delay: 3 s observed, 1 s allowed)'
-    )
-    assert describe_violation('no field x', 'fields', 0, 0) == 'no field x (fields)'
+    assert describe_violation(
+        Violation('s', 'max_delay', 0, 0, 3 * SECOND_NS, SECOND_NS, 'late')
+    ) == ('late (max_delay: 3 s observed, 1 s allowed)')
+    absent = Violation('s', 'fields', 0, 0, 0, 0, 'no field x')
+    assert describe_violation(absent) == 'no field x (fields)'
 
 
 async def matching(concept: str) -> tuple[FeatureSource, ...]:

@@ -62,8 +62,8 @@ from dyknow_reasoning.progression.unknown_features import (
     is_unknown,
 )
 from dyknow_reasoning.results import FormulaResult
-from dyknow_reasoning.standby_states import StandbyStates, continue_from
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
+from dyknow_reasoning.state_line import Breach, ReadStream, StateLine
 from dyknow_reasoning.trace import RecordedState, read_trace
 from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_trial
 from dyknow_reasoning.uncertain import UncertainFormula
@@ -77,6 +77,7 @@ __all__ = [
     'Always',
     'And',
     'Arithmetic',
+    'Breach',
     'CheckResult',
     'Comparison',
     'Constants',
@@ -109,10 +110,11 @@ __all__ = [
     'Quantifier',
     'Quantity',
     'Range',
+    'ReadStream',
     'ReasoningError',
     'RecordedState',
     'Since',
-    'StandbyStates',
+    'StateLine',
     'Term',
     'TrialFormula',
     'UncertainFormula',
@@ -129,7 +131,6 @@ __all__ = [
     'check_trial',
     'check_types',
     'compares_past',
-    'continue_from',
     'ground_atoms',
     'is_uncertain',
     'is_unknown',

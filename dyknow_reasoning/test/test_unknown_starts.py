@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import pytest
-from hypothesis import HealthCheck, given, settings
-from reasoning_reference import NAMES, Trace, formulas, random_cases
+from hypothesis import given
+from reasoning_reference import NAMES, Trace, formulas
 from test_unknown_values import ANY, PartialTrace, completions, partial_traces
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures, start_verdicts
@@ -55,8 +54,6 @@ def closes(group: FormulaGroup, trace: PartialTrace | Trace) -> list[bool]:
     return found
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(60), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(), partial_traces((False, True), NAMES, 6))
 def test_each_start_is_decided_as_all_completions(formula: Formula, trace: PartialTrace) -> None:
     text, group = str(formula), standing(str(formula))
@@ -84,8 +81,6 @@ def test_each_start_is_decided_as_all_completions(formula: Formula, trace: Parti
             assert verdict.wants, (case, i)
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(60), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(), partial_traces((False, True), NAMES, 5))
 def test_a_guard_that_is_open_would_be_so_for_all_completions(
     formula: Formula, trace: PartialTrace

@@ -321,8 +321,6 @@ def margin_of(text: str, states: PartialTrace | Trace) -> tuple[Margin | None, b
 COMPARED = st.one_of(EXACT, SOUND).filter(lambda atom: 'count' not in str(atom))
 
 
-@pytest.mark.timeout(3600)
-@settings(max_examples=random_cases(40), deadline=None, suppress_health_check=list(HealthCheck))
 @given(formulas(2, COMPARED), partial_traces((0.0, 1.0, 1.5, 2.0, 3.0), ('x', 'y'), 2))
 def test_margins_of_all_completions_are_within_bounds(
     formula: Formula, trace: PartialTrace

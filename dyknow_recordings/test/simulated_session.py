@@ -38,6 +38,7 @@ from dyknow_coordinator.ros.evaluation.state_supervisor import StateSupervisor
 from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.ros import group_evaluation, state_subscription
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
+from dyknow_reasoning.ros.stream_reasoning_engine import SUPERVISION_PERIOD_S
 from dyknow_recordings.evaluation.grounding import FormulaGrounder
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import Vocabulary
@@ -316,6 +317,7 @@ class SimulatedSystem:
             background,
             publisher,  # type: ignore[arg-type]
         )
+        self._engine.create_timer(SUPERVISION_PERIOD_S, self.group.change_if_due)
         self._context: Any = SimpleNamespace(
             node=node,
             clients=_Clients(self),
@@ -460,10 +462,11 @@ class SimulatedSystem:
             )
             for name, (specification, created_at) in self._made.items()
         ]
-        topics = {*self.recording.contents, *(each.topic for each in made)}
+        topics = {each.topic for each in made}
         # Nobody knows of a topic that no stream is made from whether it has had a message.
         begun = (lambda topic: streams.received_at(topic) > 0) if self.is_instant else None
-        return KnownStreams(made, topics.__contains__, streams.absolute, begun)
+        found = {each for each in self.recording.contents if streams.is_published(each)}
+        return KnownStreams(made, (topics | found).__contains__, streams.absolute, begun)
 
     def _waits_for(self, name: str, created_at: int) -> str:
         latest = self._samples.get(name)

@@ -59,3 +59,9 @@ class Violation:
     observed: int
     allowed: int
     message: str
+
+    @property
+    def doubtful_from(self) -> int:
+        """The valid time from which on it makes samples doubtful, in nanoseconds."""
+        # By a wrong clock, all samples may have wrong times.
+        return 0 if self.constraint == ViolationKind.CLOCK else self.valid_time

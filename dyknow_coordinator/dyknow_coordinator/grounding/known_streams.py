@@ -94,13 +94,6 @@ class KnownStreams:
         """Return the names of the streams that are published."""
         return frozenset(stream.name for stream in self._by_topic.values())
 
-    def silent_topics(self, name: str, limit_ns: int) -> tuple[str, ...]:
-        """Return the topics of a stream that lag its most recent topic by more than a limit."""
-        stream = self._streams.get(name)
-        received = stream.received if stream else {}
-        newest = max(received.values(), default=0)
-        return tuple(topic for topic, latest in received.items() if newest - latest > limit_ns)
-
     def origins(self, source: FeatureSource) -> frozenset[str]:
         """Return the names of all streams and topics that a source is made from, transitively.
 

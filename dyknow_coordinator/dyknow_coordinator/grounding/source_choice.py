@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -10,7 +10,7 @@ from dyknow_common import SECOND_NS, round_duration
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
-from dyknow_stream_processing import ViolationKind
+from dyknow_stream_processing import Violation, ViolationKind
 
 SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
 """The default time after which a topic without a message is silent, as is a stream of states."""
@@ -35,20 +35,6 @@ class StateFault:
 
     error: CoordinationError
     transient: bool
-
-
-@dataclass(frozen=True, slots=True)
-class SilentTopic:
-    """A topic that has been silent for too long.
-
-    Args:
-        sources: the sources in use that are made from it.
-        is_overdue: True if one of them should have had a sample by now.
-    """
-
-    topic: str
-    sources: tuple[FeatureSource, ...]
-    is_overdue: bool
 
 
 class SourceChoice:
@@ -183,32 +169,6 @@ class SourceChoice:
         return are_others and are_well and not any(self.is_excluded(each, now) for each in new)
 
 
-def silent_topics(
-    chosen: Sequence[FeatureSource],
-    known: KnownStreams,
-    received: Mapping[str, int],
-    since: int,
-    oldest: int,
-) -> list[SilentTopic]:
-    """Return the topics of a state stream that have been silent for too long.
-
-    Args:
-        chosen: the sources in use.
-        known: all streams.
-        received: when the latest message of each topic was received; 0 before the first.
-        since: when the state stream was created.
-        oldest: a topic is silent if its latest message is older. All times are in nanoseconds.
-    """
-    silences = {topic: oldest - max(latest, since) for topic, latest in received.items()}
-    started = {topic: silence for topic, silence in silences.items() if received[topic]}
-    silent = []
-    for topic in [topic for topic, silence in silences.items() if silence > 0]:
-        sources = known.affected(chosen, topic)
-        is_overdue = any(known.is_overdue(each, started) for each in sources)
-        silent.append(SilentTopic(topic, sources, is_overdue))
-    return silent
-
-
 def may_be_silent(received: Iterable[int], now: int) -> bool:
     """Return True if a topic may have fallen silent, which will soon be known.
 
@@ -231,12 +191,13 @@ def describe_sources(chosen: Iterable[FeatureSource]) -> str:
     return f'states are made of {", ".join(sorted(map(str, chosen)))}'
 
 
-def describe_violation(message: str, constraint: str, observed: int, allowed: int) -> str:
-    """Return the description of a violation for clients; durations are in nanoseconds."""
+def describe_violation(violation: Violation) -> str:
+    """Return the description of a violation for clients."""
+    observed, allowed = violation.observed, violation.allowed
     measured = (
-        f' ({constraint}: {round_duration(observed, allowed)} observed, '
+        f' ({violation.constraint}: {round_duration(observed, allowed)} observed, '
         f'{round_duration(allowed, observed)} allowed)'
         if observed or allowed
-        else f' ({constraint})'
+        else f' ({violation.constraint})'
     )
-    return f'{message}{measured}'
+    return f'{violation.message}{measured}'

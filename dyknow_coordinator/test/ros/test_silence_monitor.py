@@ -1,4 +1,4 @@
-"""Silence of topics, as the reports of engines tell; times in seconds."""
+"""Looks at the streams of groups, and warnings; times in seconds."""
 
 from __future__ import annotations
 
@@ -19,14 +19,9 @@ class Bench:
 
     def __init__(self) -> None:
         self.now = BORN
-        self.replaced: list[str] = []
+        self.limits: list[int] = []
         self.warnings: list[str] = []
-        known = SimpleNamespace(
-            get=lambda _: SimpleNamespace(name='states', received={'/a': BORN * SECOND_NS}),
-            affected=lambda *_: ('source',),
-            is_overdue=lambda *_: False,
-        )
-        self.streams = SimpleNamespace(known=known, known_until=0, heard_at=0)
+        self.streams = SimpleNamespace(known_until=0, heard_at=0)
         node = SimpleNamespace(
             now=self._now_ns,
             wall_clock=None,
@@ -42,10 +37,8 @@ class Bench:
         states = SimpleNamespace(
             stream=SimpleNamespace(name='states', created_at_s=BORN),
             chosen=('source',),
-            used_since=BORN * SECOND_NS,
-            improve=lambda: None,
             waits_for='',
-            replace_silent=lambda _, reason, **__: self.replaced.append(reason),
+            look=self.limits.append,
         )
         group = SimpleNamespace(states=states, waits_for='', set_waiting=lambda _: None)
         groups: Any = SimpleNamespace(running=lambda: [group])
@@ -74,18 +67,14 @@ def bench() -> Bench:
     return Bench()
 
 
-def test_a_topic_is_silent_by_the_time_that_its_engine_knows(bench: Bench) -> None:
-    bench.now = BORN + 7
-    bench.report(BORN + 5)
-    assert bench.replaced == []
-    bench.report(BORN + 6)
-    assert bench.replaced == ["topic '/a' has been silent for 5 s"]
+def test_the_streams_of_groups_are_looked_at(bench: Bench) -> None:
+    bench.check(BORN + 4)
+    assert set(bench.limits) == {LIMIT * SECOND_NS}
     assert bench.warnings == []
 
 
 def test_nodes_that_do_not_run_are_blamed_instead_of_a_topic(bench: Bench) -> None:
     for now in range(BORN, BORN + 30):
         bench.check(now)
-    assert bench.replaced == []
     (warning,) = bench.warnings
     assert 'nothing was reported about topics for 5 s, so none of them is taken for' in warning

@@ -126,7 +126,7 @@ def test_the_same_standby_stays(world: World) -> None:
 
 def test_a_better_source_does_not_replace_a_standby(world: World) -> None:
     """Its states are kept since a while."""
-    world.standby.exclude([B])
+    world.standby.exclude([B], 0)
     world.follow(A, G)
     world.follow(A, G, seconds=12)
     assert world.kept == ['/states_2']
@@ -201,7 +201,7 @@ def test_a_clock_that_was_set_back_ends_the_standby(world: World) -> None:
 
 def test_no_failed_source_is_taken(world: World) -> None:
     world.follow(A, G)
-    world.standby.exclude([G])
+    world.standby.exclude([G], 0)
     assert world.taken() is None
 
 

@@ -9,16 +9,14 @@ from typing import Any
 from unittest.mock import AsyncMock, MagicMock
 
 import pytest
-from dyknow_interfaces.msg import ConstraintViolation
 
 from dyknow_common import ExitCode, StreamConstraints
-from dyknow_common.ros import nanoseconds_to_time
 from dyknow_coordinator import CoordinationError, EvaluationPhase, Grounding, KnownStreams
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
 from dyknow_coordinator.ros.evaluation.state_supervisor import StateSupervisor
-from dyknow_stream_processing import ViolationKind
+from dyknow_stream_processing import Violation, ViolationKind
 
 POWER = 'Power[uav1]'
 
@@ -80,8 +78,7 @@ class Supervised:
         self.supervisor._standby.take.return_value = None
 
     def violate(self, stream: StateStream, name: str, kind: str, valid_time: int = 0) -> None:
-        violation = ConstraintViolation(constraint=kind, stream_name=name)
-        violation.valid_time = nanoseconds_to_time(valid_time)
+        violation = Violation(name, kind, valid_time, valid_time, 0, 0, 'broken')
         self.supervisor._on_violation(stream, violation)
 
     def run(self) -> None:
@@ -120,27 +117,9 @@ def test_a_violation_of_a_stream_that_is_being_left_is_none_of_the_next(name: st
     (made_of,) = supervisor.chosen
     assert made_of.stream == 'p_a'
     made.violate(former, name, ViolationKind.MAX_GAP)
-    assert not supervisor._is_excluded(made_of)
-    assert not supervisor._faults
+    assert not supervisor._session.have_failed([made_of], 0)
+    assert not supervisor._session.faults
     assert made.observer.set_phase.call_args.args == (EvaluationPhase.RUNNING,)
-
-
-def test_a_stream_that_has_fallen_silent_is_left_with_a_gap() -> None:
-    """It has no state as late as the first of the next one, and the formula would wait for it."""
-    made = Supervised('b')
-    former = made.supervisor.stream
-    asyncio.run(made.supervisor.start())
-    made.supervisor.update_candidates(_candidates('a', 'b'))
-    made.run()
-    evaluate, times = made.context.clients.evaluate_group, iter(range(100))
-    evaluate.reset_mock()
-    made.context.wall_time_s.side_effect = lambda: next(times)
-    made.supervisor._is_subscribed = lambda _: not evaluate.called  # type: ignore[method-assign]
-    made.run()
-    ((arguments, kinds),) = evaluate.call_args_list
-    assert (arguments[2], kinds['gap']) == (made.supervisor.stream.topic, True)
-    assert made.supervisor.stream is not former
-    made.context.cleanup.destroy_stream.assert_called_once_with('states_1')
 
 
 def test_a_stream_that_cannot_be_made_is_left_for_the_next() -> None:

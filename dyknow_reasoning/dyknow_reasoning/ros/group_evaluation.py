@@ -34,12 +34,10 @@ from dyknow_reasoning.ros.result_messages import (
 )
 from dyknow_reasoning.ros.state_subscription import (
     VIOLATIONS_SUFFIX,
-    Breach,
-    Pause,
     State,
     StateSubscription,
 )
-from dyknow_reasoning.standby_states import StandbyStates, continue_from
+from dyknow_reasoning.state_line import Breach, StateLine
 from dyknow_stream_processing.ros import sample_fields
 
 _MAX_EVENTS = 20
@@ -78,14 +76,10 @@ class FixedInputs:
 
 
 class GroupEvaluation:
-    """One formula group and the state stream that it is progressed over.
+    """One formula group and the state streams that it is progressed over.
 
-    To change to another stream without a gap, the states of the new stream are queued until the
-    old stream has delivered a state as late as the first of them. If too many wait, or the old
-    stream does not get there in time, or a violation concerns its progressed states, there is a
-    gap. A stream on standby replaces the old one at once, also after a violation, with the states
-    that were kept of it. A violation pauses the group until then: a verdict over states that broke
-    a constraint would be unsound.
+    A `StateLine` decides which states count. Another stream replaces the one in use as soon as no
+    state between is missing; one on standby replaces it when that is requested.
 
     Work that takes long, of requests, states and reports, happens in the background.
     """
@@ -111,19 +105,11 @@ class GroupEvaluation:
         self._states = 0
         # For each formula, the number of states before it was added.
         self._states_before: dict[int, int] = {}
-        self._latest: int | None = None
         self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
         self._inputs = FixedInputs()
         self._results: DirectPublisher | None = None
-        self._current: StateSubscription | None = None
-        self._next: StateSubscription | None = None
-        self._queue: list[State] = []
+        self._line: StateLine[StateSubscription] = StateLine(lambda _: group.gap())
         self._standby: StateSubscription | None = None
-        self._kept: StandbyStates[State] = StandbyStates()
-        self._pause: Pause | None = None
-        # True until the current stream delivers a state later than the former one's.
-        self._catches_up = False
-        self._skipped = 0
         # For each stream, the states that were dropped since the latest one that was accepted.
         self._dropped: Counter[StateSubscription] = Counter()
         self._requested_at = self._wall_time()
@@ -131,7 +117,7 @@ class GroupEvaluation:
     @property
     def has_begun(self) -> bool:
         """True if the evaluation has begun."""
-        return self._current is not None
+        return self._line.stream is not None
 
     @property
     def parts(self) -> int:
@@ -153,7 +139,8 @@ class GroupEvaluation:
         )
         self._states_before[formula_id] = self._states
         # The first state of the formula is a later one, also if the standby takes over.
-        self._kept.take()
+        if self._standby:
+            self._standby.kept.take()
         if self.has_begun:
             self.publish(self.group.decided_at_once())
         return formula_id
@@ -200,7 +187,7 @@ class GroupEvaluation:
         node = self._node
         self._results = DirectPublisher(node, FormulaResultMessage, result_topic, LATCHED_HISTORY)
         self.publish(self.group.decided_at_once())
-        self._current = self._subscribe(state_stream)
+        self._line.change(self._subscribe(state_stream), self._wall_time())
 
     async def change_stream(
         self,
@@ -231,34 +218,44 @@ class GroupEvaluation:
         )
 
     def _change_stream(self, state_stream: str, doubtful_from: int | None) -> None:
-        gap = doubtful_from is not None
         if self._is_destroyed:
             return
-        if self._next and self._next.topic == state_stream and gap:
-            if self._queue:
-                self._switch()
+        line, gap = self._line, doubtful_from is not None
+        if line.next and line.next.topic == state_stream and gap:
+            if line.next.kept:
+                self._change(line.next)
             return
-        if self._next:
-            self._next.destroy()
-        self._next, self._queue = None, []
-        is_current = self._current and self._current.topic == state_stream
-        if is_current and not (gap or self._pause):
+        if line.next:
+            line.next.destroy()
+        line.next = None
+        if line.stream and line.stream.topic == state_stream and not (gap or line.pause):
             return
         if self._standby and self._standby.topic == state_stream:
-            self._take_over(doubtful_from)
+            # The request may come before the message of the violation.
+            if line.stream and doubtful_from is not None:
+                line.stream.doubt(doubtful_from)
+            taken, self._standby = self._standby, None
+            self._change(taken)
             return
-        self._next = self._subscribe(state_stream)
-        if self._latest is None or gap or self._pause:
-            self._switch()
+        stream, now = self._subscribe(state_stream), self._wall_time()
+        line.hand_over(stream, now)
+        if gap or line.is_due(now):
+            self._change(stream)
 
-    def _take_over(self, doubtful_from: int | None) -> None:
-        """Change to the standby, and use its kept states."""
-        # The request may come before the message of the violation.
-        if self._current and doubtful_from is not None:
-            self._current.doubt(doubtful_from)
-        self._next, self._standby = self._standby, None
-        self._queue = self._kept.take()
-        self._switch()
+    def change_if_due(self) -> None:
+        """Change to the next stream if it is time to; see `StateLine.is_due`."""
+        if self._line.next and not self._work.is_busy and self._line.is_due(self._wall_time()):
+            self._change(self._line.next)
+
+    def _change(self, stream: StateSubscription) -> None:
+        """Change to a stream now, and receive the states that were kept of it."""
+        if self._line.stream:
+            self._line.stream.destroy()
+        self._line.change(stream, self._wall_time())
+        self._log_pause()
+        # States of this stream that wait for a slow step came later.
+        kept = stream.kept.take()
+        self._work.receive_first([partial(self._handle, stream, each) for each in kept])
 
     def set_standby(self, topic: str) -> None:
         """Keep the states of a stream on standby; of none if the topic is empty.
@@ -270,13 +267,12 @@ class GroupEvaluation:
             absolute_topic(self._node, topic, 'standby', VIOLATIONS_SUFFIX)
         if self._standby:
             self._standby.destroy()
-        self._kept.take()
         self._standby = self._subscribe(topic) if topic else None
 
     def destroy(self) -> None:
         """Destroy the subscriptions and the publisher."""
         self._is_destroyed = True
-        for stream in filter(None, (self._current, self._next, self._standby)):
+        for stream in filter(None, (self._line.stream, self._line.next, self._standby)):
             stream.destroy()
         if self._results is not None:
             self._results.destroy()
@@ -293,10 +289,11 @@ class GroupEvaluation:
 
     def fail_after_pause(self, limit_s: float) -> None:
         """Fail all formulas if the group has been paused for longer than the limit."""
-        pause = None if self._work.is_busy else self._pause
-        if pause and self.group.undecided and self._wall_time() - pause.since > limit_s * SECOND_NS:
-            error = ReasoningError(pause.breach.message, ExitCode.CONSTRAINT_VIOLATION)
-            self.publish(self.group.fail(error, pause.breach.valid_time))
+        pause = None if self._work.is_busy else self._line.pause
+        paused_ns = self._wall_time() - self._line.paused_at
+        if pause and self.group.undecided and paused_ns > limit_s * SECOND_NS:
+            error = ReasoningError(pause.message, ExitCode.CONSTRAINT_VIOLATION)
+            self.publish(self.group.fail(error, pause.valid_time))
 
     async def progress_reports(self) -> Sequence[FormulaProgress]:
         """Return a report on each undecided formula, with the events since the last reports.
@@ -312,7 +309,8 @@ class GroupEvaluation:
         self._events.clear()
         for formula_id in sorted(self.group.undecided):
             states = self._states - self._states_before[formula_id]
-            report = progress_to_message(self.group, formula_id, self._latest if states else None)
+            latest = self._line.latest if states else None
+            report = progress_to_message(self.group, formula_id, latest)
             report.formula_group_id, report.states_progressed = self._id, states
             report.events = events
             yield report
@@ -342,10 +340,13 @@ class GroupEvaluation:
 
     def _on_state(self, stream: StateSubscription, state: State) -> None:
         """Receive a state; if too many wait, drop it, and note the loss with the next one."""
-        if stream is self._standby:
-            self._kept.add(state, self._latest)
+        is_crowded = self._work.waiting_states >= MAX_QUEUED_STATES
+        if stream is not self._line.stream:
+            stream.kept.add(state, self._line.latest)
+            if stream is self._line.next and not is_crowded:
+                self._work.receive(self.change_if_due)
             return
-        if self._work.waiting_states >= MAX_QUEUED_STATES:
+        if is_crowded:
             self._dropped[stream] += 1
             return
         if dropped := self._dropped.pop(stream, 0):
@@ -353,80 +354,45 @@ class GroupEvaluation:
             state = replace(state, loss=loss)
         self._work.receive(lambda: self._handle(stream, state))
 
-    def _handle(self, stream: StateSubscription | None, state: State) -> None:
-        if stream is self._current:
+    def _handle(self, stream: StateSubscription, state: State) -> None:
+        if stream is self._line.stream:
             self._receive(state)
-        elif stream is self._next:
-            self._queue.append(state)
-        if self._next is None:
-            return
-        if continue_from(self._queue, self._latest):
-            self._switch()
-        elif len(self._queue) >= MAX_QUEUED_STATES and not self._work.is_busy:
-            self._node.get_logger().warning(
-                f"the group '{self.name}' changes to '{self._next.topic}' with a gap: the former "
-                f'stream has no state as late as the {len(self._queue)} queued ones'
-            )
-            self._switch()
+        if self._line.next:
+            # After the state, if that takes long.
+            self._work.receive_first([self.change_if_due])
 
-    def _switch(self) -> None:
-        """Change to the next stream now, and progress its queued states.
-
-        There is a gap before them if states are missing, or if a violation concerns former ones.
-        """
-        doubtful_from = self._current.doubtful_from if self._current else None
-        if self._current:
-            self._current.destroy()
-        self._current, self._next = self._next, None
-        self._pause = None
-        self._catches_up = self._latest is not None
-        queue, self._queue = self._queue, []
-        if self._latest is not None and (
-            not continue_from(queue, self._latest)
-            or (doubtful_from is not None and doubtful_from <= self._latest)
-        ):
-            self.group.gap()
-        if breach := self._current and self._current.breach:
-            self._pause_after(breach)
-        # States of this stream that wait for a slow step came later.
-        self._work.receive_first([partial(self._handle, self._current, each) for each in queue])
-
-    def _on_breach(self, stream: StateSubscription, breach: Breach) -> None:
-        """Change to the next stream, or pause: a verdict over these states would be unsound."""
+    def _on_breach(self, stream: StateSubscription, _breach: Breach) -> None:
         # The states before the violation may still wait.
-        self._work.receive(lambda: self._handle_breach(stream, breach))
+        self._work.receive(lambda: self._handle_breach(stream))
 
-    def _handle_breach(self, stream: StateSubscription, breach: Breach) -> None:
-        if stream is not self._current or self._pause:
+    def _handle_breach(self, stream: StateSubscription) -> None:
+        """Change to the next stream, or pause."""
+        if not self._line.break_off(stream, self._wall_time()):
             return
-        if self._next:
-            self._switch()
+        if self._line.next:
+            self.change_if_due()
         else:
-            self._pause_after(breach)
+            self._log_pause()
 
-    def _pause_after(self, breach: Breach) -> None:
-        self._pause = Pause(self._wall_time(), breach)
-        self._node.get_logger().info(f"the group '{self.name}' is paused: {breach.message}")
+    def _log_pause(self) -> None:
+        if pause := self._line.pause:
+            self._node.get_logger().info(f"the group '{self.name}' is paused: {pause.message}")
 
     def _receive(self, state: State) -> None:
-        """Progress the group over a state of the current stream, if it is usable."""
-        if self._pause:
+        """Progress the group over a state of the stream in use, if it counts."""
+        line, latest = self._line, self._line.latest
+        caught_up = line.catches_up
+        if not line.receive(state.valid_time, is_after_loss=bool(state.loss)):
             return
-        if self._catches_up and self._latest is not None and state.valid_time <= self._latest:
-            self._skipped += 1
-            return
-        if self._catches_up:
+        if caught_up:
             self._node.get_logger().info(
                 f"the group '{self.name}' continues with another stream; "
-                f'skipped {self._skipped} states that it had already processed'
+                f'skipped {line.skipped} states that it had already processed'
             )
-            self._catches_up, self._skipped = False, 0
-        if state.loss and self._latest is not None:
-            self.group.gap()
-            gap = Gap(self._latest, state.valid_time)
+        if state.loss and latest is not None:
+            gap = Gap(latest, state.valid_time)
             self._events.append(f'{state.loss}: states may be missing {gap}')
             self._node.get_logger().warning(f"the group '{self.name}': {self._events[-1]}")
-        self._latest = state.valid_time
         if self.group.undecided:
             self._progress(state)
 

@@ -14,14 +14,14 @@ from dyknow_common.ros import (
     DirectSubscription,
     DyKnowNode,
     TopicOwner,
-    time_to_nanoseconds,
 )
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.state_line import Breach, ReadStream
 from dyknow_stream_processing.ros import (
     SequenceGaps,
-    doubtful_from,
     publishers_of,
     sample_valid_time,
+    violation_from_message,
 )
 
 VIOLATIONS_SUFFIX: Final = '/violations'
@@ -43,33 +43,7 @@ class State:
     loss: str
 
 
-@dataclass(frozen=True, slots=True)
-class Breach:
-    """A violation of a constraint of a state stream.
-
-    Args:
-        valid_time: the valid time of the sample that broke the constraint, in nanoseconds.
-        message: the description of the violation.
-    """
-
-    valid_time: int
-    message: str
-
-
-@dataclass(frozen=True, slots=True)
-class Pause:
-    """A pause of the progression after a violation of a constraint.
-
-    Args:
-        since: the start by the wall clock, in nanoseconds.
-        breach: the violation.
-    """
-
-    since: int
-    breach: Breach
-
-
-class StateSubscription:
+class StateSubscription(ReadStream[State]):
     """Subscription to the states of one stream, and to its violations.
 
     The times of states are not compared with the clock: the engine that makes the states has
@@ -88,14 +62,8 @@ class StateSubscription:
         on_state: Callable[[StateSubscription, State], None],
         on_breach: Callable[[StateSubscription, Breach], None],
     ) -> None:
+        super().__init__()
         self.topic = topic
-        self.breach: Breach | None = None
-        """The latest violation."""
-        self.doubtful_from: int | None = None
-        """The valid time from which on violations make states doubtful; None without a violation.
-
-        They may have been received before: if a sample is late, its time may have passed.
-        """
         self._on_state = on_state
         self._on_breach = on_breach
         self._start_time = node.now()
@@ -115,11 +83,6 @@ class StateSubscription:
         self._states = DirectSubscription(
             node, Sample, topic, self._on_sample, STREAM, self._owner.refusal
         )
-
-    def doubt(self, valid_time: int) -> None:
-        """Take the states from a valid time on for doubtful, because of a violation."""
-        if self.doubtful_from is None or valid_time < self.doubtful_from:
-            self.doubtful_from = valid_time
 
     def destroy(self) -> None:
         """End both subscriptions."""
@@ -142,7 +105,8 @@ class StateSubscription:
 
     def _on_violation(self, message: Any, _info: object) -> None:
         # The topic is latched: violations before the subscription are ignored.
-        if time_to_nanoseconds(message.available_time) >= self._start_time:
-            self.breach = Breach(time_to_nanoseconds(message.valid_time), message.message)
-            self.doubt(doubtful_from(message))
+        violation = violation_from_message(message)
+        if violation.available_time >= self._start_time:
+            self.breach = Breach(violation.valid_time, violation.message)
+            self.doubt(violation.doubtful_from)
             self._on_breach(self, self.breach)

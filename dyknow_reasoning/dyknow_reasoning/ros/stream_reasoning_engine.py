@@ -35,7 +35,7 @@ from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.progression.unknown_features import UnknownFeatures
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 
-_SUPERVISION_PERIOD_S = 0.2
+SUPERVISION_PERIOD_S = 0.2
 _DELAY_S = 1.0
 """The time without supervision after which requests may wait that were sent meanwhile."""
 
@@ -79,7 +79,7 @@ class StreamReasoningEngine(DyKnowNode):
         self._progress = self.create_publisher(FormulaProgress, '~/progress', REPORTS)
         self._episodes = self.create_publisher(FormulaEpisodes, '~/episodes', LATCHED_HISTORY)
         self.create_timer(period, self._report_progress, clock=self.wall_clock)
-        self.create_timer(_SUPERVISION_PERIOD_S, self._supervise_groups, clock=self.wall_clock)
+        self.create_timer(SUPERVISION_PERIOD_S, self._supervise_groups, clock=self.wall_clock)
         self.serve(FormulaGroupCreate, self._create)
         self.serve(FormulaGroupAddFormula, self._add_formula)
         self.serve(FormulaGroupRemoveFormula, self._remove_formula)
@@ -185,6 +185,8 @@ class StreamReasoningEngine(DyKnowNode):
         for group_id, evaluation in list(self._groups.items()):
             if was_delayed:
                 evaluation.note_request()
+            else:
+                evaluation.change_if_due()
             evaluation.fail_after_pause(self._violation_patience())
             evaluation.report_episodes()
             if orphan_limit and evaluation.is_orphan(orphan_limit):

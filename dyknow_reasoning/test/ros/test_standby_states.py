@@ -14,11 +14,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dyknow_common.ros import nanoseconds_to_time
-from dyknow_reasoning import FormulaGroup, StandbyStates
+from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.ros import group_evaluation
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 from dyknow_reasoning.ros.state_subscription import State, StateSubscription
-from dyknow_reasoning.standby_states import MAX_KEPT
+from dyknow_reasoning.state_line import HAND_OVER_LIMIT_NS
 from dyknow_stream_processing import Sample, ViolationKind
 
 
@@ -47,7 +47,8 @@ class Group:
 
         group.progress, group.gap = note, note_gap  # type: ignore[method-assign]
         node, background = mock.MagicMock(), mock.MagicMock()
-        node.wall_clock.now.return_value.nanoseconds = node.now.return_value = 0
+        self._clock = node.wall_clock.now.return_value
+        self._clock.nanoseconds = node.now.return_value = 0
         node.resolve_topic_name = lambda topic: topic
         self._spawned: deque[Any] = deque()
         node.spawn = lambda function, *arguments: self._spawned.append(function(*arguments))
@@ -85,6 +86,11 @@ class Group:
         stream = self.streams[topic]
         sample = Sample(valid_time, valid_time, {'power': 100.0})
         stream._on_state(stream, State(valid_time, sample, loss))
+
+    def wait(self, duration: int) -> None:
+        """Let time pass, and the engine supervise its groups."""
+        self._clock.nanoseconds += duration
+        self.evaluation.change_if_due()
 
     def violate(self, topic: str, valid_time: int, kind: str = 'max_delay') -> None:
         stamp = nanoseconds_to_time(valid_time)
@@ -129,15 +135,25 @@ def test_a_stream_that_falls_silent_while_it_is_left() -> None:
     with Group() as made:
         made.state('/former', 1)
         run_to_end(made.evaluation.change_stream({}, '/better', '', gap=False))
-        # Without a state of the other one, it is no better.
-        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=True))
+        made.wait(HAND_OVER_LIMIT_NS)  # Without a state of the other one, it is no better.
         made.state('/former', 2)
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=False))
         for valid_time in (3, 4):
             made.state('/better', valid_time)
+        made.wait(HAND_OVER_LIMIT_NS - 1)
         assert made.progressed == [1, 2]
-        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=True))
+        made.wait(1)
         made.state('/better', 5)
         assert made.progressed == [1, 2, 'gap', 3, 4, 5]
+
+
+def test_a_request_ends_a_hand_over() -> None:
+    with Group() as made:
+        made.state('/former', 2)
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=False))
+        made.state('/better', 3)
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=True))
+        assert made.progressed == [2, 'gap', 3]
 
 
 @pytest.mark.parametrize(('valid_time', 'expected'), [(3, [1, 2, 3]), (2, [1, 2, 'gap', 3])])
@@ -197,34 +213,6 @@ def test_states_that_wait_while_a_better_stream_catches_up(
             made.drain(work)
         made.drain()
         assert made.progressed == list(range(1, 31))
-
-
-@given(st.lists(st.integers(0, 1), max_size=60), st.lists(st.integers(0, 60), max_size=60))
-@example([1] * 5, [0, 0, 4, 4, 4])
-def test_only_what_a_take_over_needs_is_kept(steps: list[int], progressed: list[int]) -> None:
-    states: StandbyStates[Sample] = StandbyStates()
-    every: list[int] = []
-    latest = None
-    for step, reached in zip(steps, progressed, strict=False):
-        every.append((every[-1] if every else 0) + 1 + step)
-        latest = max(latest or 0, reached)
-        states.add(Sample(every[-1], every[-1], {}), latest)
-        needed = [each for each in every if each > latest]
-        before = [each for each in every if each <= latest][-1:]
-        assert states.continue_from(latest) == bool(before)
-        assert [each.valid_time for each in list(states._states)] == before + needed
-    assert len(states.take()) <= len(every)
-    assert not states.continue_from(latest)
-
-
-def test_a_standby_that_runs_ahead_for_too_long_gives_a_gap(group: Group) -> None:
-    group.state('/former', 5)
-    for valid_time in range(5, 5 + MAX_KEPT):
-        group.state('/standby', valid_time)
-    assert group.evaluation._kept.continue_from(5)
-    group.state('/standby', 5 + MAX_KEPT)
-    group.take_over()
-    assert group.progressed[:3] == [5, 'gap', 6]
 
 
 @pytest.mark.parametrize(

@@ -1,48 +1,42 @@
 """Formulas over the same states, and the supervision of these states.
 
-The rules are as in the coordinator (`StateSupervisor`, `SilenceMonitor`) and the reasoning
-engine (`GroupEvaluation`), with one clock: the log time of the recording. Other streams replace
-those that failed at once, where nodes need a few hundred milliseconds.
+The rules are as in the coordinator (`StateSupervisor`, `SilenceMonitor`), with one clock: the log
+time of the recording. Other streams replace those that failed at once, where nodes need a few
+hundred milliseconds. A `StateLine` decides which states count, as in the reasoning engine.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_coordinator import (
     SILENCE_LIMIT_NS,
-    TRANSIENT,
     CoordinationError,
     FeatureSource,
     FormulaInputs,
-    SourceChoice,
-    StateFault,
+    SourceSession,
     SymbolGrounding,
     describe_sources,
     describe_violation,
     may_be_silent,
-    silent_topics,
     state_specification,
     worst_fault,
 )
-from dyknow_reasoning import continue_from
+from dyknow_reasoning import Breach, StateLine
 from dyknow_recordings.evaluation.episodes import EpisodeGroup
-from dyknow_recordings.evaluation.states.standby import GroupStream, RecordedStandby, StandbyStream
+from dyknow_recordings.evaluation.states.standby import GroupStream, RecordedStandby, RecordedStates
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import END, LostMessages
 from dyknow_stream_processing import Sample, SampleBatch, Violation
 
 WAITING_LIMIT_NS: Final = 3 * SECOND_NS
 """The time without states after which a formula is waiting for them."""
-
-REPORT_NS: Final = 1200 * NANOSECONDS['ms']
-"""Time after which it is known which topics are silent when states break a constraint."""
 
 
 class StateGroup:
@@ -71,8 +65,9 @@ class StateGroup:
         self.waits_for = ''
         self._name, self._inputs, self._streams = name, inputs, streams
         self._begin, self._on_fault = begin, on_fault
-        self._choice = SourceChoice()
-        self._standby = RecordedStandby(inputs, streams, self._create, lambda: self._latest)
+        self._line: StateLine[RecordedStates] = StateLine(episodes.gap, episodes.end_gap)
+        self._standby = RecordedStandby(inputs, streams, self._create, self._line)
+        self._session = SourceSession(inputs, lambda: streams.known, self._standby.exclude)
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
         self.origins = frozenset(
@@ -80,30 +75,17 @@ class StateGroup:
         )
         """The streams of files that its states may be made of."""
         self._topics_to_begin = set(streams.known.topics(inputs.candidates.found))
-        self._faults: list[StateFault] = []
-        self._chosen: tuple[FeatureSource, ...] = ()
-        self._stream = ''
-        # The log times from which on it is made, and in use.
-        self._created_at = self._used_since = 0
-        # The valid time of the latest state of the stream in use.
-        self._latest_tick: int | None = None
-        self._latest: int | None = None
+        # The log time from which on the stream in use is.
+        self._used_since = 0
         self._latest_receipt, self._streams_made = -1, 0
-        # True from a change of streams to the first state after the last one before.
-        self._is_in_gap = False
         self._latest_error = CoordinationError('')
-        # The valid time from which on violations make states doubtful.
-        self._doubtful_from = END
-        # States after a violation may be wrong: none is progressed before the next stream.
-        self._is_paused = False
-        self._silence: tuple[int, Violation] | None = None
 
     def start(self, now: int) -> None:
         """Make the states, unless no formula needs them."""
         if self.episodes.has_ended:
             return
         try:
-            chosen = self._choose(now)
+            chosen = self._session.choose(self._inputs.candidates, now)
             if not chosen:
                 raise CoordinationError('the formula names no feature, so it has no states')
             self._switch(chosen, now)
@@ -114,7 +96,7 @@ class StateGroup:
     @property
     def has_ended(self) -> bool:
         """True if all formulas have their results, and nobody observes the states."""
-        return self.episodes.has_ended and not (self._stream and self.episodes.observer)
+        return self.episodes.has_ended and not (self._line.stream and self.episodes.observer)
 
     @property
     def _is_idle(self) -> bool:
@@ -125,34 +107,28 @@ class StateGroup:
     @property
     def group_streams(self) -> Sequence[GroupStream]:
         """The stream in use, and the standby; none unless their states may be made as columns."""
-        is_well = self._stream and not (self._is_in_gap or self._is_paused or self._faults)
-        if not is_well or self.has_ended or self._is_behind or self._standby.is_better:
+        line, used = self._line, self._line.stream
+        is_unsteady = line.is_in_gap or line.pause or line.catches_up or line.next
+        if used is None or is_unsteady or self._session.faults or self.has_ended:
             return ()
         if self._is_replaceable and self._begun_topics():
             return ()  # At the next look, their sources may be better.
         stream = GroupStream(
-            self._stream,
-            self._created_at,
+            used.name,
+            used.created_at,
             self._receive_many,
             self._is_replaceable,
             self._standby.due,
         )
         return stream, *self._standby.group_streams
 
-    @property
-    def _is_behind(self) -> bool:
-        """True if the stream in use has not delivered a state as late as the former one."""
-        latest, tick = self._latest, self._latest_tick
-        return latest is not None and (tick is None or tick < latest)
-
     def _receive_many(self, states: SampleBatch) -> None:
         if not len(states):
             return
         valid_times = states.valid_times
-        self._latest_tick = int(valid_times[-1])
         first = int(np.searchsorted(valid_times, self._begin))
         if first < len(valid_times):
-            self._latest = self._latest_tick
+            self._line.latest = int(valid_times[-1])
             self._latest_receipt = int(states.emission_times()[-1])
             rest = {name: column[first:] for name, column in states.columns.items()}
             self.episodes.progress_many(valid_times[first:], rest)
@@ -161,30 +137,30 @@ class StateGroup:
 
     def react(self, now: int) -> None:
         """Replace streams that have failed, or fail; free the states at the end."""
-        obstacle = ''
-        while self._faults and not self.episodes.has_ended:
-            fault, count = worst_fault(self._faults), len(self._faults)
+        session, faults = self._session, self._session.faults
+        session.obstacle = ''
+        while faults and not self.episodes.has_ended:
+            fault, count = worst_fault(faults), len(faults)
             standby = self._standby.take(now)
-            chosen = standby.chosen if standby else self._replacements(now)
-            failed = any(self._choice.is_excluded(each, now) for each in chosen)
-            if not standby and failed and (obstacle or not fault.transient):
-                text = f'{fault.error.message}{obstacle}'
-                self._fail(CoordinationError(text, fault.error.code))
+            chosen = standby.chosen if standby else session.replacements(now)
+            failed = session.have_failed(chosen, now)
+            if not standby and failed and (session.obstacle or not fault.transient):
+                self._fail(session.failure())
                 break
             try:
                 if not standby:
                     self._switch(chosen, now)
             except DyKnowError as error:
-                obstacle = f'; no other states: {error.message}'
-                self._exclude(set(chosen) - set(self._chosen) or chosen, now)
+                session.obstacle = error.message
+                session.exclude(set(chosen) - set(session.chosen) or chosen, now)
                 continue
-            del self._faults[:count]
+            del faults[:count]
             self._latest_error = fault.error
             # The kept states may end the formulas.
             self.episodes.add_event(f'{fault.error.message}; {describe_sources(chosen)}')
             if standby:
                 self._take_over(standby, now)
-        if self._standby.can_improve and (better := self._standby.take(now)):
+        if self._standby.is_due(now) and (better := self._standby.take(now)):
             made_of = describe_sources(better.chosen)
             self.episodes.add_event(f'other streams are better now; {made_of}')
             self._take_over(better, now)
@@ -192,8 +168,8 @@ class StateGroup:
         # States that are only observed any more are not made of other streams.
         if self.episodes.has_ended:
             self._standby.end()
-            if self._faults or not self.episodes.observer:
-                self._faults.clear()
+            if faults or not self.episodes.observer:
+                faults.clear()
                 self._destroy()
 
     def lose(self, lost: LostMessages, now: int, *, is_late: bool = False) -> None:
@@ -206,16 +182,15 @@ class StateGroup:
         """
         if self._standby.lose(lost):
             self._on_fault()
-        if not self._stream or not lost.concerns(self._streams.topics(self._stream)):
+        stream = self._line.stream
+        if stream is None or not lost.concerns(self._streams.topics(stream.name)):
             return
-        self._created_at = now
-        if self._latest is not None and not self._is_in_gap:
-            self.episodes.gap(self._latest)
-            self._is_in_gap = True
+        stream.created_at = now
+        self._line.note_gap()
         if lost.last >= self._begin:
-            is_final = is_late or self._streams.has_memory(self._stream)
+            is_final = is_late or self._streams.has_memory(stream.name)
             self.episodes.lose(lost, is_final=is_final)
-            if self._streams.reorders(self._stream):
+            if self._streams.reorders(stream.name):
                 # Messages that are lost may be stamped later than those that come first.
                 lead = self._streams.dataflow.max_lead
                 self._begin = min(lost.last, END - lead) + lead
@@ -223,21 +198,20 @@ class StateGroup:
 
     def check_silence(self, now: int) -> None:
         """Replace the sources of topics that have been silent for too long."""
-        if not self._stream:
+        stream = self._line.stream
+        if stream is None:
             return
-        self._find_silent_sources(now)
+        self._session.look(
+            stream.name,
+            self._streams.received(stream.name),
+            self._used_since,
+            now,
+            known_until=now,
+            silence_limit=SILENCE_LIMIT_NS,
+        )
         self._renew_standby(now)
-        received = self._streams.received(self._stream)
-        oldest, known = now - SILENCE_LIMIT_NS, self._streams.known
-        for silent in silent_topics(self._chosen, known, received, self._used_since, oldest):
-            self._exclude(silent.sources, now)
-            others = self._replacements(now)
-            can_replace = self._choice.can_replace(silent.sources, others, known, now)
-            if can_replace or silent.is_overdue:
-                limit = SILENCE_LIMIT_NS / SECOND_NS
-                text = f"topic '{silent.topic}' has been silent for {limit:g} s"
-                error = CoordinationError(text, ExitCode.UNAVAILABLE)
-                self._interrupt(StateFault(error, transient=can_replace))
+        if self._session.faults or self._standby.is_due(now):
+            self._on_fault()
 
     def finish(self, start: int, end: int) -> None:
         """Record what remains undecided, and why no states came lately, if that is known.
@@ -246,189 +220,124 @@ class StateGroup:
             start: of the recording, in nanoseconds.
             end: of the recording.
         """
-        if not self._stream or self.episodes.has_ended:
+        stream = self._line.stream
+        if stream is None or self.episodes.has_ended:
             return
         # Operators that it shares may have had samples before it was made; it has not had them.
         first = max(start, self._begin) - 1
-        made = self._created_at if self._created_at > first + 1 else first
+        made = stream.created_at if stream.created_at > first + 1 else first
         # What would pass for an undecided formula may be one whose states have failed.
-        if self._silence is not None:
-            text = _describe(self._silence[1])
+        if violation := self._session.unexplained(stream.name):
+            text = describe_violation(violation)
             self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
-        elif self._is_in_gap and not self.episodes.has_losses:
-            reason = self._streams.waits_for(self._stream, made) or 'no state has come since'
+        elif self._line.is_in_gap and not self.episodes.has_losses:
+            reason = self._streams.waits_for(stream.name, made) or 'no state has come since'
             error = self._latest_error
             self.episodes.fail(CoordinationError(f'{error.message}; {reason}', error.code))
         self.episodes.finish()
         since = end - WAITING_LIMIT_NS
-        if self._latest is None:
-            self.waits_for = self._streams.waits_for(self._stream, made)
+        if self._line.latest is None:
+            self.waits_for = self._streams.waits_for(stream.name, made)
         elif self._latest_receipt <= since:
             since = max(since, made)
-            self.waits_for = self._streams.waits_for(self._stream, since, (start, end))
-
-    def _choose(self, now: int) -> tuple[FeatureSource, ...]:
-        inputs, known = self._inputs, self._streams.known
-        return self._choice.choose(inputs.features, inputs.candidates, known, now)
-
-    def _replacements(self, now: int) -> tuple[FeatureSource, ...]:
-        """Return the sources to use after a fault, those in use or others."""
-        inputs, known = self._inputs, self._streams.known
-        return self._choice.replacements(inputs.features, inputs.candidates, known, now)
+            self.waits_for = self._streams.waits_for(stream.name, since, (start, end))
 
     def _switch(self, chosen: tuple[FeatureSource, ...], now: int) -> None:
         """Make the states of other sources from now on."""
         self._standby.end()
-        stream = StandbyStream(self._next_name(), chosen, now)
-        self._note_gap()
+        stream = RecordedStates(self._next_name(), chosen, now)
+        self._line.note_gap()
         try:
             # Operators that both streams share go on, as those of other groups would let them.
-            self._create(stream.name, chosen)
+            self._create(stream)
         finally:
             self._destroy()
         self._use(stream, now)
 
-    def _take_over(self, standby: StandbyStream, now: int) -> None:
-        """Use the states that were kept of the standby, after a gap if former ones may be wrong."""
-        self._streams.destroy(self._stream)
-        is_doubtful = self._latest is not None and self._doubtful_from <= self._latest
-        kept = standby.states.take()
-        if is_doubtful or not continue_from(kept, self._latest):
-            self._note_gap()
+    def _take_over(self, standby: RecordedStates, now: int) -> None:
+        """Use the states that were kept of the standby."""
+        if self._line.stream:
+            self._streams.destroy(self._line.stream.name)
         self._use(standby, now)
-        for state in kept:
-            self._progress(state)
+        for state in standby.kept.take():
+            self._receive(standby, state)
 
-    def _use(self, stream: StandbyStream, now: int) -> None:
-        self._stream, self._chosen, self._latest_tick = stream.name, stream.chosen, stream.latest
-        self._created_at, self._used_since = stream.created_at, now
-        self._is_paused, self._silence, self._doubtful_from = False, None, END
+    def _use(self, stream: RecordedStates, now: int) -> None:
+        self._line.change(stream, now)
+        self._session.chosen, self._used_since = stream.chosen, now
         self.groundings = self._inputs.candidates.symbol_groundings(stream.chosen)
-        self._stand_by(now)
+        self._stand_by(stream, now)
 
-    def _stand_by(self, now: int) -> None:
-        best, known = self._chosen, self._streams.known
-        is_doubtful = may_be_silent(self._streams.received(self._stream).values(), now)
-        if not is_doubtful:
-            best = self._choice.better(best, self._inputs.candidates, known, now)
-        self._standby.follow(self._next_name(), self._chosen, best, now)
+    def _stand_by(self, stream: RecordedStates, now: int) -> None:
+        received = self._streams.received(stream.name)
+        best = self._session.better(received, now, now)
+        self._standby.follow(self._next_name(), stream.chosen, best, now)
+        is_doubtful = may_be_silent(received.values(), now)
         if is_doubtful and self._standby.due:
             self._standby.due = now
 
     def _renew_standby(self, now: int) -> None:
-        if not self._stream or self.episodes.has_ended:
+        stream = self._line.stream
+        if stream is None or self.episodes.has_ended:
             return
         begun = self._begun_topics()
         self._topics_to_begin -= begun
         if begun or self._standby.is_outdated(now):
-            self._stand_by(now)
+            self._stand_by(stream, now)
 
     def _begun_topics(self) -> set[str]:
         """Return the topics that have begun since the last look for a standby."""
         return {each for each in self._topics_to_begin if self._streams.received_at(each)}
 
-    def _note_gap(self) -> None:
-        if self._latest is not None and not self._is_in_gap:
-            self.episodes.gap(self._latest)
-            self._is_in_gap = True
-
     def _next_name(self) -> str:
         self._streams_made += 1
         return f'{self._name}.{self._streams_made}'
 
-    def _create(self, name: str, chosen: tuple[FeatureSource, ...]) -> None:
+    def _create(self, stream: RecordedStates) -> None:
         self._streams.create(
-            name,
-            state_specification(chosen),
+            stream.name,
+            state_specification(stream.chosen),
             self._inputs.constraints,
-            partial(self._receive, name),
-            partial(self._on_violation, name),
+            partial(self._receive, stream),
+            partial(self._on_violation, stream),
         )
 
     def _destroy(self) -> None:
         self._standby.end()
-        if self._stream:
-            self._streams.destroy(self._stream)
-            self._stream = ''
+        if self._line.stream:
+            self._streams.destroy(self._line.stream.name)
+            self._line.stream = None
 
     def _fail(self, error: DyKnowError) -> None:
-        self._faults.clear()
+        self._session.faults.clear()
         self.episodes.fail(error)
         self._destroy()
 
-    def _receive(self, name: str, state: Sample) -> None:
-        if name != self._stream:
+    def _receive(self, stream: RecordedStates, state: Sample) -> None:
+        if stream is not self._line.stream:
             self._standby.receive(state)
-            if self._standby.can_improve:
-                self._on_fault()
-            return
-        self._latest_tick = state.valid_time
-        self._progress(state)
-
-    def _progress(self, state: Sample) -> None:
-        if self._is_paused or state.valid_time < self._begin or self.has_ended:
-            return
-        # A new stream may begin with states that the former one had already.
-        if self._latest is not None and state.valid_time <= self._latest:
-            return
-        if self._is_in_gap and self._latest is not None:
-            self._is_in_gap = False
-            self.episodes.end_gap(state.valid_time)
-        self._latest, self._latest_receipt = state.valid_time, state.available_time
-        self.episodes.progress(state.valid_time, state.fields)
-        if self._is_idle or self._standby.can_improve:
+        elif self._counts(state.valid_time):
+            self._latest_receipt = state.available_time
+            self.episodes.progress(state.valid_time, state.fields)
+        if self._is_idle or self._standby.is_due(state.available_time):
             self._on_fault()
 
-    def _on_violation(self, name: str, violation: Violation) -> None:
+    def _counts(self, valid_time: int) -> bool:
+        is_asked_for = valid_time >= self._begin and not self.has_ended
+        return is_asked_for and self._line.receive(valid_time)
+
+    def _on_violation(self, stream: RecordedStates, violation: Violation) -> None:
         if self.has_ended:
             return
-        if name != self._stream:
+        if stream is not self._line.stream:
             self._standby.break_off(violation)
             self._on_fault()
             return
         self._standby.note_violation(violation)
-        self._doubtful_from = min(self._doubtful_from, violation.valid_time)
-        self._is_paused = True
+        stream.breach = Breach(violation.valid_time, violation.message)
+        stream.doubt(violation.doubtful_from)
+        self._line.break_off(stream, violation.available_time)
         self.episodes.add_violation(violation)
-        if violation.constraint in TRANSIENT:
-            error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
-            self._interrupt(StateFault(error, transient=True))
-        elif violation.stream_name == self._stream:
-            self._silence = self._silence or (violation.available_time + REPORT_NS, violation)
-        else:
-            known = self._streams.known
-            self._replace(known.affected(self._chosen, violation.stream_name), violation)
-
-    def _find_silent_sources(self, now: int) -> None:
-        """Find the sources that made the states break a constraint some time ago."""
-        if self._silence is None or self._silence[0] > now:
-            return
-        violation, self._silence = self._silence[1], None
-        received = self._streams.received(self._stream)
-        oldest = max(received.values(), default=0) - violation.allowed
-        known = self._streams.known
-        silent = [topic for topic, latest in received.items() if latest < oldest]
-        self._replace(
-            [each for topic in silent for each in known.affected(self._chosen, topic)], violation
-        )
-
-    def _replace(self, sources: Sequence[FeatureSource], violation: Violation) -> None:
-        error = CoordinationError(_describe(violation), ExitCode.CONSTRAINT_VIOLATION)
-        # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
-        self._exclude(sources or self._chosen, violation.available_time)
-        self._interrupt(StateFault(error, transient=False))
-
-    def _exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
-        self._choice.exclude(sources, now)
-        self._standby.exclude(sources, now)
-
-    def _interrupt(self, fault: StateFault) -> None:
-        self._faults.append(fault)
+        now = violation.available_time
+        self._session.note_violation(violation, stream.name, stream.chosen, now)
         self._on_fault()
-
-
-def _describe(violation: Violation) -> str:
-    """Return the description of a violation, as the coordinator describes it."""
-    return describe_violation(
-        violation.message, violation.constraint, violation.observed, violation.allowed
-    )

@@ -14,8 +14,16 @@ from numpy.typing import NDArray
 
 from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
 from dyknow_configuration import TextSource
-from dyknow_coordinator import FeatureSource, KnownStream, KnownStreams, field_names, stream_topic
+from dyknow_coordinator import (
+    SILENCE_LIMIT_NS,
+    FeatureSource,
+    KnownStream,
+    KnownStreams,
+    field_names,
+    stream_topic,
+)
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
+from dyknow_recordings.reading.lost_messages import END
 from dyknow_recordings.reading.recording import RecordedFields, rows_of
 from dyknow_stream_processing import (
     ALL,
@@ -77,6 +85,8 @@ class RecordedStreams:
         self._faults: dict[str, str] = {}
         self._consumers: Mapping[str, Collection[str]] = {}
         self._received: dict[str, int] = dict.fromkeys(topics, 0)
+        # The log time of the first message.
+        self._begin = END
         self._latest_valid_times: dict[str, int] = {}
         self._rejected: dict[str, str] = {}
         self._unstamped: set[str] = set()
@@ -224,6 +234,7 @@ class RecordedStreams:
         topic, now, content = recorded.topic, recorded.log_time, self._topics[recorded.topic]
         self._repeat_kept(now)
         self._received[topic] = now
+        self._begin = min(self._begin, now)
         sample, fault = self._sample_of(recorded), ''
         valid_time = sample.valid_time
         if recorded.message_type != content.message_type:
@@ -296,6 +307,7 @@ class RecordedStreams:
         except NeedsStepsError:
             return None
         for topic, each in plain.items():
+            self._begin = min(self._begin, int(each.emission_times()[0]))
             self._received[topic] = int(each.emission_times()[-1])
             self._latest_valid_times[topic] = int(each.valid_times[-1])
             if len(each) and self._topics[topic].is_kept:
@@ -388,16 +400,23 @@ class RecordedStreams:
             )
             for name, each in self._requested.items()
         )
-        published = {self.absolute(stream_topic(name)) for name in self._requested} | set(
-            self._topics
-        )
+        streams = {self.absolute(stream_topic(name)) for name in self._requested}
         return KnownStreams(
             made,
-            lambda topic: self.absolute(topic) in published,
+            lambda topic: self.absolute(topic) in streams or self.is_published(topic),
             self.absolute,
-            # A recording does not tell when a publisher begins, but with its first message.
             lambda topic: self.received_at(topic) > 0,
         )
+
+    def is_published(self, topic: str) -> bool:
+        """Return True if a recorded topic has a publisher by now.
+
+        A recording does not tell when a publisher begins, but with its first message. At its start,
+        all may have begun before.
+        """
+        absolute = self.absolute(topic)
+        is_early = self.latest_receipt - self._begin <= SILENCE_LIMIT_NS
+        return absolute in self._topics and (is_early or self.received_at(absolute) > 0)
 
     def _fields_of(self, name: str) -> tuple[str, ...]:
         stream = self._requested.get(name)

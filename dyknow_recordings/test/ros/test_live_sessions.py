@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from random import Random
 from unittest import mock
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recorded import TYPE, ListedSamples, RecordedSample, at, recording
 from simulated_session import Outcome, SimulatedSystem
 
-from dyknow_common import ExitCode, Verdict
+from dyknow_common import SECOND_NS, ExitCode, Verdict
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
@@ -135,6 +136,38 @@ DEFECTIVE = st.builds(
 REGULAR = {name: Published(100) for name in 'abcde'}
 
 
+def steady(edges: tuple[int, ...] = (), **others: Published) -> World:
+    """Return a world whose topics of Power are those given."""
+    return World({'b': Published(100)} | others, {'Power': edges, 'Height': ()})
+
+
+# With the verdict on `always Power < 4`, its second, the error and the changes of sources.
+CASES = {
+    'the spare breaks the formula before the best topic begins': (
+        steady((3000, 3600), a=Published(100, begin=20_000), c=Published(100)),
+        (Verdict.FALSE, 3, '', ['silent', '/c']),
+    ),
+    'a stand-in that begins later is no reason to miss a violation': (
+        steady((10_000, 10_600), a=Published(100, fault=7000), c=Published(100, begin=25_000)),
+        (Verdict.UNDECIDED, None, "no field 'v'", []),
+    ),
+    'a third source replaces the second': (
+        steady(
+            (20_000, 20_600),
+            a=Published(100, fault=5000),
+            c=Published(100, fault=5300),
+            d=Published(100),
+        ),
+        (Verdict.FALSE, 20, '', ["'p': no field", '/c', "'q': no field", '/d', 'better', '/a']),
+    ),
+}
+# The best topic may be used again from 12 s on; the one in use fails while it is left, or after.
+HAND_OVERS = [
+    steady((20_000, 20_600), a=Published(100, fault=2000), c=Published(400, fault=fault))
+    for fault in range(12_600, 13_600, 100)
+]
+
+
 WORLDS = st.builds(World, st.fixed_dictionaries(dict.fromkeys('abcde', PUBLISHED)), EDGES)
 
 
@@ -207,6 +240,29 @@ def live(world: World, formula: str, seed: int | None = None) -> Outcome:
         return random.choice(delays) * MS
 
     return SimulatedSystem(world.messages(), formula, Carriers({}), delay).run()
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_sources_that_fail(case: str) -> None:
+    world, (verdict, second, error, events) = CASES[case]
+    formula = 'always Power < 4'
+    for found in (live(world, formula), of_report(recorded(world.messages(), formula))):
+        assert found.verdict is verdict
+        decided_at = None if found.decided_at is None else (found.decided_at - at(0)) // SECOND_NS
+        assert decided_at == second
+        assert error in str(found.error)
+        text = ' '.join(found.events)
+        for each in events:
+            assert each in text
+            text = text.split(each, 1)[1]
+
+
+@pytest.mark.parametrize('world', HAND_OVERS)
+def test_a_stream_that_is_left_harms_no_other(world: World) -> None:
+    formula = 'always Power < 4'
+    assert of_report(recorded(world.messages(), formula)).verdict is Verdict.FALSE
+    for seed in (None, 1, 2):
+        assert live(world, formula, seed).verdict is Verdict.FALSE
 
 
 @settings(max_examples=15, deadline=None, derandomize=True)

@@ -14,10 +14,10 @@ from dyknow_stream_processing.ros.messages.message_types import (
 from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleReader,
     SampleWriter,
-    doubtful_from,
     sample_fields,
     sample_to_message,
     sample_valid_time,
+    violation_from_message,
 )
 from dyknow_stream_processing.ros.messages.writing import FieldError, MessageWriter
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
@@ -51,7 +51,6 @@ __all__ = [
     'SequenceGaps',
     'StreamProxy',
     'check_fields',
-    'doubtful_from',
     'extractor',
     'find_publication',
     'is_pause_recent',
@@ -67,6 +66,7 @@ __all__ = [
     'take_waiting',
     'time_of_receipt',
     'valid_time_reader',
+    'violation_from_message',
     'violations_topic',
     'watermarks_topic',
     'with_value',

@@ -7,7 +7,6 @@ from typing import Final
 
 from dyknow_common import SECOND_NS, format_duration, with_readable_times
 from dyknow_common.ros import LogOnce
-from dyknow_coordinator.grounding.source_choice import silent_topics
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
 
@@ -54,22 +53,7 @@ class SilenceMonitor:
         groups = self._groups.running()
         self._report_waiting(groups)
         for group in groups:
-            self._check_topics(group)
-            group.states.improve()
-
-    def _check_topics(self, group: EvaluationGroup) -> None:
-        known = self._context.streams.known
-        stream = known.get(group.states.stream.name)
-        if stream is None:
-            return
-        since, limit_s = group.states.used_since, self._limit_s()
-        oldest = self._context.streams.known_until - round(limit_s * SECOND_NS)
-        for silent in silent_topics(group.states.chosen, known, stream.received, since, oldest):
-            group.states.replace_silent(
-                silent.sources,
-                f"topic '{silent.topic}' has been silent for {limit_s:g} s",
-                is_overdue=silent.is_overdue,
-            )
+            group.states.look(round(self._limit_s() * SECOND_NS))
 
     def _report_waiting(self, groups: Sequence[EvaluationGroup]) -> None:
         latest_start_s = self._context.wall_time_s() - WAITING_LIMIT_S

@@ -14,7 +14,7 @@ Example: the streams `a` (best), `b` and `c` carry `Power[uav1]`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Final
+from typing import Final
 
 from rclpy.task import Future
 
@@ -23,6 +23,7 @@ from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSour
 from dyknow_coordinator.grounding.source_choice import SourceChoice
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
+from dyknow_stream_processing import Violation
 
 LOOK_PERIOD_S: Final = 2.0
 """The period of looks at the available sources, and the least age of a standby without a change."""
@@ -75,16 +76,17 @@ class Standby:
         self._drop()
         self._wake()
 
-    def exclude(self, sources: Iterable[FeatureSource]) -> None:
+    def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
         """Use no states of sources that have failed."""
-        self._choice.exclude(sources, self._context.wall_time())
+        self._choice.exclude(sources, now)
 
-    def note_violation(self, stream: StateStream, violation: Any) -> None:
+    def note_violation(self, stream: StateStream, violation: Violation) -> None:
         """Use no sources that a violation concerns, in whatever stream it was reported."""
         known = self._context.streams.known
         affected = known.affected((*self._in_use, *self._chosen), violation.stream_name)
         is_own = stream is self._stream
-        self.exclude(affected or (self._chosen if is_own else ()))
+        now = self._context.wall_time()
+        self.exclude(affected or (self._chosen if is_own else ()), now)
         # Without a name, it concerns all streams: the clock was set back.
         if is_own or not violation.stream_name or set(affected) & set(self._chosen):
             self._drop()
@@ -142,7 +144,7 @@ class Standby:
         except DyKnowError as error:
             self._context.node.get_logger().info(f'no standby: {error}')
             if stream is not None and stream is self._stream:
-                self.exclude(set(chosen) - set(self._in_use))
+                self.exclude(set(chosen) - set(self._in_use), self._context.wall_time())
                 self._drop()
 
     def _drop(self) -> None:

@@ -13,6 +13,8 @@ from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import FeatureSource
 from dyknow_coordinator.grounding.state_specification import state_specification
 from dyknow_coordinator.ros.context import CoordinatorContext
+from dyknow_stream_processing import Violation
+from dyknow_stream_processing.ros import violation_from_message
 
 SETTLING_S: Final = 0.5
 """Time within which the stream manager reports which streams have replaced others."""
@@ -33,7 +35,7 @@ class StateStream:
         self,
         context: CoordinatorContext,
         name: str,
-        on_violation: Callable[[StateStream, Any], None],
+        on_violation: Callable[[StateStream, Violation], None],
         on_lost: Callable[[StateStream], None],
     ) -> None:
         self.name = name
@@ -142,7 +144,7 @@ class StateStream:
         self._subscription = self._context.node.create_subscription(
             ConstraintViolation,
             violations,
-            lambda violation: self._on_violation(self, violation),
+            lambda message: self._on_violation(self, violation_from_message(message)),
             VIOLATIONS,
             callback_group=self._context.node.reentrant,
             refusal=self._refusal,

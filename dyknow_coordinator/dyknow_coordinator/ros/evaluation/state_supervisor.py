@@ -23,26 +23,22 @@ Without a gap, because a better stream is available:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 from dyknow_common import DyKnowError, ExitCode, with_readable_times
-from dyknow_common.ros import time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
 from dyknow_coordinator.grounding.source_choice import (
     TRANSIENT,
-    SourceChoice,
     StateFault,
     describe_sources,
-    describe_violation,
-    may_be_silent,
     worst_fault,
 )
+from dyknow_coordinator.grounding.source_session import SourceSession
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.standby import Standby
@@ -51,20 +47,13 @@ from dyknow_coordinator.ros.evaluation.state_stream import (
     SETTLING_S,
     StateStream,
 )
-from dyknow_stream_processing import ViolationKind
-from dyknow_stream_processing.ros import doubtful_from
+from dyknow_stream_processing import Violation, ViolationKind
 
 RESUME_TIMEOUT_S: Final = 2.0
 """Time within which other streams must replace those that failed."""
 
-HAND_OVER_LIMIT_S: Final = 5.0
-"""Time within which a stream that is left must be as late as the one that replaces it."""
-
 ABSENCE_TIMEOUT_S: Final = 1.0
 """Time for which a feature may have no annotation: they are replaced one after the other."""
-
-NEXT_REPORT_S: Final = 1.2
-"""Time after which the stream manager has reported the current status of all streams."""
 
 
 class StateObserver(Protocol):
@@ -104,21 +93,17 @@ class StateSupervisor:
         inputs: FormulaInputs,
         observer: StateUsers,
     ) -> None:
-        self.inputs = inputs
         self._context = context
         self._group_id = group_id
         self._observer = observer
-        self._choice = SourceChoice()
         self._standby = Standby(context, group_id, inputs.constraints, self._new_stream)
-        self._faults: list[StateFault] = []
+        self._session = SourceSession(inputs, lambda: context.streams.known, self._standby.exclude)
         self._doubtful_from: int | None = None
         self._settled_at_s = 0.0
-        self._obstacle = ''
-        """Why the last attempt to recover has failed."""
         self._missing_since: float | None = None
         self._is_changing = False
         self._has_ended = False
-        self.chosen = self._choose(inputs.candidates)
+        self._session.chosen = self._choose(inputs.candidates)
         self.stream = self._new_stream(name)
         self.used_since = context.node.now()
         """The time since which the streams in use are."""
@@ -127,6 +112,16 @@ class StateSupervisor:
         self._left: list[StateStream] = []
         self._topics: tuple[str, ...] = ()
         self._topics_of: tuple[KnownStreams, tuple[FeatureSource, ...]] | None = None
+
+    @property
+    def inputs(self) -> FormulaInputs:
+        """The inputs of the formulas."""
+        return self._session.inputs
+
+    @property
+    def chosen(self) -> tuple[FeatureSource, ...]:
+        """The sources in use."""
+        return self._session.chosen
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -172,7 +167,7 @@ class StateSupervisor:
             self._on_missing(error)
             return
         self._missing_since = None
-        self.inputs = replace(self.inputs, candidates=candidates)
+        self._session.inputs = replace(self.inputs, candidates=candidates)
         self.improve()
 
     def improve(self) -> None:
@@ -182,17 +177,24 @@ class StateSupervisor:
         self._is_changing = True
         self._context.node.spawn(self._improve)
 
-    def replace_silent(
-        self, silent: Sequence[FeatureSource], reason: str, *, is_overdue: bool
-    ) -> None:
-        """Replace silent sources, if others are available; if not, and `is_overdue`, fail."""
-        self._exclude(silent)
-        others = self._replacements()
-        known, now = self._context.streams.known, self._context.wall_time()
-        can_replace = self._choice.can_replace(silent, others, known, now)
-        if can_replace or is_overdue:
-            error = CoordinationError(reason, ExitCode.UNAVAILABLE)
-            self._interrupt(StateFault(error, transient=can_replace))
+    def look(self, silence_limit: int) -> None:
+        """Find sources at fault, and better ones; periodically.
+
+        Args:
+            silence_limit: the time without a message after which a topic is silent, in nanoseconds.
+        """
+        streams, session = self._context.streams, self._session
+        session.look(
+            self.stream.name,
+            self._received(),
+            self.used_since,
+            self._context.wall_time(),
+            known_until=streams.known_until,
+            silence_limit=silence_limit,
+        )
+        if session.faults:
+            self._interrupt()
+        self.improve()
 
     def _on_missing(self, error: CoordinationError) -> None:
         now = self._context.wall_time_s()
@@ -205,72 +207,42 @@ class StateSupervisor:
         return StateStream(self._context, name, self._on_violation, self._on_engine_lost)
 
     def _choose(self, candidates: Candidates) -> tuple[FeatureSource, ...]:
-        known, now = self._context.streams.known, self._context.wall_time()
-        return self._choice.choose(self.inputs.features, candidates, known, now)
+        return self._session.choose(candidates, self._context.wall_time())
 
-    def _replacements(self) -> tuple[FeatureSource, ...]:
-        """Return the sources to use after a fault, those in use or others."""
-        inputs, known = self.inputs, self._context.streams.known
-        now = self._context.wall_time()
-        return self._choice.replacements(inputs.features, inputs.candidates, known, now)
+    def _received(self) -> Mapping[str, int]:
+        """Return when the latest message of each topic of the states was received, or 0."""
+        made = self._context.streams.known.get(self.stream.name)
+        return made.received if made else {}
 
     def _better(self) -> tuple[FeatureSource, ...]:
         """Return the best sources that have samples, those in use or others."""
-        streams, now = self._context.streams, self._context.wall_time()
-        made = streams.known.get(self.stream.name)
-        if made and may_be_silent(made.received.values(), streams.known_until):
-            return self.chosen
-        return self._choice.better(self.chosen, self.inputs.candidates, streams.known, now)
+        now = self._context.wall_time()
+        return self._session.better(self._received(), self._context.streams.known_until, now)
 
     def _exclude(self, sources: Iterable[FeatureSource]) -> None:
-        self._choice.exclude(sources, self._context.wall_time())
-        self._standby.exclude(sources)
-
-    def _is_excluded(self, source: FeatureSource) -> bool:
-        return self._choice.is_excluded(source, self._context.wall_time())
+        self._session.exclude(sources, self._context.wall_time())
 
     def _is_needed(self, stream: StateStream) -> bool:
         return not self._has_ended and stream in (self.stream, self._next)
 
-    def _on_violation(self, stream: StateStream, violation: Any) -> None:
+    def _on_violation(self, stream: StateStream, violation: Violation) -> None:
         self._standby.note_violation(stream, violation)
-        known = self._context.streams.known
-        affected = known.affected(stream.chosen, violation.stream_name)
         if stream in self._left and violation.constraint not in TRANSIENT:
             # The reasoning engine leaves it at once by itself.
-            self._exclude(affected)
+            known = self._context.streams.known
+            self._exclude(known.affected(stream.chosen, violation.stream_name))
         if not self._is_needed(stream):
             return
-        begin = doubtful_from(violation)
+        begin = violation.doubtful_from
         if self._doubtful_from is None or begin < self._doubtful_from:
             self._doubtful_from = begin
-        if violation.constraint in TRANSIENT:
-            error = CoordinationError(_describe(violation), ExitCode.UNAVAILABLE)
-            if violation.constraint == ViolationKind.SOURCE:
-                self._settled_at_s = self._context.wall_time_s() + SETTLING_S
-            self._interrupt(StateFault(error, transient=True))
-        elif violation.stream_name == stream.name:
-            self._context.node.spawn(self._find_silent_sources, stream, violation)
-        else:
-            self._replace(stream, affected, violation)
-
-    async def _find_silent_sources(self, stream: StateStream, violation: Any) -> None:
-        """Find the sources that make the states break the client's constraints."""
+        if violation.constraint == ViolationKind.SOURCE:
+            self._settled_at_s = self._context.wall_time_s() + SETTLING_S
+        now = self._context.wall_time()
+        self._session.note_violation(violation, stream.name, stream.chosen, now)
         self._observer.set_phase(EvaluationPhase.INTERRUPTED)
-        await self._context.node.deadlines.after(NEXT_REPORT_S)
-        if not self._has_ended and stream is self.stream:
-            known = self._context.streams.known
-            silent = known.silent_topics(stream.name, time_to_nanoseconds(violation.allowed))
-            sources = [each for topic in silent for each in known.affected(self.chosen, topic)]
-            self._replace(stream, sources, violation)
-
-    def _replace(
-        self, stream: StateStream, sources: Sequence[FeatureSource], violation: Any
-    ) -> None:
-        error = CoordinationError(_describe(violation), ExitCode.CONSTRAINT_VIOLATION)
-        # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
-        self._exclude(sources or stream.chosen)
-        self._interrupt(StateFault(error, transient=False))
+        if self._session.faults:
+            self._interrupt()
 
     def _on_engine_lost(self, stream: StateStream) -> None:
         self._standby.note_engine_lost(stream)
@@ -281,10 +253,10 @@ class StateSupervisor:
         if known is not None and known.engine:
             engine = f'node {known.engine}, the stream processing engine that made the states,'
         error = CoordinationError(f'{engine} is gone', ExitCode.UNAVAILABLE)
-        self._interrupt(StateFault(error, transient=True))
+        self._session.faults.append(StateFault(error, transient=True))
+        self._interrupt()
 
-    def _interrupt(self, fault: StateFault) -> None:
-        self._faults.append(fault)
+    def _interrupt(self) -> None:
         self._observer.set_phase(EvaluationPhase.INTERRUPTED)
         if not self._is_changing:
             self._is_changing = True
@@ -292,29 +264,30 @@ class StateSupervisor:
 
     async def _recover(self) -> None:
         """Switch to other streams because of faults, or fail."""
-        self._obstacle = ''
+        session, faults = self._session, self._session.faults
+        session.obstacle = ''
         limit = self._context.node.deadlines.after(RESUME_TIMEOUT_S)
         limit.add_done_callback(lambda _: self._give_up())
         standby = None
-        while self._faults and not self._has_ended:
+        while faults and not self._has_ended:
             standby = self._standby.take()
             if standby is None and await self._settle():
                 continue
-            fault, count = worst_fault(self._faults), len(self._faults)
-            chosen = self._replacements()
-            if not standby and not fault.transient and any(map(self._is_excluded, chosen)):
+            fault, count, now = worst_fault(faults), len(faults), self._context.wall_time()
+            chosen = session.replacements(now)
+            if not standby and not fault.transient and session.have_failed(chosen, now):
                 self._give_up()
                 break
             try:
                 await (self._take_over(standby) if standby else self._switch(chosen, gap=True))
             except DyKnowError as error:
-                self._obstacle = error.message
+                session.obstacle = error.message
                 if error.code is not ExitCode.UNAVAILABLE:
                     self._exclude(set(chosen) - set(self.chosen))
                 self._context.node.get_logger().info(f'{self.stream.name}: {error}')
                 await self._context.node.deadlines.after(POLL_PERIOD_S)
             else:
-                del self._faults[:count]
+                del faults[:count]
                 self.used_since = self._context.node.now()
                 event = f'{fault.error.message}; {describe_sources(self.chosen)}'
                 self._observer.add_event(event)
@@ -344,14 +317,12 @@ class StateSupervisor:
         """Switch to the standby; without a gap if its states allow it and former ones are right."""
         doubtful = self._doubtful_from
         self._destroy_streams()
-        self.stream, self.chosen = standby, standby.chosen
+        self.stream, self._session.chosen = standby, standby.chosen
         await self._evaluate(self.stream, gap=doubtful is not None, doubtful_from=doubtful or 0)
 
     def _give_up(self) -> None:
-        if self._faults and not self._has_ended:
-            error = worst_fault(self._faults).error
-            reason = f'; no other states: {self._obstacle}' if self._obstacle else ''
-            self._observer.fail(CoordinationError(f'{error.message}{reason}', error.code))
+        if self._session.faults and not self._has_ended:
+            self._observer.fail(self._session.failure())
 
     async def _improve(self) -> None:
         while await self._settle():
@@ -390,7 +361,7 @@ class StateSupervisor:
                 self._next = None
                 await self._evaluate(self.stream, gap=False)
             raise
-        self.chosen = chosen
+        self._session.chosen = chosen
         if not gap and stream is self._next:
             self._left.append(self.stream)
             self._context.node.spawn(self._retire, self.stream)
@@ -429,17 +400,9 @@ class StateSupervisor:
         )
 
     async def _retire(self, former: StateStream) -> None:
-        """Destroy a stream once the reasoning engine has unsubscribed from it.
-
-        If it has no state as late as the first of the next stream, it is left with a gap.
-        """
-        limit_s = self._context.wall_time_s() + HAND_OVER_LIMIT_S
+        """Destroy a stream once the reasoning engine has unsubscribed from it."""
         while former in self._left and self._is_subscribed(former.topic):
             await self._context.node.deadlines.after(POLL_PERIOD_S)
-            if self._context.wall_time_s() > limit_s and not self._is_changing:
-                limit_s += HAND_OVER_LIMIT_S
-                with suppress(DyKnowError):
-                    await self._evaluate(self.stream, gap=True)
         if former in self._left:
             self._left.remove(former)
             former.destroy()
@@ -449,9 +412,3 @@ class StateSupervisor:
         name = node.resolve_service_name(self._context.clients.stream_reasoning_engine.name)
         infos = node.get_subscriptions_info_by_topic(topic)
         return any(f'{info.node_namespace.rstrip("/")}/{info.node_name}' == name for info in infos)
-
-
-def _describe(violation: Any) -> str:
-    """Return the description of a violation for clients."""
-    observed, allowed = map(time_to_nanoseconds, (violation.observed, violation.allowed))
-    return describe_violation(violation.message, violation.constraint, observed, allowed)

@@ -24,8 +24,8 @@ from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 from dyknow_reactions.guard.state_source import StateSource, latest_source, why_unusable
 from dyknow_reactions.ros.formula_objects import objects_of, unknown_of
-from dyknow_reasoning import UnknownFeatures
-from dyknow_reasoning.ros.state_subscription import Breach, State, StateSubscription
+from dyknow_reasoning import Breach, UnknownFeatures
+from dyknow_reasoning.ros.state_subscription import State, StateSubscription
 from dyknow_stream_processing.ros import sample_fields
 
 RETRY_DELAY_S: Final = 0.5

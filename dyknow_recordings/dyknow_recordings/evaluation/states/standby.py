@@ -1,13 +1,13 @@
 """The standby of a group: states of other sources, which can replace those in use.
 
-Rules as in the coordinator (`Standby`) and the reasoning engine (`StandbyStates`).
+Rules as in the coordinator (`Standby`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from dyknow_coordinator import (
     FormulaInputs,
     SourceChoice,
 )
-from dyknow_reasoning import StandbyStates
+from dyknow_reasoning import ReadStream, StateLine
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import LostMessages
 from dyknow_stream_processing import Sample, SampleBatch, Violation, rows_of
@@ -42,25 +42,19 @@ class GroupStream:
     until: int | None = None
 
 
-@dataclass(slots=True)
-class StandbyStream:
-    """A state stream whose latest states are kept.
+@dataclass(eq=False)
+class RecordedStates(ReadStream[Sample]):
+    """A state stream of a group.
 
     Args:
         name: of the stream.
         chosen: its sources.
         created_at: the log time from which on it receives samples, in nanoseconds.
-        is_better: True if it replaces the stream in use as soon as it can.
-        latest: the valid time of its latest state; None before the first.
-        states: from the one before the latest progressed state on.
     """
 
     name: str
     chosen: tuple[FeatureSource, ...]
     created_at: int
-    is_better: bool = False
-    latest: int | None = None
-    states: StandbyStates[Sample] = field(default_factory=StandbyStates)
 
 
 class RecordedStandby:
@@ -69,25 +63,25 @@ class RecordedStandby:
     Args:
         inputs: of the formulas.
         streams: of the recording.
-        create: makes a stream of some sources, whose states and violations reach `receive` and
-            `break_off` until it is taken.
-        progressed: returns the valid time of the latest progressed state; None before the first.
+        create: makes a stream, whose states and violations reach `receive` and `break_off` until
+            it is taken.
+        line: reads the states of the group.
     """
 
     def __init__(
         self,
         inputs: FormulaInputs,
         streams: RecordedStreams,
-        create: Callable[[str, tuple[FeatureSource, ...]], None],
-        progressed: Callable[[], int | None],
+        create: Callable[[RecordedStates], None],
+        line: StateLine[RecordedStates],
     ) -> None:
-        self.stream: StandbyStream | None = None
+        self.stream: RecordedStates | None = None
         self.due: int | None = None
         """The log time at which sources may be used again that have failed; None without any."""
         self._inputs = inputs
         self._streams = streams
         self._create = create
-        self._progressed = progressed
+        self._line = line
         self._choice = SourceChoice()
         self._in_use: tuple[FeatureSource, ...] = ()
         self._is_broken = False
@@ -111,22 +105,26 @@ class RecordedStandby:
         if present is None or present.chosen != chosen or self._is_broken:
             self.end()
             self._make(name, chosen, now)
-        if self.stream is not None:
-            self.stream.is_better = is_better
+        if self.stream is None or not is_better:
+            self._line.next = None
+        elif self._line.next is not self.stream:
+            self._line.hand_over(self.stream, now)
         self.due = self._choice.exclusion_end(inputs.candidates.found, now)
 
     def _make(self, name: str, chosen: tuple[FeatureSource, ...], now: int) -> None:
         if chosen:
             # An error would be that of a switch to these sources.
             with suppress(DyKnowError):
-                self._create(name, chosen)
-                self.stream = StandbyStream(name, chosen, now)
+                stream = RecordedStates(name, chosen, now)
+                self._create(stream)
+                self.stream = stream
 
     def end(self) -> None:
         """Destroy the stream."""
         if self.stream is not None:
             self._streams.destroy(self.stream.name)
-        self.stream, self.due, self._is_broken = None, None, False
+        self.stream = self._line.next = None
+        self.due, self._is_broken = None, False
 
     def is_outdated(self, now: int) -> bool:
         """Return True if another standby is to be made."""
@@ -150,7 +148,7 @@ class RecordedStandby:
         self._is_broken = self._is_broken or bool(concerned)
         return self._is_broken
 
-    def take(self, now: int) -> StandbyStream | None:
+    def take(self, now: int) -> RecordedStates | None:
         """Return the stream, which is then the caller's; None if there is none that is well.
 
         A stream of a topic that has not begun is not: it may never have a state.
@@ -165,18 +163,9 @@ class RecordedStandby:
         self.stream = None
         return taken
 
-    @property
-    def is_better(self) -> bool:
-        """True if the stream is to replace the one in use."""
-        return self.stream is not None and self.stream.is_better
-
-    @property
-    def can_improve(self) -> bool:
-        """True if it is better than the stream in use, and can replace it without a gap."""
-        stream = self.stream
-        if stream is None or not stream.is_better or self._is_broken:
-            return False
-        return stream.states.continue_from(self._progressed())
+    def is_due(self, now: int) -> bool:
+        """Return True if it is better than the stream in use, and should replace it now."""
+        return not self._is_broken and self._line.is_due(now)
 
     @property
     def group_streams(self) -> Sequence[GroupStream]:
@@ -189,25 +178,22 @@ class RecordedStandby:
     def receive(self, state: Sample) -> None:
         """Keep a state."""
         stream = self.stream
-        if stream is None:
-            return
-        stream.latest = state.valid_time
-        stream.states.add(state, self._progressed())
+        if stream is not None:
+            stream.kept.add(state, self._line.latest)
 
     def _receive_many(self, states: SampleBatch) -> None:
         """Keep the states that are later than the latest progressed one, and the one before."""
-        stream, progressed = self.stream, self._progressed()
+        stream, progressed = self.stream, self._line.latest
         if stream is None or not len(states):
             return
         valid_times = states.valid_times
-        stream.latest = int(valid_times[-1])
         later = 0 if progressed is None else int(np.searchsorted(valid_times, progressed, 'right'))
         first = max(later - 1, 0)
         columns = {name: column[first:] for name, column in states.columns.items()}
         receipts = states.emission_times()[first:].tolist()
         rows = rows_of(valid_times[first:], columns)
         for receipt, (valid_time, fields) in zip(receipts, rows, strict=True):
-            stream.states.add(Sample(valid_time, receipt, fields), progressed)
+            stream.kept.add(Sample(valid_time, receipt, fields), progressed)
 
     def break_off(self, violation: Violation) -> None:
         """Use neither the stream, which has broken a constraint, nor the sources at fault."""

@@ -17,7 +17,7 @@ from dyknow_common import SECOND_NS, Value, ValueType
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
-from dyknow_stream_processing.violation import ViolationKind
+from dyknow_stream_processing.violation import Violation
 
 MAX_DIGITS: Final = 100
 """The number of characters of an integer: a longer one may be too large for a float."""
@@ -181,15 +181,21 @@ def sample_valid_time(message: Any) -> int:
     return time_to_nanoseconds(message.valid_time)
 
 
-def doubtful_from(violation: Any) -> int:
-    """Return the valid time from which on a violation makes samples doubtful, in nanoseconds.
-
-    Args:
-        violation: a ConstraintViolation message.
-    """
-    # By a wrong clock, all samples may have wrong times.
-    is_clock = violation.constraint == ViolationKind.CLOCK
-    return 0 if is_clock else time_to_nanoseconds(violation.valid_time)
+def violation_from_message(message: Any) -> Violation:
+    """Return the violation of a ConstraintViolation message."""
+    valid_time, available_time, observed, allowed = map(
+        time_to_nanoseconds,
+        (message.valid_time, message.available_time, message.observed, message.allowed),
+    )
+    return Violation(
+        message.stream_name,
+        message.constraint,
+        valid_time,
+        available_time,
+        observed,
+        allowed,
+        message.message,
+    )
 
 
 def sample_fields(message: Any) -> dict[str, Value]:

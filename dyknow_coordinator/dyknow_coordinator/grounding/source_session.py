@@ -1,0 +1,174 @@
+"""The sources of the states of a formula group, and the faults for which others replace them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+from dyknow_common import NANOSECONDS, SECOND_NS, ExitCode
+from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
+from dyknow_coordinator.grounding.known_streams import KnownStreams
+from dyknow_coordinator.grounding.source_choice import (
+    TRANSIENT,
+    SourceChoice,
+    StateFault,
+    describe_violation,
+    may_be_silent,
+    worst_fault,
+)
+from dyknow_coordinator.grounding.state_specification import FormulaInputs
+from dyknow_stream_processing import Violation
+
+REPORT_NS: Final = 1200 * NANOSECONDS['ms']
+"""Time after which it is known which topics are silent when states break a constraint."""
+
+
+class SourceSession:
+    """Decides which sources a group uses, and which are at fault.
+
+    It makes no streams: whoever does tells it of violations, looks periodically, and acts on its
+    `faults`. All times are in nanoseconds; receipts may be of another clock than `now`.
+
+        4.0 s  the states break the client's `max_gap`; which source is at fault is not known
+        5.5 s  look: /b has had no message for longer than `max_gap`; its sources are excluded, and
+               there is a fault
+        5.5 s  `replacements` has other sources; if all have failed, the formulas fail
+
+    Args:
+        inputs: of the group.
+        known: returns all streams.
+        on_exclude: called with sources that have failed.
+    """
+
+    def __init__(
+        self,
+        inputs: FormulaInputs,
+        known: Callable[[], KnownStreams],
+        on_exclude: Callable[[Iterable[FeatureSource], int], None],
+    ) -> None:
+        self.inputs = inputs
+        self.chosen: tuple[FeatureSource, ...] = ()
+        """The sources in use."""
+        self.faults: list[StateFault] = []
+        """Reasons to replace them."""
+        self.obstacle = ''
+        """Why the latest attempt to replace them has failed."""
+        self._known, self._on_exclude = known, on_exclude
+        self._choice = SourceChoice()
+        # A broken constraint of the client, and the time at which the source at fault is known.
+        self._unexplained: tuple[int, Violation] | None = None
+
+    def choose(self, candidates: Candidates, now: int) -> tuple[FeatureSource, ...]:
+        """Return the sources among some candidates that a new group would use."""
+        return self._choice.choose(self.inputs.features, candidates, self._known(), now)
+
+    def replacements(self, now: int) -> tuple[FeatureSource, ...]:
+        """Return the sources to use after a fault, those in use or others."""
+        inputs = self.inputs
+        return self._choice.replacements(inputs.features, inputs.candidates, self._known(), now)
+
+    def better(
+        self, received: Mapping[str, int], known_until: int, now: int
+    ) -> tuple[FeatureSource, ...]:
+        """Return the best sources that have samples, those in use or others.
+
+        Args:
+            received: when the latest message of each topic was received; 0 before the first.
+            known_until: the time until which messages are known.
+            now: the time.
+        """
+        if may_be_silent(received.values(), known_until):
+            return self.chosen
+        return self._choice.better(self.chosen, self.inputs.candidates, self._known(), now)
+
+    def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
+        """Record that sources have failed."""
+        self._choice.exclude(sources, now)
+        self._on_exclude(sources, now)
+
+    def have_failed(self, sources: Iterable[FeatureSource], now: int) -> bool:
+        """Return True if one of some sources has failed recently."""
+        return any(self._choice.is_excluded(each, now) for each in sources)
+
+    def note_violation(
+        self, violation: Violation, stream: str, chosen: Sequence[FeatureSource], now: int
+    ) -> None:
+        """Note a violation in a state stream that is made of some sources.
+
+        If the states break a constraint of the client, `look` finds the source at fault later.
+        """
+        if violation.constraint in TRANSIENT:
+            error = CoordinationError(describe_violation(violation), ExitCode.UNAVAILABLE)
+            self.faults.append(StateFault(error, transient=True))
+        elif violation.stream_name != stream:
+            affected = self._known().affected(chosen, violation.stream_name)
+            self._blame(affected or chosen, violation, now)
+        elif self.unexplained(stream) is None:
+            self._unexplained = now + REPORT_NS, violation
+
+    def unexplained(self, stream: str) -> Violation | None:
+        """Return the violation in a state stream whose source is not known yet, if any."""
+        violation = self._unexplained[1] if self._unexplained else None
+        return violation if violation and violation.stream_name == stream else None
+
+    def look(
+        self,
+        stream: str,
+        received: Mapping[str, int],
+        since: int,
+        now: int,
+        *,
+        known_until: int,
+        silence_limit: int,
+    ) -> None:
+        """Find sources at fault: for a broken constraint, and those of silent topics.
+
+        Args:
+            stream: the state stream in use.
+            received: when the latest message of each of its topics was received; 0 before the
+                first.
+            since: the time since which it is in use.
+            now: the time.
+            known_until: the time until which messages are known.
+            silence_limit: the time without a message after which a topic is silent.
+        """
+        if self._unexplained and self._unexplained[0] <= now:
+            if violation := self.unexplained(stream):
+                self._explain(violation, received, now)
+            self._unexplained = None
+        self._find_silence(received, since, now, known_until, silence_limit)
+
+    def failure(self) -> CoordinationError:
+        """Return the error of the formulas if nothing can replace the sources at fault."""
+        error = worst_fault(self.faults).error
+        reason = f'; no other states: {self.obstacle}' if self.obstacle else ''
+        return CoordinationError(f'{error.message}{reason}', error.code)
+
+    def _explain(self, violation: Violation, received: Mapping[str, int], now: int) -> None:
+        oldest = max(received.values(), default=0) - violation.allowed
+        silent = [topic for topic, latest in received.items() if latest < oldest]
+        known = self._known()
+        found = [each for topic in silent for each in known.affected(self.chosen, topic)]
+        # If the source at fault is unknown, all are excluded: the fault must not go unnoticed.
+        self._blame(found or self.chosen, violation, now)
+
+    def _find_silence(
+        self, received: Mapping[str, int], since: int, now: int, known_until: int, limit: int
+    ) -> None:
+        oldest, known = known_until - limit, self._known()
+        silences = {topic: oldest - max(latest, since) for topic, latest in received.items()}
+        started = {topic: each for topic, each in silences.items() if received[topic]}
+        for topic in [topic for topic, silence in silences.items() if silence > 0]:
+            sources = known.affected(self.chosen, topic)
+            self.exclude(sources, now)
+            can_replace = self._choice.can_replace(sources, self.replacements(now), known, now)
+            if can_replace or any(known.is_overdue(each, started) for each in sources):
+                text = f"topic '{topic}' has been silent for {limit / SECOND_NS:g} s"
+                error = CoordinationError(text, ExitCode.UNAVAILABLE)
+                self.faults.append(StateFault(error, transient=can_replace))
+
+    def _blame(self, sources: Sequence[FeatureSource], violation: Violation, now: int) -> None:
+        self.exclude(sources, now)
+        error = CoordinationError(describe_violation(violation), ExitCode.CONSTRAINT_VIOLATION)
+        self.faults.append(StateFault(error, transient=False))
