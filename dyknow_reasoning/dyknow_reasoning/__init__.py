@@ -63,7 +63,6 @@ from dyknow_reasoning.standby_states import StandbyStates, continue_from
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
 from dyknow_reasoning.trace import RecordedState, read_trace
 from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_trial
-from dyknow_reasoning.uncertain import UncertainFormula
 
 __all__ = [
     'ALL_KNOWN',
@@ -113,7 +112,6 @@ __all__ = [
     'StandbyStates',
     'Term',
     'TrialFormula',
-    'UncertainFormula',
     'UnknownFeatures',
     'Until',
     'Values',

@@ -31,7 +31,8 @@ class WatchedFormula:
         """Return why the formula does not hold from a state on; empty if it does.
 
         It does not hold at a state with which an episode becomes known, or before whose end
-        the latest one has not ended. Once it cannot be asked any more, it never holds again.
+        the latest one has not ended, nor where the clocks of hosts leave it open. Once it cannot be
+        asked any more, it never holds again.
 
         Args:
             valid_time: of the state, in nanoseconds.
@@ -42,6 +43,8 @@ class WatchedFormula:
             self._error = str(result.error or f'it is {result.verdict.name.lower()} at any state')
         if self._error:
             return self._error
+        if reason := self._group.standing.omitted.get(self._id):
+            return reason
         if not self._monitor.is_violated and self._monitor.failure_count == known:
             return ''
         return self._group.standing.summary(self._id).latest_episodes[-1].explanation
