@@ -7,12 +7,15 @@ from contextlib import ExitStack
 from typing import NamedTuple
 
 import pytest
-from dyknow_interfaces.msg import ExitStatus, FormulaResult
+from dyknow_interfaces.msg import ExitStatus, FormulaResult, Sample
 from dyknow_interfaces.srv import ListSemanticSpecifications
 
 from dyknow_bringup.security.policy import policy_text
 from dyknow_bringup.security.systems import SecuredSystem
+from dyknow_common import Alternatives, Value
+from dyknow_common.ros import STREAM
 from dyknow_federation.report import LinkState
+from dyknow_stream_processing.ros import sample_fields
 from federations import BASE, CARRIER, Host, Link, free_port, wait_for
 from policies import GraphRecorder, rules
 
@@ -81,6 +84,31 @@ def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer
     assert answer.verdict == FormulaResult.TRUE, answer
     assert_permitted(recorders)
+
+
+def test_a_change_is_seen_where_its_time_is_not_known(fleet: Fleet) -> None:
+    """For a moment, the charge is one of two values; the verdict is that of the later one."""
+    wait_for_streams(fleet, 1)
+    values: list[Value] = []
+    topic = '/dyknow/federation/carrier1/Charge_carrier1'
+    node = fleet.base.client.node
+    subscription = node.create_subscription(
+        Sample, topic, lambda each: values.append(sample_fields(each)['value']), STREAM
+    )
+    asked = fleet.base.ask('always Charge[carrier1] > 0.5')
+    fleet.wait(lambda: len(values) > 1, 'samples')
+    assert not asked.done()
+    fleet.carrier.percentage = 0.25
+    fleet.wait(asked.done, 'the answer')
+    found = next(each for each in values if isinstance(each, Alternatives))
+    fleet.carrier.percentage = 0.9
+    fleet.wait(lambda: values[-1] == values[0], 'the former charge')
+    node.destroy_subscription(subscription)
+    answer = asked.result()
+    assert answer.verdict == FormulaResult.FALSE, answer
+    assert 'Charge[carrier1] = 0.25' in answer.explanation
+    assert found.values == (values[0], 0.25)
+    assert 'the clocks of base and carrier1 differ by' in found.reason
 
 
 def test_an_outage_delays_a_verdict(fleet: Fleet) -> None:

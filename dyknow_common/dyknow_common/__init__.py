@@ -116,11 +116,15 @@ from dyknow_common.text_files import (
 from dyknow_common.units import UnitConversion, check_unit, unit_conversion
 from dyknow_common.values import (
     COMPARISONS,
+    MAX_ALTERNATIVES,
     MIRRORED_COMPARISONS,
     ORDERS,
     TEXT_COMPARISONS,
+    Alternatives,
     Value,
     ValueType,
+    choices,
+    earliest,
 )
 from dyknow_common.verdict import Margin, ProbabilityInterval, Verdict
 
@@ -132,6 +136,7 @@ __all__ = [
     'FORMULA_WORDS',
     'FUNCTIONS',
     'INDEX',
+    'MAX_ALTERNATIVES',
     'MAX_CHARACTERS',
     'MAX_DEPTH',
     'MAX_DIGITS',
@@ -153,6 +158,7 @@ __all__ = [
     'SSL_WORDS',
     'TEXT_COMPARISONS',
     'UNIX_TIMES',
+    'Alternatives',
     'ArrayElements',
     'ArraySlice',
     'BlackBoxOptions',
@@ -195,6 +201,7 @@ __all__ = [
     'cached_by_text',
     'check_name',
     'check_unit',
+    'choices',
     'clock_time',
     'comparison_value',
     'computed_field',
@@ -203,6 +210,7 @@ __all__ = [
     'distinct_settings',
     'duration_option',
     'duration_value',
+    'earliest',
     'element_fields',
     'field_name',
     'field_text',

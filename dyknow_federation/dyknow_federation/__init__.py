@@ -28,10 +28,10 @@ from dyknow_federation.messages import (
     encode,
 )
 from dyknow_federation.peer import Effects, Peer
+from dyknow_federation.possible_values import PossibleValues
 from dyknow_federation.remote import RemotePeer
 from dyknow_federation.sending import StreamKey
 from dyknow_federation.settings import PeerSettings
-from dyknow_federation.uncertain_states import UncertainState, UncertainStates
 
 __all__ = [
     'ClockJumped',
@@ -49,6 +49,7 @@ __all__ = [
     'PeerJoined',
     'PeerLeft',
     'PeerSettings',
+    'PossibleValues',
     'RemotePeer',
     'RemoteSample',
     'SamplesArrived',
@@ -61,8 +62,6 @@ __all__ = [
     'StreamRefused',
     'StreamUnwanted',
     'StreamWanted',
-    'UncertainState',
-    'UncertainStates',
     'VersionError',
     'WatermarkArrived',
     'decode',

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Final, NamedTuple
 
-from dyknow_common import SECOND_NS, round_duration
+from dyknow_common import round_duration
 
 MAX_DRIFT_PPM: Final = 120
 """By how much two clocks drift apart: 50 ppm each, as quartz does, and a reserve."""
@@ -167,14 +167,6 @@ class PairClock:
         first, last = time - bounds.most - slack, time - bounds.least + slack
         half = -(-(last - first) // 2)
         return OwnTime(first + half, half)
-
-    def drift_ppm(self) -> float | None:
-        """Return by how much the other clock is faster, in millionths, for people to read."""
-        if not self._measures or self._measures[-1].at - self._measures[0].at < SECOND_NS:
-            return None
-        first, last = self._measures[0], self._measures[-1]
-        change = (last.least + last.most - first.least - first.most) / 2
-        return change / (last.at - first.at) * _MILLION
 
     def _drift(self, duration: int) -> int:
         return abs(duration) * self._max_drift_ppm // _MILLION + 1

@@ -1,7 +1,8 @@
 """Peers with clocks that differ, over links that fail, in simulated time.
 
 A run has two to five hosts. The first one asks for a stream of each other one, and evaluates a
-formula over all of them. The true times are known here alone: they judge the verdict.
+formula over all of them, by what its nodes do it with. The true times are known here alone: they
+judge the verdict.
 """
 
 from __future__ import annotations
@@ -12,22 +13,22 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from random import Random
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, Value, Verdict
+from dyknow_common import NANOSECONDS, SECOND_NS, StreamConstraints, Value, Verdict
 from dyknow_federation import (
     Effects,
     Event,
     Packet,
     Peer,
     PeerSettings,
-    RemoteSample,
+    PossibleValues,
     SamplesArrived,
     SamplesLost,
     SharedFeature,
-    UncertainStates,
     WatermarkArrived,
     encode,
 )
-from dyknow_reasoning import FormulaGroup, UncertainFormula
+from dyknow_reasoning import FormulaGroup
+from dyknow_stream_processing import Dataflow, Sample, Violation, parse_specification
 
 MS = NANOSECONDS['ms']
 STREAM = 'level'
@@ -188,17 +189,26 @@ class Simulation:
         names = [each.name for each in self.hosts]
         self.domains = {'Robot': names}
         start = own.clock.read(random.randint(1, 3) * SECOND_NS)
-        self.states = UncertainStates(start, self._period, own.peer.difference)
-        self.evaluated = UncertainFormula(self.formula, self.domains)
+        self.evaluated = FormulaGroup()
+        self.evaluated.add_formula('', self.formula)
+        self.evaluated.begin(self.domains)
+        self.values = {each.name: PossibleValues() for each in self.hosts[1:]}
+        self._dataflow = Dataflow({}, lambda _: None)
+        sources = ', '.join(f'select level as "Level[{name}]" from "/{name}"' for name in names)
+        self._dataflow.create(
+            'states',
+            parse_specification(f'sink sync({sources})'),
+            StreamConstraints(start_time=start, sample_period=self._period),
+            self._progress,
+            self._fail,
+        )
         self.ticks: list[int] = []
         self.uncertainty = 0
         self.result: Verdict | None = None
         self.error = ''
         for each in self.hosts:
-            host = '' if each is own else each.name
-            self.states.add(host, STREAM, {f'Level[{each.name}]': 'level'})
-            if host:
-                own.peer.request(host, STREAM, 0, own.clock.read(0))
+            if each is not own:
+                own.peer.request(each.name, STREAM, 0, own.clock.read(0))
 
     def _share(self, host: Host) -> None:
         ssl = f'stream {STREAM} contains Level[{host.name}] = level'
@@ -228,13 +238,12 @@ class Simulation:
     def _take_sample(self, host: Host, reading: int, level: float) -> None:
         host.peer.publish(STREAM, reading, {'level': level}, reading)
         if host is self.hosts[0]:
-            self.states.put('', STREAM, RemoteSample(reading, 0, {'level': level}))
-            self._evaluate()
+            self._push(host.name, reading, {'level': level})
 
     def _own_promise(self, host: Host) -> None:
         if host is self.hosts[0]:
-            self.states.promise('', STREAM, host.clock.read(self._now) - 1)
-            self._evaluate()
+            now = host.clock.read(self._now)
+            self._dataflow.vouch(f'/{host.name}', now - 1, now)
 
     def _restart(self) -> None:
         """A host other than the first one stops, and starts again with another clock."""
@@ -299,46 +308,51 @@ class Simulation:
     def _take(self, events: Iterable[Event]) -> None:
         for event in events:
             match event:
-                case SamplesArrived(peer, stream, _, samples):
+                case SamplesArrived(peer, _, _, samples):
                     for sample in samples:
                         self.uncertainty = max(self.uncertainty, sample.uncertainty)
-                        self.states.put(peer, stream, sample)
-                case SamplesLost(peer, stream, _, _, reason):
-                    self.states.lose(peer, stream, f'samples of {peer} are lost: {reason}')
-                case WatermarkArrived(peer, stream, _, time):
-                    self.states.promise(peer, stream, time)
-        self._evaluate()
+                        self.values[peer].put(sample)
+                        self.most_held = max(self.most_held, self.values[peer].held)
+                        self._pass_on(peer)
+                case SamplesLost(peer, _, _, _, reason):
+                    if self.values[peer].held:
+                        self.error = f'samples of {peer} are lost: {reason}'
+                    self.values[peer].lose()
+                case WatermarkArrived(peer, _, _, time):
+                    self.values[peer].promise(time)
+                    self._pass_on(peer)
 
-    def _evaluate(self) -> None:
-        self.most_held = max(self.most_held, self.states.held)
+    def _pass_on(self, peer: str) -> None:
+        own, values = self.hosts[0], self.values[peer]
+        for time, fields in values.take(own.peer.difference(peer)):
+            self._push(peer, time, fields)
+        self._dataflow.vouch(f'/{peer}', values.settled, own.clock.read(self._now))
+
+    def _push(self, host: str, time: int, fields: Mapping[str, Value]) -> None:
+        now = self.hosts[0].clock.read(self._now)
+        self._dataflow.push(f'/{host}', Sample(time, now, fields, time))
+
+    def _fail(self, violation: Violation) -> None:
+        self.error = self.error or violation.message
+
+    def _progress(self, state: Sample) -> None:
         if self.result is not None or self.error:
             return
-        for state in self.states.states():
-            self.ticks.append(state.valid_time)
-            try:
-                verdict = self.evaluated.progress(*state)
-            except DyKnowError as error:
-                self.error = error.message
-                return
-            if verdict is not Verdict.UNDECIDED:
-                self.result = verdict
-                return
+        self.ticks.append(state.valid_time)
+        for found in self.evaluated.progress(state.valid_time, state.fields):
+            self.result = None if found.error else found.verdict
+            self.error = str(found.error or '')
 
     def _truth(self) -> list[tuple[int, Mapping[str, Value]]]:
         """The true states at the ticks since the evaluation began."""
         clock, found = self.hosts[0].clock, list[tuple[int, Mapping[str, Value]]]()
         readings = [[clock.read(time) for time in host.times] for host in self.hosts]
-        for tick in self.ticks[self.skipped :]:
+        for tick in self.ticks:
             values = {}
             for host, times in zip(self.hosts, readings, strict=True):
                 values[f'Level[{host.name}]'] = host.values[bisect_right(times, tick) - 1]
             found.append((tick, values))
         return found
-
-    @property
-    def skipped(self) -> int:
-        """The number of ticks before the evaluation began."""
-        return self.evaluated.skipped
 
     def _judge(self) -> Outcome:
         offsets = [round((each.clock.offset / SECOND_NS) - 1000, 3) for each in self.hosts]
@@ -346,10 +360,11 @@ class Simulation:
         allowed = self._is_allowed()
         if self.error:
             return Outcome('unknown', self.error, allowed, detail)
-        if self.result is None and len(self.ticks) == self.skipped:
+        if self.result is None and not self.ticks:
             return Outcome('unknown', 'it has not begun: a value never arrived', allowed, detail)
         if self.result is None:
-            return Outcome('hang', f'waits for {self.states.awaited}', allowed, detail)
+            settled = {name: each.settled for name, each in self.values.items()}
+            return Outcome('hang', f'waits at {settled}', allowed, detail)
         group = FormulaGroup()
         group.add_formula('', self.formula)
         group.begin(self.domains)

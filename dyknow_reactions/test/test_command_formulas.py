@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dyknow_common import LanguageError
+from dyknow_common import Alternatives, LanguageError
 from dyknow_reactions.guard.command_formulas import CommandFormula
 from dyknow_reactions.guard.watched_formula import WatchedFormula
 from dyknow_reasoning import FormulaGroup, UnknownFeatures
@@ -134,3 +134,13 @@ def test_past_over_missing_states_is_an_error() -> None:
     assert watched.failure(1, {'p': True}) == ''
     watched.gap()
     assert 'states that are missing' in watched.failure(2, {'p': True})
+
+
+def test_a_watched_formula_does_not_hold_where_clocks_leave_it_open() -> None:
+    watched = WatchedFormula('x > 2', {})
+    reason = 'the clocks of a and b differ by 1 ms'
+    assert not watched.failure(1, {'x': Alternatives.of((3.0, 4.0), reason)})
+    assert watched.failure(2, {'x': Alternatives.of((4.0, 1.0), reason)}) == reason
+    assert watched.failure(3, {'x': 1.0}).startswith('x = 1')
+    assert watched.failure(4, {'x': Alternatives.of((1.0, 4.0), reason)})
+    assert not watched.failure(5, {'x': 4.0})

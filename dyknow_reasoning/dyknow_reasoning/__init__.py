@@ -66,7 +66,6 @@ from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verd
 from dyknow_reasoning.state_line import Breach, ReadStream, StateLine
 from dyknow_reasoning.trace import RecordedState, read_trace
 from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_trial
-from dyknow_reasoning.uncertain import UncertainFormula
 
 __all__ = [
     'ALL_KNOWN',
@@ -117,7 +116,6 @@ __all__ = [
     'StateLine',
     'Term',
     'TrialFormula',
-    'UncertainFormula',
     'UnknownFeatures',
     'Until',
     'Values',

@@ -12,13 +12,22 @@ from collections.abc import Set as AbstractSet
 from itertools import chain, count, islice
 from typing import Any
 
-from dyknow_common import ExitCode, Margin, Symbol, SymbolKind, Verdict, amount, round_time
+from dyknow_common import (
+    Alternatives,
+    ExitCode,
+    Margin,
+    Symbol,
+    SymbolKind,
+    Verdict,
+    amount,
+    earliest,
+    round_time,
+)
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
     InstanceMonitor,
     InstanceVerdict,
     Outcome,
-    Outcomes,
     PastValues,
     PossibleFormulas,
     PossibleVerdict,
@@ -58,7 +67,8 @@ from dyknow_reasoning.progression.sizes import (
 )
 from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.results import FormulaResult, NamedFormula
-from dyknow_reasoning.standing import StandingFormula, StandingFormulas
+from dyknow_reasoning.standing import NONE_OMITTED, StandingFormula, StandingFormulas, merged
+from dyknow_reasoning.uncertain import UncertainFormulas
 
 _MAX_NODES = 10_000
 
@@ -90,6 +100,7 @@ class FormulaGroup:
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
         self._possible = PossibleFormulas(limits)
+        self._uncertain = UncertainFormulas(limits.node_limit)
         self._undecided: set[int] = set()
         # The verdicts of formulas that need no state, until they are reported.
         self._known: dict[int, Verdict] = {}
@@ -225,7 +236,8 @@ class FormulaGroup:
     def keep_history(self, text: str) -> None:
         """Let formulas of a text that are added later look back to all states from now on.
 
-        Otherwise, the past of a formula begins with the first state after it was added.
+        Otherwise, the past of a formula begins with the first state after it was added. Values must
+        not have alternatives then.
 
         Raises:
             DyKnowError: as `add_formula`; also before `begin`.
@@ -254,12 +266,35 @@ class FormulaGroup:
 
         A formula fails if the state lacks a field that the formula still depends on, or holds an
         unusable value there, unless the feature may be unknown. All formulas fail if the valid time
-        is not later than the previous.
+        is not later than the previous. A verdict holds for all `Alternatives` of the values.
 
         Args:
             valid_time: the valid time of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
+        if self._uncertain.formulas or Alternatives.are_among(values.values()):
+            return self._progress_uncertain(valid_time, values)
+        return self._progress(valid_time, values)
+
+    def _progress_uncertain(self, valid_time: int, values: Values) -> list[FormulaResult]:
+        """Progress over values that have alternatives, or have had them."""
+        monitor, uncertain = self._monitor or self._begun(), self._uncertain
+        met = uncertain.meet(values, monitor, self._possible.formulas)
+        for formula_id in met.dependent:
+            self._margins.forget(formula_id)
+            self.standing.forget_margins(formula_id)
+        for formula_id in met.taken:
+            self._possible.remove(formula_id)
+        results = self._results_of(met.failures, valid_time, {})
+        results += self._progress(valid_time, earliest(values), met.omitted)
+        for formula_id, (outcome, chosen) in uncertain.progress(valid_time, values).items():
+            results += self._results_of({formula_id: outcome}, valid_time, chosen)
+        return results
+
+    def _progress(
+        self, valid_time: int, values: Values, omitted: Mapping[int, str] = NONE_OMITTED
+    ) -> list[FormulaResult]:
+        """Progress over known values all formulas but some that are asked at every state."""
         monitor, given, possible = self._monitor or self._begun(), values, self._possible
         if possible.waiting and (met := possible.met(values)):
             self._take_as_possible(met, monitor)
@@ -272,7 +307,7 @@ class FormulaGroup:
         except ReasoningError as error:
             return self.fail(error, valid_time)
         standing = self.standing
-        if standing.formulas and (failures := standing.progress(valid_time, values)):
+        if standing.formulas and (failures := standing.progress(valid_time, values, omitted)):
             outcomes = {**outcomes, **failures}
         if possible.formulas:
             outcomes = {**outcomes, **possible.progress(valid_time, given)}
@@ -294,7 +329,7 @@ class FormulaGroup:
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
-        if not self._possible.are_known(recording.columns):
+        if self._uncertain.formulas or not self._possible.are_known(recording.columns):
             return [
                 result
                 for time, values in recording.rows(recording.columns.keys())
@@ -330,6 +365,7 @@ class FormulaGroup:
         """
         self._begun().gap()
         self._possible.gap()
+        self._uncertain.gap()
         self._margins.gap()
         self.standing.gap()
 
@@ -356,6 +392,8 @@ class FormulaGroup:
             return self._ends[formula_id]
         if possible := self._possible.formulas.get(formula_id):
             return possible_text(possible, self._begun().latest or 0)
+        if uncertain := self._uncertain.formulas.get(formula_id):
+            return uncertain.text(self._begun().latest or 0)
         if wants := self.wants(formula_id):
             return f'{formula} ({want_text(wants)})'
         if self._remainders is None or formula_id in self._known or formula.every_state:
@@ -394,8 +432,9 @@ class FormulaGroup:
             return self._ends[formula_id] == 'false'
         if formula_id in self.standing.formulas:
             return self.standing.formulas[formula_id].monitor.is_violated
-        if possible := self._possible.formulas.get(formula_id):
-            return not possible.holds_at_the_end()
+        met = self._possible.formulas.get(formula_id) or self._uncertain.formulas.get(formula_id)
+        if met is not None:
+            return not met.holds_at_the_end()
         if formula_id in self._known or self._remainders is None:
             return self._known.get(formula_id) is Verdict.FALSE
         return not self._remainders.holds_at_the_end(formula_id)
@@ -448,6 +487,7 @@ class FormulaGroup:
         instances = histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
+        self._uncertain.watch(formula_id, named, instances, self._domains)
         if named.every_state:
             given = formula_id, named, self._counts, instances, histories, self._limits
             standing = StandingFormula(*given, self._margins.standing(formula_id))
@@ -543,6 +583,7 @@ class FormulaGroup:
     def _release(self, formula_id: int) -> None:
         self._undecided.discard(formula_id)
         self._possible.remove(formula_id)
+        self._uncertain.remove(formula_id)
         if self._monitor:
             self._monitor.histories.release([formula_id])
 
@@ -553,14 +594,3 @@ def _reason(formula: Formula, verdict: Verdict) -> VerdictReasons:
     sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
     objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
     return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')
-
-
-def merged(
-    some: Iterable[tuple[int, Outcomes]], others: Mapping[int, Outcomes]
-) -> Iterator[tuple[int, Outcomes]]:
-    """Return outcomes in the order of the indices of their states."""
-    pending = dict(others)
-    for index, outcomes in some:
-        yield from ((each, pending.pop(each)) for each in sorted(pending) if each < index)
-        yield index, {**outcomes, **pending.pop(index, {})}
-    yield from sorted(pending.items())

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Final
 
 from dyknow_common import ExitCode, Margin, Verdict
@@ -13,6 +14,7 @@ from dyknow_reasoning.execution import (
     Failure,
     Histories,
     InstanceState,
+    Outcomes,
     PossibleFormula,
     Recording,
     StandingMonitor,
@@ -31,6 +33,8 @@ from dyknow_reasoning.progression.residual import holds_at_the_end
 from dyknow_reasoning.progression.sizes import Counts, FormulaLimits
 from dyknow_reasoning.progression.unknown_features import UnknownFeatures
 from dyknow_reasoning.results import NamedFormula
+
+NONE_OMITTED: Final[Mapping[int, str]] = MappingProxyType({})
 
 _CLEANUP_STATES: Final = 4096
 """The period in which margins that are no longer needed are dropped."""
@@ -271,6 +275,8 @@ class StandingFormulas:
 
     def __init__(self) -> None:
         self.formulas: dict[int, StandingFormula] = {}
+        self.omitted: Mapping[int, str] = NONE_OMITTED
+        """Those that are not asked at the latest state, and why: several values are possible."""
         self._changed: set[int] = set()
 
     def add(self, formula_id: int, formula: StandingFormula) -> None:
@@ -287,12 +293,15 @@ class StandingFormulas:
         for each in self.formulas.values():
             each.gap()
 
-    def progress(self, valid_time: int, values: Values) -> dict[int, ReasoningError]:
-        """Progress all formulas over a state; return those that fail, which should be removed."""
+    def progress(
+        self, valid_time: int, values: Values, omitted: Mapping[int, str] = NONE_OMITTED
+    ) -> dict[int, ReasoningError]:
+        """Progress all formulas but some over a state; return those that fail, to be removed."""
+        self.omitted = omitted
         failures: dict[int, ReasoningError] = {}
         for formula_id, each in self.formulas.items():
             try:
-                if each.progress(valid_time, values):
+                if formula_id not in omitted and each.progress(valid_time, values):
                     self._changed.add(formula_id)
             except ReasoningError as error:
                 failures[formula_id] = error
@@ -309,6 +318,11 @@ class StandingFormulas:
                     self.remove(formula_id)
         return failures
 
+    def forget_margins(self, formula_id: int) -> None:
+        """Report no margins of a formula from now on, if it is one of these."""
+        if found := self.formulas.get(formula_id):
+            found.margins = None
+
     def summary(self, formula_id: int) -> EpisodeSummary:
         """Return the verdicts so far on a formula; none if it has failed."""
         found = self.formulas.get(formula_id)
@@ -318,3 +332,14 @@ class StandingFormulas:
         """Return the formulas with an episode that has begun or ended since the last call."""
         changed, self._changed = sorted(self._changed), set()
         return changed
+
+
+def merged(
+    some: Iterable[tuple[int, Outcomes]], others: Mapping[int, Outcomes]
+) -> Iterator[tuple[int, Outcomes]]:
+    """Return outcomes in the order of the indices of their states."""
+    pending = dict(others)
+    for index, outcomes in some:
+        yield from ((each, pending.pop(each)) for each in sorted(pending) if each < index)
+        yield index, {**outcomes, **pending.pop(index, {})}
+    yield from sorted(pending.items())

@@ -17,9 +17,10 @@ A group (`FormulaGroup`) progresses formulas over states that have happened; it 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
-from dyknow_common import PositionedError, shortened
+from dyknow_common import Alternatives, PositionedError, choices, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import Histories
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
@@ -30,7 +31,7 @@ from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.progression.atoms import Values, predicate
-from dyknow_reasoning.progression.instances import Domains, instances_of
+from dyknow_reasoning.progression.instances import Domains, instances_of, required_features
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Chronology, holds_at, slots
 from dyknow_reasoning.progression.past_operators import PastMemory
@@ -100,29 +101,48 @@ class TrialFormula:
         asked = asked_of_each_state(formula)
         self._histories = Histories(limits.node_limit)
         instances = instances_of(asked, domains, NodeStore(Chronology()))
+        attached = self._histories.attach(0, asked, instances, kinds)
         self._instances = [
             (
                 each.node,
                 [(slot, predicate(each.atoms[slot], kinds)) for slot in slots(each.node.mask)],
             )
-            for each in self._histories.attach(0, asked, instances, kinds)
+            for each in attached
         ]
+        self._names = {str(each) for each in required_features(attached)}
         self._memories: list[PastMemory] = []
         self._latest: int | None = None
         self._time = 0
 
     def holds(self, time: int, values: Values) -> bool:
-        """Return True if the formula holds at a proposed state.
+        """Return True if the formula holds at a proposed state, for all `Alternatives` of values.
 
         Args:
             time: of the state, after the latest accepted one; nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
 
         Raises:
-            ReasoningError: for a state that is not later, lacks a field, or has an unusable value.
+            ReasoningError: for a state that is not later, lacks a field, or has an unusable value;
+                for alternatives if the formula looks into the past.
         """
         if self._latest is not None and time <= self._latest:
             raise ReasoningError(f'the state at {time} ns is not later than the one before')
+        if Alternatives.are_among(values.values()):
+            return all(self._holds(time, each) for each in self._choices(values))
+        return self._holds(time, values)
+
+    def _choices(self, values: Values) -> Sequence[Values]:
+        """Return all choices among the alternatives of values that it depends on."""
+        own = {name: values[name] for name in self._names & values.keys()}
+        reasons = [each.reason for each in own.values() if isinstance(each, Alternatives)]
+        if reasons and self._histories.registers:
+            raise ReasoningError(f'{reasons[0]}: too much for a formula that looks into the past')
+        try:
+            return choices(own)
+        except ValueError as error:
+            raise ReasoningError(f'{reasons[0]}: {error}') from None
+
+    def _holds(self, time: int, values: Values) -> bool:
         state, memories = self._histories.tried(time, values)
         symbols = [
             (node, sum(1 << slot for slot, is_true in atoms if is_true(state)))

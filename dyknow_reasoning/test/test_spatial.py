@@ -22,7 +22,6 @@ from dyknow_reasoning import (
     FormulaResult,
     ReasoningError,
     TrialFormula,
-    UncertainFormula,
     UnknownFeatures,
     parse_formula,
 )
@@ -291,11 +290,6 @@ def test_unknown_values_are_errors() -> None:
     group.begin({'R': ['r1', 'r2', 'r3']}, UnknownFeatures(all_may_be=True))
     (result,) = group.progress(0, {**VALUES, 'Base[r1]': None})
     assert "the field 'Base[r1]' holds a value of type NoneType" in str(result.error)
-
-
-def test_samples_of_several_hosts() -> None:
-    with pytest.raises(ReasoningError, match='looks over links'):
-        UncertainFormula('over (L[a, b] for a, b in R) from x to s: P[s]', {'R': ['x']})
 
 
 def test_trials_and_later_formulas() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import DyKnowError, LanguageError
+from dyknow_common import Alternatives, DyKnowError, LanguageError
 from dyknow_reasoning import (
     FormulaGroup,
     ReasoningError,
@@ -135,3 +135,14 @@ def test_what_looks_into_the_future_is_refused(text: str, said: str, column: int
 def test_what_needs_more_than_the_states_is_refused(text: str, said: str) -> None:
     with pytest.raises(DyKnowError, match=said):
         TrialFormula(text, OBJECTS)
+
+
+def test_a_formula_holds_for_all_alternatives_of_values() -> None:
+    either = Alternatives.of((1.0, 3.0), 'the clocks of a and b differ')
+    formula = TrialFormula('speed < 0.5 or gap > 2', {})
+    assert formula.holds(1, {'speed': 0.1, 'gap': either, 'other': either})
+    assert not formula.holds(1, {'speed': 0.6, 'gap': either})
+    assert formula.holds(1, {'speed': 0.6, 'gap': 3.0, 'other': either})
+    formula = TrialFormula('speed < 0.5 or once (gap > 2)', {})
+    with pytest.raises(ReasoningError, match='the clocks of a and b differ: too much'):
+        formula.holds(1, {'speed': 0.6, 'gap': either})

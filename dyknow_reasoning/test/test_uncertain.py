@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from itertools import accumulate, product
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reasoning_reference import LEAVES, NAMES, Trace, begun, holds, intervals
+from reasoning_reference import LEAVES, NAMES, Trace, holds, intervals
+from reasoning_reference import formulas as reference_formulas
 
-from dyknow_common import Value, Verdict
-from dyknow_reasoning import ReasoningError, UncertainFormula
+from dyknow_common import Alternatives, Margin, Value, Verdict, choices
+from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -24,12 +26,17 @@ from dyknow_reasoning.language.formula import (
     Until,
 )
 
-STATES = [dict(zip(NAMES, bits, strict=True)) for bits in product((False, True), repeat=2)]
 NEVER = -1
 """The state of an outcome that is none."""
 
-Uncertain = Sequence[tuple[int, Sequence[dict[str, Value]]]]
-"""The alternatives of each state."""
+REASON = 'the clocks of a and b differ by 1.2 s plus or minus 0.4 s'
+
+Uncertain = Sequence[tuple[int, dict[str, Value]]]
+"""The values of each state, which may have alternatives."""
+
+
+def either(*values: Value) -> Value:
+    return Alternatives.of(values, REASON)
 
 
 def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
@@ -42,46 +49,44 @@ def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
 FORMULAS = deeper(deeper(deeper(LEAVES) | LEAVES) | LEAVES)
 
 
+BOOLEANS = st.sampled_from([False, True, False, True, either(False, True), either(True, False)])
+
+
 @st.composite
-def uncertain_traces(draw: st.DrawFn, *, missing: bool = False) -> Uncertain:
+def uncertain_traces(draw: st.DrawFn) -> Uncertain:
     steps = draw(st.lists(st.integers(1, 4), min_size=1, max_size=7))
-    choices = st.lists(st.sampled_from(STATES), min_size=1, max_size=2, unique_by=str)
-    found: list[tuple[int, Sequence[dict[str, Value]]]] = []
-    for time in accumulate(steps):
-        alternatives = draw(choices)
-        unknown = draw(st.sets(st.sampled_from(NAMES))) if missing and found else ()
-        found.append(
-            (time, [{n: v for n, v in each.items() if n not in unknown} for each in alternatives])
-        )
-    return found
+    return [(time, {name: draw(BOOLEANS) for name in NAMES}) for time in accumulate(steps)]
 
 
-def outcome(formula: Formula, trace: Uncertain) -> tuple[Verdict | None, int]:
+def begun(
+    formula: str, domains: Mapping[str, Sequence[str]] | None = None, *, every_state: bool = False
+) -> FormulaGroup:
+    group = FormulaGroup()
+    group.add_formula('', formula, every_state=every_state)
+    group.begin(domains or {})
+    return group
+
+
+def outcome(group: FormulaGroup, trace: Uncertain) -> tuple[Verdict | None, int]:
     """The verdict and its state; None for an error, UNDECIDED at the state NEVER without."""
-    evaluated, verdict = UncertainFormula(str(formula), {}), Verdict.UNDECIDED
-    for number, (time, alternatives) in enumerate(trace):
-        try:
-            verdict = evaluated.progress(time, alternatives, 'the clocks differ')
-        except ReasoningError as error:
-            return None if 'the clocks differ: too much' in str(error) else verdict, number
-        if verdict is not Verdict.UNDECIDED:
-            return verdict, number
+    for number, (time, values) in enumerate(trace):
+        for result in group.progress(time, values):
+            if result.error is not None:
+                assert REASON in str(result.error)
+                return None, number
+            return result.verdict, number
     return Verdict.UNDECIDED, NEVER
 
 
 def chosen(trace: Uncertain) -> list[Trace]:
     """All traces that may be the true one."""
-    times = [time for time, _ in trace]
-    filled = [
-        [dict(each) for values in alternatives for each in STATES if values.items() <= each.items()]
-        for _, alternatives in trace
-    ]
-    return [list(zip(times, values, strict=True)) for values in product(*filled)]
+    possible = [[(time, each) for each in choices(values)] for time, values in trace]
+    return [list(each) for each in product(*possible)]
 
 
 def verdicts(formula: Formula, trace: Trace) -> list[Verdict]:
     """The verdict of a group after each state."""
-    group, _ = begun(str(formula))
+    group = begun(str(formula))
     found, verdict = [], Verdict.UNDECIDED
     for time, values in trace:
         for result in group.progress(time, values):
@@ -92,7 +97,7 @@ def verdicts(formula: Formula, trace: Trace) -> list[Verdict]:
 
 @given(FORMULAS, uncertain_traces())
 def test_all_choices_are_evaluated(formula: Formula, trace: Uncertain) -> None:
-    told, number = outcome(formula, trace)
+    told, number = outcome(begun(str(formula)), trace)
     found = [verdicts(formula, each) for each in chosen(trace)]
     expected: tuple[Verdict | None, int] = Verdict.UNDECIDED, NEVER
     for state in range(len(trace)):
@@ -106,47 +111,130 @@ def test_all_choices_are_evaluated(formula: Formula, trace: Uncertain) -> None:
     assert (told, number) == expected, str(formula)
 
 
-@given(FORMULAS, uncertain_traces(missing=True))
-def test_no_verdict_is_wrong(formula: Formula, trace: Uncertain) -> None:
-    told, number = outcome(formula, trace)
-    if told in {Verdict.TRUE, Verdict.FALSE}:
+@given(FORMULAS, uncertain_traces(), st.integers(0, 6))
+def test_no_verdict_is_wrong_after_a_gap(formula: Formula, trace: Uncertain, gap: int) -> None:
+    """States are missing: the verdict is that of all choices, whatever they were."""
+    group, kept = begun(str(formula)), [*trace[:gap], *trace[gap + 1 :]]
+    results = []
+    for number, (time, values) in enumerate(kept):
+        if number == gap:
+            group.gap()
+        results += group.progress(time, values)
+    for result in results:
+        if result.error is None:
+            for each in chosen(trace if gap else kept):
+                truth = holds(formula, each, 0)
+                assert truth in {result.verdict is Verdict.TRUE, None}, str(formula)
+
+
+NUMBERS = st.sampled_from([0.0, 1.0, 2.0, 3.0])
+OPEN_NUMBERS = NUMBERS | st.lists(NUMBERS, min_size=2, max_size=3).map(lambda each: either(*each))
+
+
+@given(reference_formulas(), st.lists(st.tuples(OPEN_NUMBERS, OPEN_NUMBERS), max_size=6))
+def test_no_verdict_on_the_past_is_wrong(
+    formula: Formula, values: list[tuple[Value, Value]]
+) -> None:
+    """Alternatives that make no difference to comparisons are as good as a known value."""
+    text = re.sub(r'\bq\b', '(y > 1)', re.sub(r'\bp\b', '(x > 1)', str(formula)))
+    trace = [(time, {'x': x, 'y': y}) for time, (x, y) in enumerate(values)]
+    verdict, _ = outcome(begun(text), trace)
+    if verdict in {Verdict.TRUE, Verdict.FALSE}:
         for each in chosen(trace):
-            assert holds(formula, each, 0) in {told is Verdict.TRUE, None}, str(formula)
-            # What comes later must not matter, either.
-            assert holds(formula, each[: number + 1], 0) in {told is Verdict.TRUE, None}
+            known = [(time, {'p': v['x'] > 1, 'q': v['y'] > 1}) for time, v in each]  # type: ignore[operator]
+            assert holds(formula, known, 0) in {verdict is Verdict.TRUE, None}, text
 
 
 def test_an_instance_decides_for_all() -> None:
-    formula = UncertainFormula('forall x in S: always[0 s, 1 s] P[x]', {'S': ['a', 'b']})
-    unknown = [{'P[a]': True, 'P[b]': True}, {'P[a]': False, 'P[b]': True}]
-    assert formula.progress(0, unknown, 'a') is Verdict.UNDECIDED
-    assert formula.progress(1, [{'P[a]': True, 'P[b]': False}]) is Verdict.FALSE
+    group = begun('forall x in S: always[0 s, 1 s] P[x]', {'S': ['a', 'b']})
+    assert not group.progress(0, {'P[a]': either(True, False), 'P[b]': True})
+    (result,) = group.progress(1, {'P[a]': True, 'P[b]': False})
+    assert (result.verdict, result.objects) == (Verdict.FALSE, 'x = b')
+    assert 'P[b]' in result.explanation
+
+
+def test_many_features_may_be_open_at_once() -> None:
+    """Of each instance, only its own ones count."""
+    names = [f'o{number}' for number in range(50)]
+    group = begun('forall x in S: always[0 s, 1 s] P[x] > 2', {'S': names})
+    assert not group.progress(0, {f'P[{each}]': 5.0 for each in names})
+    assert not group.progress(1, {f'P[{each}]': either(1.0, 5.0) for each in names})
+    group = begun('always (exists x in S: P[x] > 2)', {'S': names})
+    (result,) = group.progress(0, {f'P[{each}]': either(1.0, 5.0) for each in names})
+    assert f'{REASON}: too much for this formula' in str(result.error)
 
 
 def test_the_error_names_the_clocks_and_the_window() -> None:
-    formula = UncertainFormula('always[0 s, 1 s] (p -> eventually[0 s, 0.5 s] q)', {})
-    reason = 'the clocks of a and b differ by 1.2 s plus or minus 0.4 s'
-    formula.progress(0, [{'p': True, 'q': False}])
-    formula.progress(400_000_000, [{'p': False, 'q': False}, {'p': False, 'q': True}], reason)
-    with pytest.raises(ReasoningError, match=r'0\.4 s: too much for a window of 500 ms'):
-        formula.progress(2_000_000_000, [{'p': False, 'q': False}])
+    group = begun('always[0 s, 1 s] (p -> eventually[0 s, 0.5 s] q)')
+    group.progress(0, {'p': True, 'q': False})
+    group.progress(400_000_000, {'p': False, 'q': either(False, True)})
+    (result,) = group.progress(2_000_000_000, {'p': False, 'q': False})
+    assert f'{REASON}: too much for a window of 500 ms' in str(result.error)
+
+
+def test_what_makes_no_difference_is_like_any_other_value() -> None:
+    group = begun('always x > 2')
+    assert not group.progress(0, {'x': either(3.0, 4.0)})
+    assert group.residual(1) == 'always (x > 2)'
+    assert not group.presumably_false(1)
+    (result,) = group.progress(1, {'x': either(0.0, 1.0)})
+    assert result.verdict is Verdict.FALSE
 
 
 def test_a_doubt_is_told_while_the_formula_goes_on() -> None:
-    formula = UncertainFormula('always p', {})
-    formula.progress(0, [{'p': True}])
-    assert not formula.doubt
-    assert formula.progress(1, [{'p': True}, {'p': False}], 'lost') is Verdict.UNDECIDED
-    assert formula.doubt == 'lost: too much for this formula'
-    assert formula.progress(2, [{'p': False}]) is Verdict.FALSE
+    group = begun('always p')
+    group.progress(0, {'p': True})
+    assert not group.progress(1, {'p': either(True, False)})
+    assert group.residual(1) == f'always p ({REASON}: too much for this formula)'
+    assert group.presumably_false(1)
+    (result,) = group.progress(2, {'p': False})
+    assert result.verdict is Verdict.FALSE
+    assert result.explanation.startswith('p is false')
 
 
-def test_states_are_skipped_until_all_is_known() -> None:
-    formula = UncertainFormula('p and eventually[0 s, 1 s] q', {})
-    assert formula.progress(0, [{'p': False}]) is Verdict.UNDECIDED
-    assert formula.progress(1, [{'p': True, 'q': True}]) is Verdict.TRUE
+@pytest.mark.parametrize(
+    ('formula', 'reason'),
+    [
+        ('always (q -> once p)', "'once p' looks into the past"),
+        ('always (x > 0 or x < prev(x))', 'looks into the past'),
+        ('always (over (L[a, b] for a, b in R) from x to s: P[s])', 'looks over links'),
+    ],
+)
+def test_what_needs_known_times_is_refused(formula: str, reason: str) -> None:
+    group = begun(formula, {'R': ['x']})
+    assert not group.progress(0, {'p': True, 'q': True, 'x': 1.0, 'L[x, x]': True, 'P[x]': True})
+    values = {'p': either(True, False), 'q': True, 'x': either(1.0, 2.0)}
+    (result,) = group.progress(1, {**values, 'L[x, x]': True, 'P[x]': either(True, False)})
+    assert REASON in str(result.error)
+    assert reason in str(result.error)
 
 
-def test_the_past_is_refused() -> None:
-    with pytest.raises(ReasoningError, match="'once p' looks into the past"):
-        UncertainFormula('always (q -> once p)', {})
+def test_the_past_may_be_known() -> None:
+    group = begun('always (x > 2 -> once[0 ns, 3 ns] y > 1)')
+    assert not group.progress(0, {'x': 3.0, 'y': either(2.0, 3.0)})
+    assert not group.progress(2, {'x': either(3.0, 4.0), 'y': 0.0})
+    (result,) = group.progress(4, {'x': 3.0, 'y': either(0.0, 1.0)})
+    assert (result.verdict, result.error) == (Verdict.FALSE, None)
+
+
+def test_a_formula_about_single_states_is_not_asked_at_open_ones() -> None:
+    group = begun('p', every_state=True)
+    for time, p in enumerate((True, either(True, False), False, either(False, True), True)):
+        assert not group.progress(time, {'p': p})
+        assert (REASON in group.standing.omitted.values()) is isinstance(p, Alternatives)
+    summary = group.standing.summary(1)
+    assert (summary.counts.holds, summary.counts.fails) == (2, 1)
+    group = begun('p -> eventually[0 s, 1 s] q', every_state=True)
+    assert not group.progress(0, {'p': False, 'q': False})
+    (result,) = group.progress(1, {'p': either(False, True), 'q': False})
+    assert 'too much for a formula with operators of the future' in str(result.error)
+
+
+def test_margins_are_not_known_from_then_on() -> None:
+    group = FormulaGroup()
+    formula = group.add_formula('', 'always x > 2', margin=True)
+    group.begin({})
+    group.progress(0, {'x': 5.0})
+    assert group.margin(formula) != Margin()
+    group.progress(1, {'x': either(3.0, 4.0)})
+    assert group.margin(formula) == Margin()

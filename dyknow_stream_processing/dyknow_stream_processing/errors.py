@@ -1,8 +1,8 @@
 """Errors of streams."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import Alternatives, DyKnowError, ExitCode, Value
 
 
 class StreamError(DyKnowError):
@@ -13,6 +13,17 @@ def unknown_stream(name: str, known: Iterable[str]) -> StreamError:
     """Return the error about a stream that does not exist, given those that do."""
     listed = ', '.join(known) or 'none'
     return StreamError(f"there is no stream '{name}' (there are: {listed})", ExitCode.NOT_FOUND)
+
+
+def open_value(fields: Mapping[str, Value], use: str) -> StreamError:
+    """Return the error about a field that has alternatives, and cannot be used in some way."""
+    name, value = next(
+        (name, each) for name, each in fields.items() if isinstance(each, Alternatives)
+    )
+    return StreamError(
+        f"field '{name}' is one of {len(value.values)} values, as {value.reason}, so it cannot be "
+        f'{use}; use it in formulas as it is'
+    )
 
 
 def stream_replaced(topic: str) -> StreamError:

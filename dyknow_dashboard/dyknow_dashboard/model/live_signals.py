@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dyknow_common import SECOND_NS, DyKnowError, SymbolKind, Value
+from dyknow_common import SECOND_NS, DyKnowError, SymbolKind, Value, earliest
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 from dyknow_dashboard.model.live_reports import live_report
 from dyknow_reasoning import parse_formula, symbols_of
@@ -128,7 +128,8 @@ class LiveSignals:
     def add(self, valid_time: int, fields: Mapping[str, Value]) -> None:
         """Add a state; one that is not later than those before is not drawn."""
         if self._end is None or valid_time <= self._end:
-            self._recorder.states((valid_time,), {name: (each,) for name, each in fields.items()})
+            columns = {name: (each,) for name, each in earliest(fields).items()}
+            self._recorder.states((valid_time,), columns)
             self.latest = max(self.latest, valid_time)
 
     def update(self) -> None:

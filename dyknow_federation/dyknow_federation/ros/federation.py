@@ -166,13 +166,15 @@ class Federation(DyKnowNode):
         match event:
             case SamplesArrived(peer, stream, _, samples):
                 self._check_times(peer, stream, samples)
-                self._remote.publish(StreamName(peer, stream), samples)
+                reason = self._peer.difference(peer)
+                self._remote.publish(StreamName(peer, stream), samples, reason)
             case WatermarkArrived(peer, stream, _, time):
-                self._remote.pass_watermark(StreamName(peer, stream), time)
+                reason = self._peer.difference(peer)
+                self._remote.pass_watermark(StreamName(peer, stream), time, reason)
             case SamplesLost(peer, stream, _, count, reason):
                 self._lost[peer] += count
                 text = f"samples of peer '{peer}' are lost: {reason}"
-                self._remote.violate(peer, ViolationKind.LOST, text, stream)
+                self._remote.lose(StreamName(peer, stream), text)
             case StreamRefused(peer, stream, _, reason):
                 text = f"peer '{peer}' refuses it: {reason}"
                 self._remote.violate(peer, ViolationKind.MESSAGE, text, stream)
@@ -197,7 +199,7 @@ class Federation(DyKnowNode):
                 self._warn([reason])
             case ClockJumped(peer):
                 text = f"the clock of peer '{peer}' has jumped, or that of this host"
-                self._remote.violate(peer, ViolationKind.CLOCK, text)
+                self._remote.begin_anew(peer, text)
             case PeerFault(peer, message):
                 self._faults[peer] = message
                 self._warn([message])

@@ -10,7 +10,7 @@ from dyknow_interfaces.msg import Sample as SampleMessage
 from dyknow_interfaces.msg import StreamSpec
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import Alternatives, DyKnowError, ExitCode
 from dyknow_common.ros import STREAM, DyKnowNode, LogOnce, RemoteNode, time_to_nanoseconds
 from dyknow_federation.offers import Offer
 from dyknow_federation.peer import Peer
@@ -38,8 +38,8 @@ class OwnStream:
     name: str
     every: int
     changed: Callable[[], None]
-    violation: str = ''
-    """The last violation."""
+    fault: str = ''
+    """Why no sample is passed on any more."""
     _latest: int | None = field(default=None)
 
     def on_type(self, class_: Any) -> None:
@@ -54,10 +54,19 @@ class OwnStream:
 
     def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:  # noqa: ARG002
         """Pass a sample on, unless it follows too soon."""
-        valid_time = sample_valid_time(message)
+        valid_time, values = sample_valid_time(message), sample_fields(message)
+        if not self.fault and Alternatives.are_among(values.values()):
+            # Its times are known up to the bounds of a clock that the asking host does not know.
+            self.fault = (
+                f"the stream '{self.name}' is made from one of another host, so peers get no more "
+                'samples of it; let them ask that host'
+            )
+            self.node.get_logger().warning(self.fault)
+        if self.fault:
+            return
         if self._latest is None or valid_time - self._latest >= self.every:
             self._latest = valid_time
-            self.peer.publish(self.name, valid_time, sample_fields(message), now)
+            self.peer.publish(self.name, valid_time, values, now)
         else:
             self.peer.promise(self.name, valid_time, now)
         if message.watermark:
@@ -66,6 +75,8 @@ class OwnStream:
 
     def on_watermark(self, watermark: int, now: int) -> None:
         """Promise that no sample valid before a time follows."""
+        if self.fault:
+            return
         self.peer.promise(self.name, watermark - 1, now)
         self.changed()
 
@@ -74,8 +85,7 @@ class OwnStream:
         self.node.reject(self.name, f'{count} samples: {reason}')
 
     def on_violation(self, violation: Violation) -> None:
-        """Keep a violation for the report."""
-        self.violation = violation.message
+        """Do nothing: it is reported where the stream is made."""
 
 
 class OwnStreams:

@@ -3,7 +3,8 @@
 The samples of the stream `Charge_carrier1` of the peer `carrier1` are published on
 `dyknow/federation/carrier1/Charge_carrier1`, as an engine publishes those of its streams: with
 watermarks, by which readers know what may still come, and violations, by which they know what never
-will. While nobody subscribes, the peer is not asked.
+will. Where the clocks leave the order of samples open, a value has alternatives. While nobody
+subscribes, the peer is not asked.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from dyknow_interfaces.msg import Sample as SampleMessage
 
 from dyknow_common.ros import STREAM, VIOLATIONS, DyKnowNode, nanoseconds_to_time
 from dyknow_federation.events import RemoteSample
+from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues
 from dyknow_stream_processing import Sample, ViolationKind
 from dyknow_stream_processing.ros import (
     WATERMARKS,
@@ -45,6 +47,7 @@ class RemoteStream:
         self.topic = topic
         self._writer = SampleWriter()
         self._latest = self._watermark = 0
+        self._values = PossibleValues()
         self._publisher = node.create_publisher(SampleMessage, topic, STREAM)
         self._violations = node.create_publisher(
             ConstraintViolation, violations_topic(topic), VIOLATIONS
@@ -55,26 +58,48 @@ class RemoteStream:
         """True while somebody subscribes."""
         return bool(self._publisher.get_subscription_count())
 
-    def publish(self, samples: Sequence[RemoteSample]) -> None:
-        """Publish samples, in the order of their true times."""
-        now = self._node.now()
-        for each in samples:
-            # A new measure of the peer's clock may move a time, within its uncertainty.
-            self._latest = valid_time = max(each.valid_time, self._latest + 1, self._watermark)
-            sample = Sample(valid_time, now, each.fields, valid_time)
-            self._publisher.publish(self._writer.write(sample))
+    def publish(self, samples: Sequence[RemoteSample], reason: str) -> None:
+        """Publish samples, in the order of their true times.
 
-    def watermark(self, time: int) -> Any | None:
-        """Return the message that later samples are valid after a time; None if it is known."""
-        if time <= max(self._latest, self._watermark):
+        Args:
+            samples: the samples.
+            reason: why values have alternatives: the difference of the clocks.
+        """
+        for each in samples:
+            if not self._values.put(each):
+                self.violate(ViolationKind.CLOCK, TOO_CLOSE.format(reason))
+            self._publish_known(reason)
+
+    def watermark(self, time: int, reason: str) -> Any | None:
+        """Publish what a promise makes known, that later samples are valid after a time.
+
+        Return its message; None if it is known.
+        """
+        self._values.promise(time)
+        self._publish_known(reason)
+        if self._values.settled <= max(self._latest, self._watermark):
             return None
-        self._watermark = time
+        self._watermark = self._values.settled
         return StreamWatermark(
             stream_name=self.topic.rpartition('/')[2],
             stream_id=self._writer.stream_id,
             number=self._writer.number,
-            watermark=nanoseconds_to_time(time),
+            watermark=nanoseconds_to_time(self._watermark),
         )
+
+    def lose(self) -> None:
+        """Note that samples are missing before the next one."""
+        self._values.lose()
+
+    def begin_anew(self) -> None:
+        """Forget all samples, as the clock by which they are dated has jumped."""
+        self._values = PossibleValues()
+
+    def _publish_known(self, reason: str) -> None:
+        now = self._node.now()
+        for time, fields in self._values.take(reason):
+            self._latest = time
+            self._publisher.publish(self._writer.write(Sample(time, now, fields, time)))
 
     def violate(self, kind: ViolationKind, reason: str) -> None:
         """Report that samples are missing, or have wrong times."""
@@ -145,17 +170,30 @@ class RemoteStreams:
         """The streams that are read."""
         return self._wanted
 
-    def publish(self, name: StreamName, samples: Sequence[RemoteSample]) -> None:
-        """Publish samples of a stream."""
+    def publish(self, name: StreamName, samples: Sequence[RemoteSample], reason: str) -> None:
+        """Publish samples of a stream; values have alternatives for a reason."""
         if name in self._streams:
-            self._streams[name].publish(samples)
+            self._streams[name].publish(samples, reason)
 
-    def pass_watermark(self, name: StreamName, time: int) -> None:
+    def pass_watermark(self, name: StreamName, time: int, reason: str) -> None:
         """Publish that later samples of a stream are valid after a time."""
         stream = self._streams.get(name)
-        found = None if stream is None else stream.watermark(time)
+        found = None if stream is None else stream.watermark(time, reason)
         if found is not None:
             self._watermarks[name.peer].publish(StreamWatermarks(streams=[found]))
+
+    def lose(self, name: StreamName, reason: str) -> None:
+        """Report that samples of a stream are missing before the next one."""
+        if name in self._streams:
+            self._streams[name].lose()
+            self._streams[name].violate(ViolationKind.LOST, reason)
+
+    def begin_anew(self, peer: str, reason: str) -> None:
+        """Report that the clock by which the samples of a peer are dated has jumped."""
+        self.violate(peer, ViolationKind.CLOCK, reason)
+        for name, each in self._streams.items():
+            if name.peer == peer:
+                each.begin_anew()
 
     def violate(self, peer: str, kind: ViolationKind, reason: str, stream: str = '') -> None:
         """Report a violation of a stream of a peer, or of all that are read."""

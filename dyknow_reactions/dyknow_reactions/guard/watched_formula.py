@@ -40,7 +40,8 @@ class WatchedFormula:
 
         It does not hold at a state with which an episode becomes known, or before whose end
         the latest one has not ended; nor where that is so for some of the values that unknown
-        features may have. Once it cannot be asked any more, it never holds again.
+        features may have, or of the orders that the clocks of hosts allow. Once it cannot be asked
+        any more, it never holds again.
 
         Args:
             valid_time: of the state, in nanoseconds.
@@ -51,6 +52,8 @@ class WatchedFormula:
             self._error = str(result.error or f'it is {result.verdict.name.lower()} at any state')
         if self._error:
             return self._error
+        if reason := self._group.standing.omitted.get(self._id):
+            return reason
         if self._monitor.is_violated or self._monitor.failure_count != known:
             return self._group.standing.summary(self._id).latest_episodes[-1].explanation
         wants = self._group.wants(self._id)

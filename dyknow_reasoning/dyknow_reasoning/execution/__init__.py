@@ -33,7 +33,10 @@ from dyknow_reasoning.execution.probability.formula_probability import (
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
 from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
-from dyknow_reasoning.execution.uncertain_instance import UncertainInstance
+from dyknow_reasoning.execution.uncertain_instance import (
+    UncertainInstance,
+    UncertainVerdict,
+)
 from dyknow_reasoning.execution.unknown.possible_formulas import (
     PossibleFormula,
     PossibleFormulas,
@@ -62,6 +65,7 @@ __all__ = [
     'StandingMonitor',
     'StartCounts',
     'UncertainInstance',
+    'UncertainVerdict',
     'VerdictLog',
     'past_terms',
     'probability_of',

@@ -1,8 +1,9 @@
 """One instance that is progressed over states of which several may be the true ones.
 
 It is at a set of configurations: a location of its automaton with clocks for each way to choose
-among the states so far. Ways that leave the same formula to satisfy are one configuration, so the
-set stays small: what was uncertain is forgotten as soon as it makes no difference any more.
+among the alternatives of values so far. Ways that leave the same formula to satisfy are one
+configuration, so the set stays small: what was uncertain is forgotten as soon as it makes no
+difference any more.
 
 Example, `always (p -> eventually[0, 2 s] q)` (A, and B with its obligation, as in `automaton`):
 
@@ -11,29 +12,35 @@ Example, `always (p -> eventually[0, 2 s] q)` (A, and B with its obligation, as 
     1 s: not p, q           A
     2 s: p, not q           B since 2 s
     5 s: q or not q         false: in both cases it is too late
-
-An atom whose fields are not known may be true or false.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import product
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final, NamedTuple
 
-from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
+from dyknow_common import Alternatives, choices
+from dyknow_reasoning.execution.automata.automaton import Location, Times
+from dyknow_reasoning.execution.automata.configurations import Template
+from dyknow_reasoning.execution.automata.instance_states import (
+    DecidingMoment,
+    InstanceState,
+    InstanceVerdict,
+)
 from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
-from dyknow_reasoning.language.symbols import feature_symbol
-from dyknow_reasoning.language.type_checking import Kinds
-from dyknow_reasoning.progression.atoms import Values, fields
-from dyknow_reasoning.progression.instances import Instance
-from dyknow_reasoning.progression.nodes import slots
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.instances import required_features
 
 MAX_CONFIGURATIONS: Final = 256
 """The number of configurations of an instance; with more, its verdict is unknown."""
 
-MAX_UNKNOWN: Final = 8
-"""The number of atoms that may be unknown at a state; with more, the verdict is unknown."""
+
+class UncertainVerdict(NamedTuple):
+    """A verdict on an instance, and the values of the deciding state in one of the ways to it."""
+
+    verdict: InstanceVerdict
+    values: Values
 
 
 class _Configuration(NamedTuple):
@@ -47,25 +54,25 @@ class UncertainInstance:
     """An instance, at each of the configurations that are possible.
 
     Attributes:
-        is_split: True if the latest state has told different configurations apart.
+        reason: why the latest configurations differ; empty if none ever did.
         is_unknown: True if so much is possible that the verdict is unknown.
 
     Args:
-        instance: the instance.
-        kinds: the kinds of its features.
+        state: of the instance, before the first state of which several are possible.
     """
 
-    def __init__(self, instance: Instance, kinds: Kinds) -> None:
-        self.is_split = self.is_unknown = False
-        self._instance = instance
-        self._kinds = kinds
-        self._automaton = Automaton(instance.node)
-        self._possible = [_Configuration(self._automaton.initial, ())]
+    def __init__(self, state: InstanceState) -> None:
+        self.reason, self.is_unknown = '', False
+        self.instance = state.instance
+        self._template = Template(state.template.automaton.initial.node)
+        automaton, location = self._template.automaton, self._template.automaton.initial
+        if not state.is_fresh:
+            location = replace(state.location, moves={}, memories={})
+            automaton.forget([location])
+        self._possible = [_Configuration(location, state.times)]
+        self._names = {str(each) for each in required_features([state.instance])}
         self._readers: dict[int, Reader] = {}
-        self._names = {
-            slot: frozenset(str(feature_symbol(each, {})) for each in fields(instance.atoms[slot]))
-            for slot in slots(instance.node.mask)
-        }
+        self._verdicts: dict[bool, UncertainVerdict] = {}
 
     @property
     def verdicts(self) -> frozenset[bool | None]:
@@ -75,57 +82,76 @@ class UncertainInstance:
     @property
     def size(self) -> int:
         """The most nodes of what may remain of it."""
-        return self._automaton.max_size
+        return self._template.automaton.max_size
 
-    def can_begin(self, alternatives: Iterable[Values]) -> bool:
-        """Return True unless it has seen no state, and cannot read all of the alternatives."""
-        if self._possible[0].location is not self._automaton.initial:
-            return True
-        names = frozenset[str]().union(*self._names.values())
-        return all(names <= each.keys() for each in alternatives)
+    def verdict(self, *, holds: bool) -> UncertainVerdict:
+        """Return a verdict that has become possible, with the latest state that decided so."""
+        return self._verdicts[holds]
 
-    def progress(self, now: int, alternatives: Sequence[Values]) -> None:
+    def states(self) -> list[InstanceState]:
+        """Return the configurations that are not decided."""
+        return [self._state(each) for each in self._possible if each.location.verdict is None]
+
+    def progress(self, now: int, previous: int, values: Values) -> None:
         """Progress over a state.
 
         Args:
             now: its valid time, in nanoseconds.
-            alternatives: the values that it may have; a field may be missing if it is not known.
+            previous: that of the state before.
+            values: the values of features, which may have alternatives.
 
         Raises:
             ReasoningError: for unusable values.
         """
-        self.is_split = False
-        symbols: dict[int, set[int]] = {}
+        truths: dict[int, Mapping[int, Values]] = {}
         found: dict[_Configuration, None] = {}
-        for location, times in self._possible:
+        for before in self._possible:
+            location, times = before
             if location.verdict is not None:
-                found[_Configuration(location, times)] = None
+                found[before] = None
                 continue
             mask = location.node.mask
-            if mask not in symbols:
-                symbols[mask] = {
-                    each for values in alternatives for each in self._read(mask, values)
-                }
-            after = set()
-            for symbol in symbols[mask]:
-                move = self._automaton.move(location, symbol, (*times, now))
-                after.add(_Configuration(move.target, move.select((*times, now))))
-            self.is_split |= len(after) > 1
-            found.update(dict.fromkeys(after))
+            if mask not in truths:
+                try:
+                    truths[mask] = self._truths(values, mask)
+                except ValueError:
+                    self.is_unknown, self.reason = True, self._reason(values)
+                    return
+            after: dict[_Configuration, None] = {}
+            for symbol, chosen in truths[mask].items():
+                move = self._template.automaton.move(location, symbol, (*times, now))
+                after[_Configuration(move.target, move.select((*times, now)))] = None
+                if (holds := move.target.verdict) is not None:
+                    moment = DecidingMoment(self._state(before), symbol, now, previous)
+                    verdict = InstanceVerdict(self.instance, holds, moment)
+                    self._verdicts[holds] = UncertainVerdict(verdict, chosen)
+            if len(after) > 1:
+                self.reason = self._reason(values)
+            found.update(after)
         self._possible = list(found)
         self.is_unknown |= len(found) > MAX_CONFIGURATIONS
-        if self._automaton.is_full:
-            self._automaton.forget(each.location for each in self._possible)
+        if self._template.is_full:
+            self._template.automaton.forget(each.location for each in self._possible)
 
-    def _read(self, mask: int, values: Values) -> Iterator[int]:
-        """Yield the truth of the atoms that is possible, as bits."""
-        unknown = [slot for slot in slots(mask) if not self._names[slot] <= values.keys()]
-        if len(unknown) > MAX_UNKNOWN:
-            self.is_unknown = True
-            return
-        known = mask & ~sum(1 << slot for slot in unknown)
-        if known not in self._readers:
-            self._readers[known] = quick_reader(self._instance.atoms, self._kinds, known)
-        symbol = self._readers[known](values)
-        for choice in product(*((0, 1 << slot) for slot in unknown)):
-            yield symbol | sum(choice)
+    def _reason(self, values: Values) -> str:
+        """Return why its values have alternatives; empty if they have none."""
+        own = (values.get(name) for name in self._names)
+        return next((each.reason for each in own if isinstance(each, Alternatives)), '')
+
+    def _truths(self, values: Values, mask: int) -> Mapping[int, Values]:
+        """Return the possible truths of the atoms of a mask, each with values that lead to it.
+
+        Raises:
+            ReasoningError: for unusable values.
+            ValueError: for too many choices.
+        """
+        if mask not in self._readers:
+            instance = self.instance
+            self._readers[mask] = quick_reader(instance.atoms, instance.kinds, mask)
+        read, found = self._readers[mask], dict[int, Values]()
+        for each in choices({name: values[name] for name in self._names & values.keys()}):
+            found.setdefault(read(each), {**values, **each})
+        return found
+
+    def _state(self, configuration: _Configuration) -> InstanceState:
+        return InstanceState(self.instance, self._template, *configuration, {})

@@ -97,6 +97,11 @@ class GroupMargins:
             self._ended[formula_id] = found
         return found
 
+    def forget(self, formula_id: int) -> None:
+        """End with a formula whose margin is not known from now on."""
+        if self.running.pop(formula_id, None):
+            self._ended[formula_id] = Margin()
+
     def remove(self, formula_id: int) -> None:
         """Remove a formula."""
         for each in (self.running, self._requested, self._ended):

@@ -29,7 +29,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import Value, ValueType, listed
+from dyknow_common import Alternatives, Value, ValueType, choices, listed
 from dyknow_space import RegionDistances, SweptDistances
 from dyknow_stream_processing.dataflow import built_in_units as units
 from dyknow_stream_processing.dataflow.batches import (
@@ -45,7 +45,7 @@ from dyknow_stream_processing.dataflow.batches import (
 from dyknow_stream_processing.dataflow.forecasts import ConstantTurnRate, ConstantVelocity, Kalman
 from dyknow_stream_processing.dataflow.operators import Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
-from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.errors import StreamError, open_value
 from dyknow_stream_processing.language.specification import UnitArgument, UnitDeclaration
 from dyknow_stream_processing.language.type_rules import TIME, Unit
 from dyknow_stream_processing.sample import missing_text
@@ -148,6 +148,38 @@ class UnitCall:
             raise TypeError(f'returned {value!r}, not a value for each of {listed(self.outputs)}')
         return {name: _typed(each, self.outputs[name]) for name, each in found.items()}
 
+    @property
+    def is_timeless(self) -> bool:
+        """True if it does not get the valid time."""
+        return not self._takes_time
+
+    def of_alternatives(
+        self, valid_time: int, inputs: Sequence[Mapping[str, Value]]
+    ) -> Mapping[str, Value] | None:
+        """Return the results for all choices among values that have alternatives.
+
+        User code may raise any exception.
+        """
+        fields = {
+            (port, name): each for port, one in enumerate(inputs) for name, each in one.items()
+        }
+        reason = next(each.reason for each in fields.values() if isinstance(each, Alternatives))
+        found = [
+            self(
+                valid_time,
+                [{name: chosen[port, name] for name in one} for port, one in enumerate(inputs)],
+            )
+            for chosen in choices(fields)
+        ]
+        results = [each for each in found if each is not None]
+        if not results:
+            return None
+        if len(results) < len(found):
+            raise ValueError(f'it has results for some of {len(found)} values alone, as {reason}')
+        return {
+            name: Alternatives.of([each[name] for each in results], reason) for name in self.outputs
+        }
+
     def many(self, times: Times, columns: Columns) -> tuple[NDArray[np.bool_], Columns]:
         """Return which samples have a result, and the columns of the results.
 
@@ -183,6 +215,11 @@ class UnitOperator(SynchronisedOperator):
         self._name = declaration.name
         self._call = UnitCall(unit, declaration, arguments)
         self._is_stateless = unit in STATELESS_UNITS
+        self._keeps_alternatives = self._call.is_timeless and (
+            self._is_stateless or not isclass(unit)
+        )
+        self._open: StreamError | None = None
+        """Why it computes nothing any more: the times of samples in its memory are open."""
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -227,8 +264,17 @@ class UnitOperator(SynchronisedOperator):
             message = f"computational unit '{self._name}' finds {missing_text(error)}"
             self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
             return
+        is_open = any(Alternatives.are_among(each.values()) for each in arguments)
+        if is_open and not self._keeps_alternatives and not self._open:
+            given = next(each for each in arguments if Alternatives.are_among(each.values()))
+            use = f"given to the computational unit '{self._name}', which depends on its time"
+            self._open = open_value(given, use)
+        if self._open:
+            self._reject(Fault(ViolationKind.COMPUTATIONAL_UNIT, valid_time, self._open.message))
+            return
         try:
-            result = self._call(valid_time, arguments)
+            compute = self._call.of_alternatives if is_open else self._call
+            result = compute(valid_time, arguments)
         # User code may raise any exception; it is contained and reported.
         except Exception as error:  # noqa: BLE001
             message = f"computational unit '{self._name}': {type(error).__name__}: {error}"

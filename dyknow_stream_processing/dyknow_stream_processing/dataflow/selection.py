@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import COMPARISONS, Value, ValueType, value_text
+from dyknow_common import COMPARISONS, Alternatives, Value, ValueType, value_text
 from dyknow_stream_processing.dataflow.batches import (
     Planned,
     Refusal,
@@ -20,7 +20,7 @@ from dyknow_stream_processing.dataflow.batches import (
 )
 from dyknow_stream_processing.dataflow.operators import Operator, Wiring
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, END
-from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.errors import StreamError, open_value
 from dyknow_stream_processing.language.specification import Condition, Selection
 from dyknow_stream_processing.language.type_rules import comparable_types
 from dyknow_stream_processing.sample import AbsentElement, PartialFields, missing_text
@@ -243,6 +243,8 @@ def condition_test(condition: Condition) -> Callable[[Value], bool]:
     types = {each for each in (bool, int, float, str) if ValueType.of(each()) in comparable}
 
     def test(value: Value) -> bool:
+        if isinstance(value, Alternatives):
+            raise open_value({condition.field: value}, 'compared by a stream')
         if type(value) not in types:
             raise StreamError(
                 f"field '{condition.field}' is {value_text(value)} ({ValueType.of(value)}), "
@@ -277,6 +279,8 @@ def _namer(selection: Selection) -> Callable[[Mapping[str, Value]], str]:
         texts = parts.copy()
         for index in range(1, len(parts), 2):
             value = fields[parts[index]] if parts[index] else '%'
+            if isinstance(value, Alternatives):
+                raise open_value({parts[index]: value}, 'part of a name')
             texts[index] = value if isinstance(value, str) else value_text(value)
         return ''.join(texts)
 

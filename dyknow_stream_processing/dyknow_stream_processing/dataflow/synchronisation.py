@@ -22,7 +22,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import Value, round_duration, round_time
+from dyknow_common import Alternatives, Value, round_duration, round_time
 from dyknow_stream_processing.dataflow.approximations import LinearTrack, Track
 from dyknow_stream_processing.dataflow.batches import (
     Planned,
@@ -36,6 +36,7 @@ from dyknow_stream_processing.dataflow.batches import (
 )
 from dyknow_stream_processing.dataflow.operators import Operator, Wiring
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, END
+from dyknow_stream_processing.errors import StreamError, open_value
 from dyknow_stream_processing.language.type_rules import collision_text
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
@@ -407,6 +408,19 @@ class LinearSyncOperator(SyncOperator):
     """The fields of all inputs, joined; numbers are interpolated linearly."""
 
     _track = LinearTrack
+    _open: StreamError | None = None
+    """Why nothing can be interpolated any more."""
+
+    def receive(
+        self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
+    ) -> None:
+        """Receive a sample, until the clocks of hosts leave the time of one open."""
+        if self._open is None and not Alternatives.are_among(fields.values()):
+            super().receive(port, valid_time, fields, watermark, now)
+            return
+        self._open = self._open or open_value(fields, 'interpolated')
+        self._reject(Fault(ViolationKind.FIELDS, valid_time, self._open.message))
+        self.promise(port, watermark, now)
 
     def certain_at(self, valid_time: int) -> int | None:
         """Return `None` for a time after the watermark, as only samples can make it certain."""

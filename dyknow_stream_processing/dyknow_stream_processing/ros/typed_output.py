@@ -8,9 +8,9 @@ from typing import Any, Final
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from dyknow_common import ExitCode, Value, ValueType, absence, listed_as, one_line
+from dyknow_common import Alternatives, ExitCode, Value, ValueType, absence, listed_as, one_line
 from dyknow_common.ros import RCLError, absolute_topic, nanoseconds_to_time
-from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.errors import StreamError, open_value
 from dyknow_stream_processing.language.resolution import Fields
 from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
 from dyknow_stream_processing.ros.messages.message_types import message_class, scalar_fields
@@ -122,6 +122,8 @@ class TypedMessageWriter:
         Raises:
             StreamError: if the sample lacks a field, or a value does not fit.
         """
+        if Alternatives.are_among(sample.fields.values()):
+            raise open_value(sample.fields, 'in a message of another type')
         if not self._is_fixed:
             self._prepare({name: ValueType.of(value) for name, value in sample.fields.items()})
         values = dict(self._constants)

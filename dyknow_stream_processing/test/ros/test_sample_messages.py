@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from dyknow_common import Value
+from dyknow_common import Alternatives, Value
 from dyknow_stream_processing import Sample, StreamError
 from dyknow_stream_processing.ros import (
     SampleReader,
@@ -24,7 +24,10 @@ from dyknow_stream_processing.ros.messages.sample_messages import MAX_LEARNT
 
 NAMES = st.sampled_from(['a', 'b', 'ranges[0]', 'Power[uav1]'])
 TEXTS = st.text(st.characters(exclude_categories=['Cs'], exclude_characters='\0'))
-VALUES = st.booleans() | st.integers() | st.floats() | TEXTS
+SCALARS = st.booleans() | st.integers() | st.floats() | TEXTS
+VALUES = SCALARS | st.builds(
+    Alternatives.of, st.lists(SCALARS, min_size=1, max_size=3), st.just('the clocks differ')
+)
 TIMES = st.integers(0, 2**31 * 10**9 - 1)
 FIELDS = st.dictionaries(NAMES, VALUES)
 SAMPLES = st.lists(st.builds(Sample, TIMES, TIMES, FIELDS, watermark=st.none() | TIMES))

@@ -13,7 +13,7 @@ from dyknow_interfaces.msg import Field as FieldMessage
 from dyknow_interfaces.msg import Sample as SampleMessage
 from rclpy.serialization import deserialize_message
 
-from dyknow_common import SECOND_NS, Value, ValueType
+from dyknow_common import SECOND_NS, Alternatives, Value, ValueType
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
@@ -29,11 +29,15 @@ _LEAST: Final = 1 - 10 ** (MAX_DIGITS - 1)
 _GREATEST: Final = 10**MAX_DIGITS - 1
 """The integers with so many characters."""
 
+_ALTERNATIVES: Final = 'alternatives'
+"""The type of a field whose value is one of several."""
+
 _FORMATS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
     float: (ValueType.FLOAT.value, repr),
     int: (ValueType.INT.value, repr),
     str: (ValueType.STRING.value, str),
     bool: (ValueType.BOOLEAN.value, {True: 'true', False: 'false'}.__getitem__),
+    Alternatives: (_ALTERNATIVES, str),
 }
 
 
@@ -48,6 +52,7 @@ _PARSERS: Final[Mapping[str, Callable[[str], Value]]] = {
     ValueType.INT.value: _integer,
     ValueType.STRING.value: str,
     ValueType.BOOLEAN.value: {'true': True, 'false': False}.__getitem__,
+    _ALTERNATIVES: Alternatives,
 }
 
 

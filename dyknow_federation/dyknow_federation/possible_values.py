@@ -1,0 +1,105 @@
+"""The values that a stream of another host may have, at times of the own clock.
+
+The valid time of a sample of another host is known up to an uncertainty. From the earliest time at
+which it may be valid on, the value may be that of the sample or that of those before; from the
+latest time on, it is not that of those before. These times are exact on the own clock, so what is
+uncertain is the value, and all that joins streams by their valid times needs to know no more:
+
+    sample    is valid at        own time    value
+    1         0.90 s ± 50 ms     0.95 s      1
+    2         2.02 s ± 50 ms     1.97 s      1 or 2
+                                 2.07 s      2
+
+The value at a time is known once no later sample can be valid until then.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Final, NamedTuple
+
+from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
+from dyknow_federation.clocks import BEGINNING
+from dyknow_federation.events import RemoteSample
+
+Fields = Mapping[str, Value]
+
+TOO_CLOSE: Final = (
+    f'more than {MAX_ALTERNATIVES} samples may be valid at one time, as {{}}; share it at most '
+    "once in some time with 'every'"
+)
+"""Why values are not known; with the difference of the clocks."""
+
+
+class _Dated(NamedTuple):
+    """A sample, with the bounds of its valid time."""
+
+    earliest: int
+    latest: int
+    fields: Fields
+
+
+class PossibleValues:
+    """The values of one stream."""
+
+    def __init__(self) -> None:
+        self.settled = BEGINNING
+        """No later sample is valid until this time."""
+        self._told = BEGINNING
+        self._values: Fields | None = None
+        # The one that is valid for certain, if any is, and those that may be.
+        self._samples: deque[_Dated] = deque()
+
+    @property
+    def held(self) -> int:
+        """The number of samples that are kept."""
+        return len(self._samples)
+
+    def put(self, sample: RemoteSample) -> bool:
+        """Take a sample; those of a stream come in the order of their true valid times.
+
+        Return False if too many may be valid at one time: then values are unknown until the last
+        one is certain.
+        """
+        earliest = max(sample.earliest, self.settled + 1)
+        self._samples.append(_Dated(earliest, max(earliest, sample.latest), sample.fields))
+        self.settled = earliest
+        is_known = len(self._samples) <= MAX_ALTERNATIVES
+        if not is_known:
+            self._samples, self._values = deque([self._samples[-1]]), None
+        return is_known
+
+    def promise(self, time: int) -> None:
+        """Note that all later samples are certainly valid after a time."""
+        self.settled = max(self.settled, time)
+
+    def lose(self) -> None:
+        """Note that samples are lost between the last one and the next one."""
+        self._samples.clear()
+        self._values = None
+
+    def take(self, reason: str) -> Iterator[tuple[int, Fields]]:
+        """Yield the values that have become known, each with the own time since which it holds.
+
+        Args:
+            reason: why several values are possible at a time.
+        """
+        told, self._told = self._told, self.settled
+        bounds = ((each.earliest, each.latest) for each in self._samples)
+        times = {time for pair in bounds for time in pair if told < time <= self.settled}
+        for time in sorted(times):
+            begun = [each for each in self._samples if each.earliest <= time]
+            certain = [number for number, each in enumerate(begun) if each.latest <= time]
+            if not certain:
+                continue
+            for _ in range(certain[-1]):
+                self._samples.popleft()
+            possible = [each.fields for each in begun[certain[-1] :]]
+            values = {
+                name: Alternatives.of((each[name] for each in possible), reason)
+                for name in possible[0]
+            }
+            if values != self._values or begun[-1].earliest == time:
+                yield time, values
+            self._values = values
