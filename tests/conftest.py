@@ -66,6 +66,7 @@ SCHEDULE = (
     ('test_quick_start',),
     ('test_robot_file',),
     ('test_up',),
+    ('test_up_configuration',),
     ('test_policies_in_use',),
     ('test_many_engines',),
     ('test_stream_conflicts',),
@@ -89,6 +90,7 @@ OF_INDEPENDENT_TESTS = {
     'test_stopping',
     'test_stream_conflicts',
     'test_up',
+    'test_up_configuration',
 }
 """Modules whose tests share nothing: each test is a unit."""
 

@@ -1,73 +1,18 @@
-"""The command `dyknow up`: what it restarts, and what it shows on the terminal."""
+"""The command `dyknow up`: the processes that it starts again, and the end of all of them."""
 
 from __future__ import annotations
 
-import json
 import os
 import signal
-import subprocess
-import threading
-import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
-from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
-from rcl_interfaces.srv import GetParameters
-from std_msgs.msg import Float64
 
-from commands import command, output_of, running, started
-from dyknow_common.ros import LATCHED
-from system import LIMIT, Client, private_environment
-from test_rover import EXAMPLES, Rover
+from commands import command, output_of, started
+from system import LIMIT, private_environment
+from terminals import ROVER, Terminal, faulty, up
+from test_rover import Rover
 from test_stopping import members, wait_for
-
-ROVER = [
-    '--ontology', str(EXAMPLES / 'rover.owl'), '--annotations', str(EXAMPLES / 'rover.ssl'),
-    '--streams', str(EXAMPLES / 'rover.streams'),
-]  # fmt: skip
-
-
-class Terminal:
-    """The output of a running process."""
-
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self._process = process
-        self._lines: list[str] = []
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
-
-    @property
-    def text(self) -> str:
-        return ''.join(self._lines)
-
-    def send_signal(self, number: signal.Signals) -> None:
-        """Signal the process."""
-        self._process.send_signal(number)
-
-    def join(self) -> None:
-        """Wait for the end of the output."""
-        self._thread.join(LIMIT)
-
-    def wait_for(self, text: str) -> None:
-        end = time.monotonic() + LIMIT
-        while text not in self.text:
-            assert time.monotonic() < end, f'no {text!r} in: {self.text}'
-            time.sleep(0.05)
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        self._lines.extend(self._process.stdout)
-
-
-@contextmanager
-def up(environment: dict[str, str], *options: str) -> Iterator[Terminal]:
-    """Run `dyknow up` with a terminal."""
-    with running(command('dyknow', 'up', *options), environment) as process:
-        yield Terminal(process)
 
 
 def node(environment: dict[str, str], executable: str) -> int:
@@ -118,152 +63,20 @@ def test_without_respawn_the_end_of_a_process_ends_the_system() -> None:
     assert not members(environment['ROS_DOMAIN_ID'])
 
 
-def faulty(folder: Path, name: str, text: str) -> list[str]:
-    """Return the option for a file of the rover with some text added."""
-    file = folder / f'faulty.{name}'
-    file.write_text((EXAMPLES / f'rover.{name}').read_text(encoding='utf-8') + text)
-    return ['--annotations' if name == 'ssl' else '--streams', str(file)]
-
-
-def test_faults_of_the_configuration_are_shown(tmp_path: Path) -> None:
-    annotations = """
-        stream "/rover1/x" contains Sped[rover1] = speed;
-        stream "/rover1/y" contains Speed[rover7] = speed;
-        stream "/rover1/z" contains Speed[rover1] = speed [apples];
-        """
-    streams = """;
-        compunit nothing: float invented((x: float));
-        stream broken = invented(select speed as x from rover1_speed);
-        sink broken;
-        stream narrow = select breadth as x from rover1_speed;
-        sink narrow
-        """
-    options = [*faulty(tmp_path, 'ssl', annotations), *faulty(tmp_path, 'streams', streams)]
-    environment = private_environment()
-    with up(environment, '--namespace', 'robot1', *ROVER[:2], *options) as terminal:
-        terminal.wait_for('DyKnow runs in /robot1: ')
-        terminal.wait_for("ERROR stream_manager: stream 'broken' is not made: ")
-        terminal.wait_for("there is no computational unit 'invented'")
-        terminal.wait_for("stream 'rover1_speed' has no field 'breadth'")
-        for text in ("'Sped'", "'rover7'", 'apples'):
-            terminal.wait_for(text)
-        assert 'ERROR stream_semantics_manager: ' in terminal.text
-        assert '2 annotations, 3 refused, 1 stream, 2 refused' in terminal.text
-        assert '\x1b[' not in terminal.text, 'colour only on a terminal'
-        assert terminal.text.count("no object: unknown instance 'rover7'") == 1, terminal.text
-
-
-def test_no_temporary_folder_is_left(tmp_path: Path) -> None:
-    environment = {**private_environment(), 'TMPDIR': str(tmp_path)}
-    with up(environment, str(EXAMPLES / 'rover.yaml')) as terminal:
-        terminal.wait_for(f'logs are in {tmp_path}/dyknow_')
-        assert list(tmp_path.iterdir())
-        terminal.send_signal(signal.SIGINT)
-        terminal.join()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_logs_of_an_error_are_left(tmp_path: Path) -> None:
-    environment = {**private_environment(), 'TMPDIR': str(tmp_path)}
-    done = output_of(command('dyknow', 'up', '--reasoner', 'guess'), environment)
-    assert done.returncode == 2
-    (logs,) = tmp_path.iterdir()
-    assert done.stderr.endswith(f'logs are in {logs}\n')
-    assert 'unknown reasoner' in (logs / 'dyknow_nodes.log').read_text(encoding='utf-8')
-
-
-def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
-    """Another monitor of the same formulas shows what this one finds."""
-    robot = tmp_path / 'robot.yaml'
-    formula = '\'always "/level".data < 5\''
-    robot.write_text(f'formulas: [{{name: calm, severity: error, formula: {formula}}}]')
-    environment = private_environment()
-    levels = [3.0]
-    reports: list[Any] = []
-    with (
-        up(environment, str(robot)) as terminal,
-        closing(Client(environment)) as client,
-        ThreadPoolExecutor() as threads,
-    ):
-        node = client.node
-        topic = 'stream_reasoning_coordinator/evaluations'
-        node.create_subscription(EvaluationStatusArray, topic, reports.append, LATCHED)
-        publisher = node.create_publisher(Float64, '/level', 10)
-        node.create_timer(0.1, lambda: publisher.publish(Float64(data=levels[-1])))
-        client.spin_until(lambda: bool(reports and reports[-1].evaluations), 'an evaluation')
-        line = command('dyknow', 'monitor', str(robot), '--json')
-        other = threads.submit(output_of, line, environment)
-        client.spin_until(
-            lambda: any(each.startswith('dyknow_monitor_') for each in node.get_node_names()),
-            'the other monitor',
-        )
-        levels.append(7.0)
-        alarm = 'ERROR formula_monitor: calm: false at '
-        client.spin_until(
-            lambda: alarm in terminal.text, 'the alarm', instead=lambda: terminal.text
-        )
-        client.spin_until(other.done, 'the end of the other monitor')
-        done = other.result()
-        assert 'as formula_monitor monitors them' in done.stderr
-        outcomes = [json.loads(each)['outcome'] for each in done.stdout.splitlines()]
-        assert (done.returncode, outcomes[-1]) == (1, 'false')
-        # One that a busy machine has ended is begun anew.
-        open_at_once = [
-            sum(each.phase != EvaluationStatus.ENDED for each in report.evaluations)
-            for report in reports
-        ]
-        assert max(open_at_once) == 1
-
-
-def test_parameters_and_engines(tmp_path: Path) -> None:
-    """A parameter file takes precedence over the robot's parameters."""
-    parameters, robot = tmp_path / 'parameters.yaml', tmp_path / 'robot.yaml'
-    parameters.write_text('/**:\n  ros__parameters: {hang_limit: 33.0, silence_limit: 7.0}\n')
-    robot.write_text('nodes:\n  stream_reasoning_coordinator: {silence_limit: 10.0}\n')
-    environment = private_environment()
-    options = [str(robot), '--params-file', str(parameters), '--engines', '2']
-    with up(environment, *options) as terminal, closing(Client(environment)) as client:
-        terminal.wait_for('DyKnow runs in /: no ontology, annotation or stream is loaded')
-
-        def value(node: str, name: str) -> float:
-            answer = client.call(GetParameters, f'{node}/get_parameters', names=[name])
-            return float(answer.values[0].double_value)
-
-        for node in ('stream_manager', 'stream_processing_engine', 'stream_processing_engine_2'):
-            assert value(node, 'hang_limit') == 33.0
-        assert value('stream_reasoning_coordinator', 'silence_limit') == 7.0
-
-
-def syntax_error(folder: Path) -> list[str]:
-    return faulty(folder, 'ssl', 'stream "/rover1/x" contains;')
-
-
 @pytest.mark.parametrize(
-    ('options', 'message'),
+    ('composition', 'message'),
     [
-        (syntax_error, 'dyknow_nodes cannot start:\nstream_semantics_manager: /'),
-        (
-            lambda folder: ['--processes', *syntax_error(folder)],
-            'stream_semantics_manager cannot start:\n/',
-        ),
-        (lambda _: ['--streams', 'nope.streams'], 'streams: there is no file /'),
-        (
-            lambda _: ['--reasoner', 'guess'],
-            "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'",
-        ),
-        (lambda _: ['--namespace', 'a b'], 'must not contain characters'),
-        (lambda _: ['--params-file', 'nope.yaml'], 'params_file: there is no file /'),
-        (
-            lambda _: ['--engines', '33'],
-            '33 is no number of stream processing engines; ',
-        ),
+        ((), 'dyknow_nodes cannot start:\nstream_semantics_manager: /'),
+        (('--processes',), 'stream_semantics_manager cannot start:\n/'),
     ],
+    ids=['one_process', 'processes'],
 )
 def test_a_wrong_configuration_ends_the_command(
-    tmp_path: Path, options: Callable[[Path], list[str]], message: str
+    tmp_path: Path, composition: tuple[str, ...], message: str
 ) -> None:
     environment = private_environment()
-    done = output_of(command('dyknow', 'up', *options(tmp_path)), environment)
+    options = [*composition, *faulty(tmp_path, 'ssl', 'stream "/rover1/x" contains;')]
+    done = output_of(command('dyknow', 'up', *options), environment)
     assert done.returncode == 2, done.stderr
     assert message in done.stderr
     assert 'started again' not in done.stderr
