@@ -2,7 +2,7 @@
 
 An executable imports for half a second of processor time before it works, and the tests start
 hundreds of them. `ForkingPopen`, in the place of `subprocess.Popen`, starts them in another way.
-Only their command line and environment in /proc differ:
+Only their command line and environment in /proc differ, not their names:
 
     test process      sends command line, environment, stdin, stdout and stderr to the server
     server            has imported the modules of all executables, and forks
@@ -57,6 +57,7 @@ LEAST_MEMORY = 512 << 20
 """The least limit of a worker that is forked: the default. Tests of the limit have smaller ones."""
 
 MAX_REQUEST = 200_000
+PR_SET_NAME = 15
 PR_SET_CHILD_SUBREAPER = 36
 
 
@@ -217,8 +218,10 @@ def become(request: Mapping[str, Any], streams: list[int], connection: socket.so
     os.environ.clear()
     os.environ.update(request['environment'])
     sys.argv = request['command']
-    if Path(sys.argv[0]).name in STARTING and serve_beside():
+    executable = Path(sys.argv[0]).name
+    if executable in STARTING and serve_beside():
         return
+    ctypes.CDLL(None).prctl(PR_SET_NAME, executable.encode())
     for name, number, mode in (('stdin', 0, 'r'), ('stdout', 1, 'w'), ('stderr', 2, 'w')):
         buffering = 1 if name == 'stderr' or os.isatty(number) else -1
         stream = open(number, mode, buffering, encoding='utf-8', closefd=False)  # noqa: SIM115

@@ -19,6 +19,9 @@ ROVER = [
     '--streams', str(EXAMPLES / 'rover.streams'),
 ]  # fmt: skip
 
+COMMAND_LENGTH = 15
+"""The characters of the name of a process; Linux cuts longer ones."""
+
 
 class Terminal:
     """The output of a running process."""
@@ -36,6 +39,15 @@ class Terminal:
     def send_signal(self, number: signal.Signals) -> None:
         """Signal the process."""
         self._process.send_signal(number)
+
+    def child(self, executable: str) -> int:
+        """Return a process that the process has started, by its executable."""
+        name = executable[:COMMAND_LENGTH]
+        for tasks in Path(f'/proc/{self._process.pid}/task').glob('*/children'):
+            for child in tasks.read_text(encoding='utf-8').split():
+                if Path(f'/proc/{child}/comm').read_text(encoding='utf-8').strip() == name:
+                    return int(child)
+        raise AssertionError(f'{executable} does not run')
 
     def join(self) -> None:
         """Wait for the end of the output."""

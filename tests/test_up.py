@@ -1,29 +1,25 @@
-"""The command `dyknow up`: the processes that it starts again, and the end of all of them."""
+"""The command `dyknow up`: what it loads, shows, refuses and starts again."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import pytest
+from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
+from rcl_interfaces.srv import GetParameters
+from std_msgs.msg import Float64
 
-from commands import command, output_of, started
-from system import LIMIT, private_environment
-from terminals import ROVER, Terminal, faulty, up
-from test_rover import Rover
-from test_stopping import members, wait_for
-
-
-def node(environment: dict[str, str], executable: str) -> int:
-    """Return the process of a node."""
-    for pid in members(environment['ROS_DOMAIN_ID']):
-        if (
-            f'/{executable}'.encode()
-            in Path(f'/proc/{pid}/cmdline').read_bytes().split(b'--ros')[0]
-        ):
-            return pid
-    raise AssertionError(f'{executable} does not run')
+from commands import command, output_of
+from dyknow_common.ros import LATCHED
+from system import Client, private_environment
+from terminals import ROVER, faulty, up
+from test_rover import EXAMPLES, Rover
 
 
 @pytest.mark.parametrize(
@@ -38,7 +34,7 @@ def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
     with up(environment, *ROVER, *composition) as terminal:
         terminal.wait_for('DyKnow runs in /: 1 ontology (3 concepts, 2 features, 1 object), ')
         terminal.wait_for('2 annotations, 0 refused, 1 stream, 0 refused; logs are in ')
-        os.kill(node(environment, killed), signal.SIGKILL)
+        os.kill(terminal.child(killed), signal.SIGKILL)
         terminal.wait_for(f'{killed} was killed by SIGKILL; it will be started again')
         terminal.wait_for(f'{killed} was started again')
         rover = Rover(environment)
@@ -51,34 +47,129 @@ def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
     assert outcomes[-1][0] == 0, outcomes
 
 
-def test_without_respawn_the_end_of_a_process_ends_the_system() -> None:
+def test_faults_of_the_configuration_are_shown(tmp_path: Path) -> None:
+    annotations = """
+        stream "/rover1/x" contains Sped[rover1] = speed;
+        stream "/rover1/y" contains Speed[rover7] = speed;
+        stream "/rover1/z" contains Speed[rover1] = speed [apples];
+        """
+    streams = """;
+        compunit nothing: float invented((x: float));
+        stream broken = invented(select speed as x from rover1_speed);
+        sink broken;
+        stream narrow = select breadth as x from rover1_speed;
+        sink narrow
+        """
+    options = [*faulty(tmp_path, 'ssl', annotations), *faulty(tmp_path, 'streams', streams)]
     environment = private_environment()
-    with started(command('dyknow', 'up', '--no-respawn'), environment) as process:
-        terminal = Terminal(process)
-        terminal.wait_for('DyKnow runs in /')
-        os.kill(node(environment, 'dyknow_nodes'), signal.SIGKILL)
-        assert process.wait(LIMIT) == 2
-        terminal.wait_for('dyknow: dyknow_nodes was killed by SIGKILL')
+    with up(environment, '--namespace', 'robot1', *ROVER[:2], *options) as terminal:
+        terminal.wait_for('DyKnow runs in /robot1: ')
+        terminal.wait_for("ERROR stream_manager: stream 'broken' is not made: ")
+        terminal.wait_for("there is no computational unit 'invented'")
+        terminal.wait_for("stream 'rover1_speed' has no field 'breadth'")
+        for text in ("'Sped'", "'rover7'", 'apples'):
+            terminal.wait_for(text)
+        assert 'ERROR stream_semantics_manager: ' in terminal.text
+        assert '2 annotations, 3 refused, 1 stream, 2 refused' in terminal.text
+        assert '\x1b[' not in terminal.text, 'colour only on a terminal'
+        assert terminal.text.count("no object: unknown instance 'rover7'") == 1, terminal.text
+
+
+def test_no_temporary_folder_is_left(tmp_path: Path) -> None:
+    environment = {**private_environment(), 'TMPDIR': str(tmp_path)}
+    with up(environment, str(EXAMPLES / 'rover.yaml')) as terminal:
+        terminal.wait_for(f'logs are in {tmp_path}/dyknow_')
+        assert list(tmp_path.iterdir())
+        terminal.send_signal(signal.SIGINT)
         terminal.join()
-    assert not members(environment['ROS_DOMAIN_ID'])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_logs_of_an_error_are_left(tmp_path: Path) -> None:
+    environment = {**private_environment(), 'TMPDIR': str(tmp_path)}
+    done = output_of(command('dyknow', 'up', '--reasoner', 'guess'), environment)
+    assert done.returncode == 2
+    (logs,) = tmp_path.iterdir()
+    assert "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'" in done.stderr
+    assert done.stderr.endswith(f'logs are in {logs}\n')
+    assert 'started again' not in done.stderr
+    assert 'Traceback' not in done.stderr
+    assert 'unknown reasoner' in (logs / 'dyknow_nodes.log').read_text(encoding='utf-8')
+
+
+def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
+    """Another monitor of the same formulas shows what this one finds."""
+    robot = tmp_path / 'robot.yaml'
+    formula = '\'always "/level".data < 5\''
+    robot.write_text(f'formulas: [{{name: calm, severity: error, formula: {formula}}}]')
+    environment = private_environment()
+    levels = [3.0]
+    reports: list[Any] = []
+    with (
+        up(environment, str(robot)) as terminal,
+        closing(Client(environment)) as client,
+        ThreadPoolExecutor() as threads,
+    ):
+        node = client.node
+        topic = 'stream_reasoning_coordinator/evaluations'
+        node.create_subscription(EvaluationStatusArray, topic, reports.append, LATCHED)
+        publisher = node.create_publisher(Float64, '/level', 10)
+        node.create_timer(0.1, lambda: publisher.publish(Float64(data=levels[-1])))
+        client.spin_until(lambda: bool(reports and reports[-1].evaluations), 'an evaluation')
+        line = command('dyknow', 'monitor', str(robot), '--json')
+        other = threads.submit(output_of, line, environment)
+        client.spin_until(
+            lambda: any(each.startswith('dyknow_monitor_') for each in node.get_node_names()),
+            'the other monitor',
+        )
+        levels.append(7.0)
+        alarm = 'ERROR formula_monitor: calm: false at '
+        client.spin_until(
+            lambda: alarm in terminal.text, 'the alarm', instead=lambda: terminal.text
+        )
+        client.spin_until(other.done, 'the end of the other monitor')
+        done = other.result()
+        assert 'as formula_monitor monitors them' in done.stderr
+        outcomes = [json.loads(each)['outcome'] for each in done.stdout.splitlines()]
+        assert (done.returncode, outcomes[-1]) == (1, 'false')
+        # One that a busy machine has ended is begun anew.
+        open_at_once = [
+            sum(each.phase != EvaluationStatus.ENDED for each in report.evaluations)
+            for report in reports
+        ]
+        assert max(open_at_once) == 1
+
+
+def test_parameters_and_engines(tmp_path: Path) -> None:
+    """A parameter file takes precedence over the robot's parameters."""
+    parameters, robot = tmp_path / 'parameters.yaml', tmp_path / 'robot.yaml'
+    parameters.write_text('/**:\n  ros__parameters: {hang_limit: 33.0, silence_limit: 7.0}\n')
+    robot.write_text('nodes:\n  stream_reasoning_coordinator: {silence_limit: 10.0}\n')
+    environment = private_environment()
+    options = [str(robot), '--params-file', str(parameters), '--engines', '2']
+    with up(environment, *options) as terminal, closing(Client(environment)) as client:
+        terminal.wait_for('DyKnow runs in /: no ontology, annotation or stream is loaded')
+
+        def value(node: str, name: str) -> float:
+            answer = client.call(GetParameters, f'{node}/get_parameters', names=[name])
+            return float(answer.values[0].double_value)
+
+        for node in ('stream_manager', 'stream_processing_engine', 'stream_processing_engine_2'):
+            assert value(node, 'hang_limit') == 33.0
+        assert value('stream_reasoning_coordinator', 'silence_limit') == 7.0
 
 
 @pytest.mark.parametrize(
-    ('composition', 'message'),
+    ('options', 'message'),
     [
-        ((), 'dyknow_nodes cannot start:\nstream_semantics_manager: /'),
-        (('--processes',), 'stream_semantics_manager cannot start:\n/'),
+        (['--streams', 'nope.streams'], 'streams: there is no file /'),
+        (['--namespace', 'a b'], 'must not contain characters'),
+        (['--params-file', 'nope.yaml'], 'params_file: there is no file /'),
+        (['--engines', '33'], '33 is no number of stream processing engines; '),
     ],
-    ids=['one_process', 'processes'],
 )
-def test_a_wrong_configuration_ends_the_command(
-    tmp_path: Path, composition: tuple[str, ...], message: str
-) -> None:
-    environment = private_environment()
-    options = [*composition, *faulty(tmp_path, 'ssl', 'stream "/rover1/x" contains;')]
-    done = output_of(command('dyknow', 'up', *options), environment)
+def test_a_wrong_option_is_refused(options: list[str], message: str) -> None:
+    done = output_of(command('dyknow', 'up', *options), private_environment())
     assert done.returncode == 2, done.stderr
     assert message in done.stderr
-    assert 'started again' not in done.stderr
     assert 'Traceback' not in done.stderr
-    wait_for(lambda: not members(environment['ROS_DOMAIN_ID']), 'the end of all nodes')
