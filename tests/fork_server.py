@@ -36,6 +36,8 @@ from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any, Self
 
+from dyknow_command.verbs import VERBS
+
 ROOT = Path(__file__).parent.parent
 
 READ_AT_START = ('PYTHON', 'LD_', 'LC_', 'LANG')
@@ -52,6 +54,9 @@ STARTING = {'dyknow', 'dyknow_nodes', 'ontology_manager', 'uav_demo', 'uav_plan'
 
 WORKER = [sys.executable, '-P', '-m', 'dyknow_common.worker_program']
 """The command line of a worker process; the bytes of memory that it may use follow."""
+
+LATE = ('dyknow_common.ros', WORKER[-1], 'owlready2.sparql.main')
+"""Modules that executables import when they need them; the last one takes 0.1 s for its tables."""
 
 LEAST_MEMORY = 512 << 20
 """The least limit of a worker that is forked: the default. Tests of the limit have smaller ones."""
@@ -175,10 +180,12 @@ def connected() -> tuple[socket.socket, socket.socket]:
 def import_all() -> None:
     """Import the modules of all executables, for which `subprocess.Popen` forks too."""
     subprocess.Popen = ForkingPopen  # type: ignore[misc]
-    for package in PACKAGES:
-        for script in distribution(package).entry_points.select(group='console_scripts'):
-            importlib.import_module(script.module)
-    for module in ('dyknow_common.ros', WORKER[-1]):
+    modules = {
+        script.module
+        for package in PACKAGES
+        for script in distribution(package).entry_points.select(group='console_scripts')
+    }
+    for module in (*modules, *(verb.module for verb in VERBS.values()), *LATE):
         importlib.import_module(module)
     gc.collect()
     gc.freeze()  # Collections would copy the memory of what is imported.

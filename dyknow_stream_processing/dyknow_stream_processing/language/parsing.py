@@ -20,6 +20,7 @@ from dyknow_common import (
     TextPosition,
     ValueType,
     builder,
+    cached_by_text,
     comparison_value,
     distinct_settings,
     duration_value,
@@ -39,6 +40,7 @@ from dyknow_stream_processing.language.specification import (
 )
 
 
+@cached_by_text
 def parse_specification(text: str) -> Specification:
     """Return the abstract syntax of a stream specification.
 
