@@ -18,7 +18,7 @@ RANDOM_CASES ?= 100000
 REFERENCE_TESTS ?= dyknow_reasoning/test dyknow_reactions/test/test_gate.py \
   dyknow_common/test/test_field_paths.py dyknow_recordings/test/test_computed_columns.py \
   dyknow_stream_processing/test/test_aggregates.py dyknow_stream_processing/test/test_unit_conversion.py \
-  tests/test_computed_fields.py
+  tests/test_computed_fields.py tests/test_fuzzed_languages.py
 
 .PHONY: help setup setup-tests build demo test test-long test-packages test-wheel check docs clean
 

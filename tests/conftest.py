@@ -66,6 +66,7 @@ SCHEDULE = (
     ('test_quick_start',),
     ('test_robot_file',),
     ('test_up',),
+    ('test_up_ends',),
     ('test_policies_in_use',),
     ('test_many_engines',),
     ('test_stream_conflicts',),
@@ -89,6 +90,7 @@ OF_INDEPENDENT_TESTS = {
     'test_stopping',
     'test_stream_conflicts',
     'test_up',
+    'test_up_ends',
 }
 """Modules whose tests share nothing: each test is a unit."""
 
@@ -104,7 +106,13 @@ IN_PROCESSES = {
 }
 """Modules that stop or kill single nodes. For the others, one process has all nodes."""
 
-OF_PROCESSES = {'test_exit_codes', 'test_launch_files', 'test_stopping', 'test_up', 'test_watchdog'}
+OF_PROCESSES = {
+    'test_exit_codes',
+    'test_launch_files',
+    'test_stopping',
+    'test_up_ends',
+    'test_watchdog',
+}
 """Modules about the start and the end of processes, or that find them by /proc: none is forked."""
 
 SHARED_SYSTEM = pytest.StashKey[SharedSystem]()

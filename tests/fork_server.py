@@ -2,24 +2,28 @@
 
 An executable imports for half a second of processor time before it works, and the tests start
 hundreds of them. `ForkingPopen`, in the place of `subprocess.Popen`, starts them in another way.
-Only their command line and environment in /proc differ:
+Only their command line and environment in /proc differ, not their names:
 
     test process      sends command line, environment, stdin, stdout and stderr to the server
     server            has imported the modules of all executables, and forks
       helper          forks, and ends: its child becomes one of the test process, a subreaper
         executable    runs the installed script, as Python would
 
-Other programs are started as ever, and so are executables with an option that a fork cannot have.
+An executable that starts others, such as `dyknow up`, or worker processes has a server of its own,
+which is forked before it has threads. Other programs are started as ever, and so are executables
+with an option that a fork cannot have.
 """
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import gc
 import importlib
 import inspect
 import json
 import os
+import resource
 import runpy
 import signal
 import socket
@@ -27,11 +31,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Mapping, Sequence
 from importlib.metadata import distribution
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
+
+from dyknow_command.verbs import VERBS
 
 ROOT = Path(__file__).parent.parent
 
@@ -44,7 +49,20 @@ FORKABLE = {
 }  # fmt: skip
 """The options that a process may not have, with their defaults."""
 
+STARTING = {'dyknow', 'dyknow_nodes', 'ontology_manager', 'uav_demo', 'uav_plan'}
+"""The executables that start processes."""
+
+WORKER = [sys.executable, '-P', '-m', 'dyknow_common.worker_program']
+"""The command line of a worker process; the bytes of memory that it may use follow."""
+
+LATE = ('dyknow_common.ros', WORKER[-1], 'owlready2.sparql.main')
+"""Modules that executables import when they need them; the last one takes 0.1 s for its tables."""
+
+LEAST_MEMORY = 512 << 20
+"""The least limit of a worker that is forked: the default. Tests of the limit have smaller ones."""
+
 MAX_REQUEST = 200_000
+PR_SET_NAME = 15
 PR_SET_CHILD_SUBREAPER = 36
 
 
@@ -52,6 +70,7 @@ class ForkingPopen(subprocess.Popen):  # type: ignore[type-arg]
     """A process, forked from the server if it is one of our executables."""
 
     is_enabled = False
+    server: Server | None = None
 
     def _execute_child(self, *arguments: Any) -> None:
         names = list(inspect.signature(super()._execute_child).parameters)  # type: ignore[misc]
@@ -61,7 +80,9 @@ class ForkingPopen(subprocess.Popen):  # type: ignore[type-arg]
             return
         ends = [given[name] for name in ('p2cread', 'c2pwrite', 'errwrite')]
         streams = [default if end == -1 else end for default, end in enumerate(ends)]
-        self.pid = server().fork(given, streams)
+        if ForkingPopen.server is None:
+            ForkingPopen.server = Server.start()
+        self.pid = ForkingPopen.server.fork(given, streams)
         self._child_created = True
         pipes = ('p2cread', 'p2cwrite', 'c2pread', 'c2pwrite', 'errread', 'errwrite')
         self._close_pipe_fds(*(given[name] for name in pipes))  # type: ignore[attr-defined]
@@ -73,7 +94,7 @@ def is_forkable(given: Mapping[str, Any]) -> bool:
     return (
         isinstance(command, list | tuple)
         and given['executable'] in {None, command[0]}
-        and is_executable(command[0])
+        and (is_executable(command[0]) or is_worker(command))
         and all(given[name] == default for name, default in FORKABLE.items())
         and read_at_start(environment) == read_at_start(os.environ)
     )
@@ -83,6 +104,12 @@ def is_executable(path: object) -> bool:
     """Return True for the installed script of an executable of ours."""
     script = Path(str(path))
     return script.parent in FOLDERS and script.is_file()
+
+
+def is_worker(command: Sequence[object]) -> bool:
+    """Return True for the command line of a worker process that has memory enough for a fork."""
+    program, limits = command[: len(WORKER)], command[len(WORKER) :]
+    return program == WORKER and all(int(str(each)) >= LEAST_MEMORY for each in limits)
 
 
 def read_at_start(environment: Mapping[str, str]) -> dict[str, str]:
@@ -100,25 +127,25 @@ FOLDERS = {
 """The folders of the installed scripts."""
 
 
-@cache
-def server() -> Server:
-    """Return the server of this process, started at the first call."""
-    return Server()
-
-
 class Server:
-    """The process that forks, as the test process sees it."""
+    """A process that forks, as the process sees it whose children are made."""
 
-    def __init__(self) -> None:
-        self._connection, end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MAX_REQUEST)
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection = connection
         self._lock = threading.Lock()
-        descriptor = str(end.fileno())
-        command = [sys.executable, __file__, descriptor]
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @classmethod
+    def start(cls) -> Self:
+        """Start the server of the test process."""
+        connection, end = connected()
         # Tests find the processes of a domain by this variable.
         environment = {k: v for k, v in os.environ.items() if k != 'ROS_DOMAIN_ID'}
-        self._process = subprocess.Popen(command, pass_fds=[end.fileno()], env=environment)
+        command = [sys.executable, __file__, str(end.fileno())]
+        server = cls(connection)
+        server._process = subprocess.Popen(command, pass_fds=[end.fileno()], env=environment)
         end.close()
+        return server
 
     def fork(self, given: Mapping[str, Any], streams: list[int]) -> int:
         """Start an executable, given the options of Popen, and return its process id."""
@@ -143,15 +170,30 @@ class Server:
         return int(answer)
 
 
-def serve(connection: socket.socket) -> None:
-    """Fork processes until the test process ends; return in each of them."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for package in PACKAGES:
-        for script in distribution(package).entry_points.select(group='console_scripts'):
-            importlib.import_module(script.module)
-    importlib.import_module('dyknow_common.ros')
+def connected() -> tuple[socket.socket, socket.socket]:
+    """Return the end of a process and the end of its server."""
+    ours, end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MAX_REQUEST)
+    return ours, end
+
+
+def import_all() -> None:
+    """Import the modules of all executables, for which `subprocess.Popen` forks too."""
+    subprocess.Popen = ForkingPopen  # type: ignore[misc]
+    modules = {
+        script.module
+        for package in PACKAGES
+        for script in distribution(package).entry_points.select(group='console_scripts')
+    }
+    for module in (*modules, *(verb.module for verb in VERBS.values()), *LATE):
+        importlib.import_module(module)
     gc.collect()
     gc.freeze()  # Collections would copy the memory of what is imported.
+
+
+def serve(connection: socket.socket) -> None:
+    """Fork processes until the parent ends; return in each of them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     while True:
         message, streams, _, _ = socket.recv_fds(connection, MAX_REQUEST, 3)
         if not message:
@@ -176,12 +218,17 @@ def become(request: Mapping[str, Any], streams: list[int], connection: socket.so
     for number, descriptor in enumerate(streams):
         os.dup2(descriptor, number)
     connection.send(str(os.getpid()).encode())
+    connection.detach()
     os.closerange(3, 100)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.chdir(request['folder'])
     os.environ.clear()
     os.environ.update(request['environment'])
     sys.argv = request['command']
+    executable = Path(sys.argv[0]).name
+    if executable in STARTING and serve_beside():
+        return
+    ctypes.CDLL(None).prctl(PR_SET_NAME, executable.encode())
     for name, number, mode in (('stdin', 0, 'r'), ('stdout', 1, 'w'), ('stderr', 2, 'w')):
         buffering = 1 if name == 'stderr' or os.isatty(number) else -1
         stream = open(number, mode, buffering, encoding='utf-8', closefd=False)  # noqa: SIM115
@@ -189,6 +236,44 @@ def become(request: Mapping[str, Any], streams: list[int], connection: socket.so
         setattr(sys, f'__{name}__', stream)
 
 
+def serve_beside() -> bool:
+    """Fork a server for the children of this process; return True in each of them."""
+    ours, end = connected()
+    process = os.fork()
+    if process != 0:
+        end.close()
+        ForkingPopen.server, ForkingPopen.is_enabled = Server(ours), True
+        atexit.register(end_child, process)
+        return False
+    ours.close()
+    os.setsid()  # Signals are for the executable alone; the server ends with it.
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number in range(3):
+        os.dup2(nothing, number)
+    os.close(nothing)
+    serve(end)
+    return True
+
+
+def end_child(process: int) -> None:
+    """End a child, so that no process is left for whoever inherits the children of this one."""
+    os.kill(process, signal.SIGKILL)
+    os.waitpid(process, 0)
+
+
+def run() -> None:
+    """Run the program of a command line."""
+    if is_worker(sys.argv):
+        # A fork has memory already, which a fresh process would not have.
+        pages = int(Path('/proc/self/statm').read_text(encoding='utf-8').split()[0])
+        limits = [int(each) + pages * resource.getpagesize() for each in sys.argv[len(WORKER) :]]
+        sys.argv = [WORKER[-1], *map(str, limits)]
+        importlib.import_module(WORKER[-1]).main()
+    else:
+        runpy.run_path(sys.argv[0], run_name='__main__')
+
+
 if __name__ == '__main__':
+    import_all()
     serve(socket.socket(fileno=int(sys.argv[1])))
-    runpy.run_path(sys.argv[0], run_name='__main__')
+    run()

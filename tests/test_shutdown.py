@@ -5,11 +5,17 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from dyknow_interfaces.action import MonitorFormula
+from rclpy.action import ActionClient
 
 from commands import started
-from system import private_environment
+from dyknow_common.ros import SERVICE
+from system import LIMIT, System, private_environment
+
+ALWAYS = 'forall u in UAV: always Power[u] < 150'
 
 NODE = """
 import ctypes
@@ -51,3 +57,28 @@ def test_a_node_that_is_stuck_ends_all_the_same(callback: str, code: int, printe
             assert printed in process.stderr.read()
         finally:
             process.kill()
+
+
+def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path) -> None:
+    with System(tmp_path, composition=False) as system:
+        actions = ActionClient(
+            system.client.node,
+            MonitorFormula,
+            'stream_reasoning_coordinator/monitor_formula',
+            goal_service_qos_profile=SERVICE,
+        )
+        system.client.spin_until(actions.server_is_ready, 'the action')
+        goals = []
+        for _ in range(20):
+            system.ask(ALWAYS, timeout=60.0)
+            goals.append(actions.send_goal_async(MonitorFormula.Goal(formula=ALWAYS)))
+        system.client.spin_until(lambda: any(goal.done() for goal in goals), 'a goal is accepted')
+        for number in (signal.SIGINT, signal.SIGTERM):
+            for process in system.running.values():
+                process.send_signal(number)
+        codes = {name: process.wait(LIMIT) for name, process in system.running.items()}
+    assert set(codes.values()) == {0}, codes
+    for log in tmp_path.glob('*.log'):
+        text = log.read_text(encoding='utf-8')
+        assert 'Traceback' not in text, text
+        assert 'fault in DyKnow' not in text, text

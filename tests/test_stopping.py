@@ -12,25 +12,21 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from dyknow_interfaces.action import MonitorFormula
-from rclpy.action import ActionClient
 
 from commands import command, started
-from dyknow_common.ros import SERVICE
 from dyknow_configuration import PACKAGES
-from system import LIMIT, System, private_environment
+from system import LIMIT, POLL, private_environment
 
 MOMENTS = [each * 0.15 for each in range(11)]
 """Seconds after a process can handle signals: during its imports, its construction and its work."""
 
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
 
-
-def wait_for(condition: Callable[[], bool], description: str) -> None:
+def wait_for(condition: Callable[[], bool], description: str, pause: float = POLL) -> None:
+    """Wait for a condition; by default seldom, as a look at all processes takes long."""
     end = time.monotonic() + LIMIT
     while not condition():
         assert time.monotonic() < end, f'not within {LIMIT} s: {description}'
-        time.sleep(0.005)
+        time.sleep(pause)
 
 
 def handles(pid: int, number: signal.Signals) -> bool:
@@ -59,7 +55,7 @@ def stopped_at(
     """Stop a process some time after its start; return its exit code and its output."""
     with started(line, environment, start_new_session=True) as process:
         # Python itself handles SIGINT from its start, by an exception.
-        wait_for(lambda: handles(process.pid, signal.SIGTERM), 'the first line of the executable')
+        wait_for(lambda: handles(process.pid, signal.SIGTERM), 'its first line', pause=0.005)
         time.sleep(delay)
         for number in signals:
             process.send_signal(number)
@@ -105,31 +101,6 @@ def test_a_process_stops_at_any_moment(lines: list[list[str]], code: int) -> Non
         assert 'ignored' not in output, (case, output)
     domains = [environment['ROS_DOMAIN_ID'] for environment in environments]
     wait_for(lambda: not any(map(members, domains)), 'the end of all processes')
-
-
-def test_nodes_stop_while_formulas_are_grounded(tmp_path: Path) -> None:
-    with System(tmp_path, composition=False) as system:
-        actions = ActionClient(
-            system.client.node,
-            MonitorFormula,
-            'stream_reasoning_coordinator/monitor_formula',
-            goal_service_qos_profile=SERVICE,
-        )
-        system.client.spin_until(actions.server_is_ready, 'the action')
-        goals = []
-        for _ in range(20):
-            system.ask(ALWAYS, timeout=60.0)
-            goals.append(actions.send_goal_async(MonitorFormula.Goal(formula=ALWAYS)))
-        system.client.spin_until(lambda: any(goal.done() for goal in goals), 'a goal is accepted')
-        for number in (signal.SIGINT, signal.SIGTERM):
-            for process in system.running.values():
-                process.send_signal(number)
-        codes = {name: process.wait(LIMIT) for name, process in system.running.items()}
-    assert set(codes.values()) == {0}, codes
-    for log in tmp_path.glob('*.log'):
-        text = log.read_text(encoding='utf-8')
-        assert 'Traceback' not in text, text
-        assert 'fault in DyKnow' not in text, text
 
 
 @pytest.mark.parametrize(

@@ -156,16 +156,39 @@ class Robots:
 RIGHT = {'robot1': FormulaResult.TRUE, 'robot2': FormulaResult.FALSE}
 
 
+@contextmanager
+def busy_processes(number: int) -> Iterator[None]:
+    """Processes that compute all the time."""
+    command = [sys.executable, '-S', '-c', 'while True: pass']
+    running = [subprocess.Popen(command) for _ in range(number)]
+    try:
+        yield
+    finally:
+        for each in running:
+            each.kill()
+            each.wait()
+
+
 @pytest.fixture(scope='module')
 def two_robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robots]:
-    """Two robots that the tests of this module share."""
-    with Robots(tmp_path_factory.mktemp('robots')) as running:
+    """Two robots that the tests of this module share.
+
+    They start on a busy machine, where discovery delivers the services of a node piecemeal.
+    """
+    with ExitStack() as stack:
+        with busy_processes(2):
+            running = stack.enter_context(Robots(tmp_path_factory.mktemp('robots')))
+            running.wait_for_own_streams()
         yield running
 
 
 def test_each_robot_has_its_own_answers(two_robots: Robots) -> None:
-    two_robots.wait_for_own_streams()
     assert two_robots.verdicts() == RIGHT
+    for robot in SPEEDS:
+        made = two_robots.client.call(
+            ListStreams, f'/{robot}/stream_processing_engine/list_streams'
+        )
+        assert 'my_speed' in made.stream_names
     two_robots.wait_for_own_streams()
 
 
@@ -274,30 +297,3 @@ def test_an_engine_that_dies_concerns_its_own_robot(two_robots: Robots) -> None:
     two_robots.launcher.start(two_robots.processes[engine])
     two_robots.wait_for_own_streams()
     assert two_robots.verdicts() == RIGHT
-
-
-@contextmanager
-def busy_processes(number: int) -> Iterator[None]:
-    """Processes that compute all the time."""
-    command = [sys.executable, '-S', '-c', 'while True: pass']
-    running = [subprocess.Popen(command) for _ in range(number)]
-    try:
-        yield
-    finally:
-        for each in running:
-            each.kill()
-            each.wait()
-
-
-def test_robots_that_start_on_a_busy_machine(tmp_path: Path) -> None:
-    """Then discovery delivers the services of a node piecemeal."""
-    with ExitStack() as stack:
-        with busy_processes(2):
-            loaded = stack.enter_context(Robots(tmp_path))
-            loaded.wait_for_own_streams()
-        assert loaded.verdicts() == RIGHT
-        for robot in SPEEDS:
-            made = loaded.client.call(
-                ListStreams, f'/{robot}/stream_processing_engine/list_streams'
-            )
-            assert 'my_speed' in made.stream_names

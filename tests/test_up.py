@@ -1,16 +1,12 @@
-"""The command `dyknow up`: what it restarts, and what it shows on the terminal."""
+"""The command `dyknow up`: what it loads, shows, refuses and starts again."""
 
 from __future__ import annotations
 
 import json
 import os
 import signal
-import subprocess
-import threading
-import time
-from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,66 +15,11 @@ from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
 from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import Float64
 
-from commands import command, output_of, running, started
+from commands import command, output_of
 from dyknow_common.ros import LATCHED
-from system import LIMIT, Client, private_environment
+from system import Client, private_environment
+from terminals import ROVER, faulty, up
 from test_rover import EXAMPLES, Rover
-from test_stopping import members, wait_for
-
-ROVER = [
-    '--ontology', str(EXAMPLES / 'rover.owl'), '--annotations', str(EXAMPLES / 'rover.ssl'),
-    '--streams', str(EXAMPLES / 'rover.streams'),
-]  # fmt: skip
-
-
-class Terminal:
-    """The output of a running process."""
-
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        self._process = process
-        self._lines: list[str] = []
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
-
-    @property
-    def text(self) -> str:
-        return ''.join(self._lines)
-
-    def send_signal(self, number: signal.Signals) -> None:
-        """Signal the process."""
-        self._process.send_signal(number)
-
-    def join(self) -> None:
-        """Wait for the end of the output."""
-        self._thread.join(LIMIT)
-
-    def wait_for(self, text: str) -> None:
-        end = time.monotonic() + LIMIT
-        while text not in self.text:
-            assert time.monotonic() < end, f'no {text!r} in: {self.text}'
-            time.sleep(0.05)
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        self._lines.extend(self._process.stdout)
-
-
-@contextmanager
-def up(environment: dict[str, str], *options: str) -> Iterator[Terminal]:
-    """Run `dyknow up` with a terminal."""
-    with running(command('dyknow', 'up', *options), environment) as process:
-        yield Terminal(process)
-
-
-def node(environment: dict[str, str], executable: str) -> int:
-    """Return the process of a node."""
-    for pid in members(environment['ROS_DOMAIN_ID']):
-        if (
-            f'/{executable}'.encode()
-            in Path(f'/proc/{pid}/cmdline').read_bytes().split(b'--ros')[0]
-        ):
-            return pid
-    raise AssertionError(f'{executable} does not run')
 
 
 @pytest.mark.parametrize(
@@ -93,7 +34,7 @@ def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
     with up(environment, *ROVER, *composition) as terminal:
         terminal.wait_for('DyKnow runs in /: 1 ontology (3 concepts, 2 features, 1 object), ')
         terminal.wait_for('2 annotations, 0 refused, 1 stream, 0 refused; logs are in ')
-        os.kill(node(environment, killed), signal.SIGKILL)
+        os.kill(terminal.child(killed), signal.SIGKILL)
         terminal.wait_for(f'{killed} was killed by SIGKILL; it will be started again')
         terminal.wait_for(f'{killed} was started again')
         rover = Rover(environment)
@@ -104,25 +45,6 @@ def test_a_killed_process_is_restarted_and_formulas_are_evaluated(
         outcomes = [rover.run(line, environment) for _ in range(2)]
         rover.close()
     assert outcomes[-1][0] == 0, outcomes
-
-
-def test_without_respawn_the_end_of_a_process_ends_the_system() -> None:
-    environment = private_environment()
-    with started(command('dyknow', 'up', '--no-respawn'), environment) as process:
-        terminal = Terminal(process)
-        terminal.wait_for('DyKnow runs in /')
-        os.kill(node(environment, 'dyknow_nodes'), signal.SIGKILL)
-        assert process.wait(LIMIT) == 2
-        terminal.wait_for('dyknow: dyknow_nodes was killed by SIGKILL')
-        terminal.join()
-    assert not members(environment['ROS_DOMAIN_ID'])
-
-
-def faulty(folder: Path, name: str, text: str) -> list[str]:
-    """Return the option for a file of the rover with some text added."""
-    file = folder / f'faulty.{name}'
-    file.write_text((EXAMPLES / f'rover.{name}').read_text(encoding='utf-8') + text)
-    return ['--annotations' if name == 'ssl' else '--streams', str(file)]
 
 
 def test_faults_of_the_configuration_are_shown(tmp_path: Path) -> None:
@@ -168,7 +90,10 @@ def test_the_logs_of_an_error_are_left(tmp_path: Path) -> None:
     done = output_of(command('dyknow', 'up', '--reasoner', 'guess'), environment)
     assert done.returncode == 2
     (logs,) = tmp_path.iterdir()
+    assert "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'" in done.stderr
     assert done.stderr.endswith(f'logs are in {logs}\n')
+    assert 'started again' not in done.stderr
+    assert 'Traceback' not in done.stderr
     assert 'unknown reasoner' in (logs / 'dyknow_nodes.log').read_text(encoding='utf-8')
 
 
@@ -234,38 +159,17 @@ def test_parameters_and_engines(tmp_path: Path) -> None:
         assert value('stream_reasoning_coordinator', 'silence_limit') == 7.0
 
 
-def syntax_error(folder: Path) -> list[str]:
-    return faulty(folder, 'ssl', 'stream "/rover1/x" contains;')
-
-
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
-        (syntax_error, 'dyknow_nodes cannot start:\nstream_semantics_manager: /'),
-        (
-            lambda folder: ['--processes', *syntax_error(folder)],
-            'stream_semantics_manager cannot start:\n/',
-        ),
-        (lambda _: ['--streams', 'nope.streams'], 'streams: there is no file /'),
-        (
-            lambda _: ['--reasoner', 'guess'],
-            "dyknow_nodes cannot start:\nontology_manager: unknown reasoner 'guess'",
-        ),
-        (lambda _: ['--namespace', 'a b'], 'must not contain characters'),
-        (lambda _: ['--params-file', 'nope.yaml'], 'params_file: there is no file /'),
-        (
-            lambda _: ['--engines', '33'],
-            '33 is no number of stream processing engines; ',
-        ),
+        (['--streams', 'nope.streams'], 'streams: there is no file /'),
+        (['--namespace', 'a b'], 'must not contain characters'),
+        (['--params-file', 'nope.yaml'], 'params_file: there is no file /'),
+        (['--engines', '33'], '33 is no number of stream processing engines; '),
     ],
 )
-def test_a_wrong_configuration_ends_the_command(
-    tmp_path: Path, options: Callable[[Path], list[str]], message: str
-) -> None:
-    environment = private_environment()
-    done = output_of(command('dyknow', 'up', *options(tmp_path)), environment)
+def test_a_wrong_option_is_refused(options: list[str], message: str) -> None:
+    done = output_of(command('dyknow', 'up', *options), private_environment())
     assert done.returncode == 2, done.stderr
     assert message in done.stderr
-    assert 'started again' not in done.stderr
     assert 'Traceback' not in done.stderr
-    wait_for(lambda: not members(environment['ROS_DOMAIN_ID']), 'the end of all nodes')

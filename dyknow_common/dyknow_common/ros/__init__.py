@@ -16,7 +16,7 @@ from dyknow_common.ros.commands import (
     run_with_node,
     start_ros,
 )
-from dyknow_common.ros.deadlines import TICK_PERIOD_S
+from dyknow_common.ros.deadlines import REST_PERIOD_S, TICK_PERIOD_S, set_period
 from dyknow_common.ros.diagnostics import DiagnosticsPublisher
 from dyknow_common.ros.guards import (
     MessageGuard,
@@ -73,6 +73,7 @@ __all__ = [
     'NODE_TYPE',
     'NO_SUBSCRIPTION_EVENTS',
     'REPORTS',
+    'REST_PERIOD_S',
     'RUNNING',
     'SERVICE',
     'STARTED_AT',
@@ -121,6 +122,7 @@ __all__ = [
     'run',
     'run_ros_main',
     'run_with_node',
+    'set_period',
     'snake_case',
     'start_ros',
     'supports_node_executor',

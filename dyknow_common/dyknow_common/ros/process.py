@@ -31,7 +31,7 @@ from dyknow_common.executables import CANNOT_START, FAULT, LAUNCHER
 from dyknow_common.ros.below_rclpy.c_library import OneTimeHandler, end_with_parent, exit_later
 from dyknow_common.ros.below_rclpy.executor import node_executor
 from dyknow_common.ros.commands import ROS_ERRORS, start_ros
-from dyknow_common.ros.deadlines import TICK_PERIOD_S
+from dyknow_common.ros.deadlines import REST_PERIOD_S
 from dyknow_common.ros.node import HANG_LIMIT_S, DyKnowNode, snake_case
 from dyknow_common.ros.qos import HEARTBEAT_PERIOD_S, PULSE_PERIOD_S
 from dyknow_common.ros.topic_names import RCLError
@@ -78,7 +78,7 @@ def _exit_after_stop(stopped: threading.Event, left: threading.Event, nodes: _No
 
     def watch() -> None:
         while rclpy.ok() and not stopped.is_set():
-            time.sleep(TICK_PERIOD_S)
+            time.sleep(REST_PERIOD_S)
         if left.wait(CALLBACK_TIMEOUT_S):
             time.sleep(SHUTDOWN_TIMEOUT_S - CALLBACK_TIMEOUT_S)
         is_fault = nodes.error is not None and not stopped.is_set() and not left.is_set()

@@ -19,6 +19,7 @@ from dyknow_common import (
     TextPosition,
     ValueType,
     builder,
+    cached_by_text,
     distinct_settings,
     duration_value,
     field_name,
@@ -36,6 +37,7 @@ from dyknow_stream_processing.language.specification import (
 )
 
 
+@cached_by_text
 def parse_specification(text: str) -> Specification:
     """Return the abstract syntax of a stream specification.
 

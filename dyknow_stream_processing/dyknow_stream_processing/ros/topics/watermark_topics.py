@@ -16,7 +16,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, DyKnowNode
+from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, REST_PERIOD_S, DyKnowNode, set_period
 from dyknow_stream_processing.management.naming import WATERMARKS_NAME
 from dyknow_stream_processing.ros.topics.process_pauses import is_pause_recent
 
@@ -41,7 +41,7 @@ class WatermarkPublisher:
     def __init__(
         self, node: DyKnowNode, prefix: str, watermarks: Callable[[], Iterable[Any]]
     ) -> None:
-        period_s = node.parameter(
+        self._period_s = node.parameter(
             'watermark_period',
             0.05,
             'Seconds between two reports to other engines of how far silent streams are known.',
@@ -51,13 +51,15 @@ class WatermarkPublisher:
             StreamWatermarks, watermarks_topic(prefix), WATERMARKS
         )
         self._watermarks = watermarks
-        node.create_timer(
-            period_s, self._publish, callback_group=node.reentrant, clock=node.wall_clock
+        self._timer = node.create_timer(
+            self._period_s, self._publish, callback_group=node.reentrant, clock=node.wall_clock
         )
 
     def _publish(self) -> None:
         if self._publisher.get_subscription_count() == 0:
+            set_period(self._timer, max(self._period_s, REST_PERIOD_S))
             return
+        set_period(self._timer, self._period_s)
         message = StreamWatermarks(streams=list(self._watermarks()))
         if message.streams:
             self._publisher.publish(message)
