@@ -11,12 +11,12 @@ from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.stream_fields import field_names
 
 ODOMETRY = '/uav1/odometry'
-RATE = 'compunit v: float rate(a: float)'
+RATE = 'compunit v: float slope(a: float)'
 STREAMS = (
     KnownStream('altitude', f'select z as altitude from "{ODOMETRY}"', '/dyknow/streams/altitude'),
     KnownStream(
         'climb',
-        'compunit v: float rate(a: float); stream smooth = altitude; sink rate(smooth)',
+        'compunit v: float slope(a: float); stream smooth = altitude; sink slope(smooth)',
         '/x/climb',
     ),
     KnownStream('laser', '', '/uav1/laser', message_type='std_msgs/msg/Float64'),
