@@ -66,7 +66,12 @@ def test_ctrl_c_ends_every_node_cleanly(tmp_path: Path) -> None:
         ('ontology_manager', 'ontologies', None, 'cannot read the ontology'),
         ('ontology_manager', 'ontologies', '<rdf:RDF', 'parsing error'),
         ('stream_manager', 'streams', None, 'cannot read the streams'),
-        ('stream_manager', 'streams', 'stream a = select from', "expected ',', 'as' or 'from'"),
+        (
+            'stream_manager',
+            'streams',
+            'stream a = select from',
+            "expected ',', 'as', 'from' or 'unless'",
+        ),
         ('stream_manager', 'streams', '\xff', 'not in UTF-8'),
         ('stream_semantics_manager', 'annotations', None, 'cannot read the annotations'),
         ('stream_semantics_manager', 'annotations', 'stream a contain', "expected 'contains'"),
