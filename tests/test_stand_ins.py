@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import count
 from typing import Any
 
 import pytest
@@ -143,6 +144,7 @@ def ask_beside_standby(
     system: System, evaluations: Evaluations, spares: Spares, *formulas: str, timing: str = ''
 ) -> list[Any]:
     """Ask formulas over the power of uav1, whose states have a standby."""
+    evaluations.wait_for_nothing()  # The streams of a former test would be taken for these.
     spares.power(SPARE, 'spare1', of='uav1', timing=timing)
     answers = [system.ask(each, timeout=20.0) for each in formulas]
     evaluations.wait_for_state(len(answers))
@@ -186,6 +188,7 @@ def test_states_from_before_a_stand_in_is_in_use_count(
 def test_after_a_stand_in_another_one_takes_over(
     system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:
+    evaluations.wait_for_nothing()
     spares.power(SPARE, 'spare1', of='uav1')
     spares.power('uav1_zpower', 'spare2', of='uav1')
     calm = system.ask('always[0 s, 9 s] Power[uav1] < 150', timeout=20.0)
@@ -356,14 +359,23 @@ def test_samples_that_overtake_each_other_within_the_delay(
 
 
 class Levels:
-    """Topics without stamps and without constraints."""
+    """Topics without stamps and without constraints.
+
+    Their names are new: of a topic that has just been used, a node may still know the former
+    publisher while it does not know the new ones of other topics.
+    """
+
+    _numbers = count(1)
 
     def __init__(self, system: System, *names: str) -> None:
         self._node = system.client.node
         self.silent: set[str] = set()
         self.level = dict.fromkeys(names, 10.0)
+        number = next(self._numbers)
+        self.topics = {name: f'/{name}/level{number}' for name in names}
         self._publishers = {
-            name: self._node.create_publisher(Float64, f'/{name}/level', 10) for name in names
+            name: self._node.create_publisher(Float64, topic, 10)
+            for name, topic in self.topics.items()
         }
         self._timer = self._node.create_timer(0.1, self._publish)
 
@@ -382,8 +394,8 @@ class Levels:
 def levels(system: System, spares: Spares) -> Iterator[Levels]:
     """Two streams that carry the altitude of uav1, the first the better one by its name."""
     levels = Levels(system, 'barometer', 'laser')
-    for name in levels.level:
-        spares.make(name, f'select data as altitude from "/{name}/level"')
+    for name, topic in levels.topics.items():
+        spares.make(name, f'select data as altitude from "{topic}"')
         spares.annotate(name, 'Altitude[uav1] = altitude')
     yield levels
     levels.close()
@@ -401,7 +413,7 @@ def test_silence_without_constraints(
     if speaks:
         evaluations.wait_for_state()
         levels.silent.add('barometer')
-    evaluations.wait_for_event('/barometer/level', '2.5 s', 'from laser')
+    evaluations.wait_for_event(levels.topics['barometer'], '2.5 s', 'from laser')
     levels.level['laser'] = 60.0
     system.client.spin_until(future.done, 'the verdict')
     answer = future.result()
