@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from recorded import ListedSamples, at, recording, sample
 
@@ -23,6 +24,7 @@ from dyknow_recordings.check import main
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.observation import Signal
 from dyknow_recordings.evaluation.results import (
     Episode,
     FormulaReport,
@@ -35,7 +37,14 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 from dyknow_recordings.reporting.pictures.image import report_image
 from dyknow_recordings.reporting.pictures.page import report_page
-from dyknow_recordings.reporting.pictures.panels import MAX_PANELS, Threshold, marks, panels
+from dyknow_recordings.reporting.pictures.panels import (
+    MAX_PANELS,
+    Panel,
+    Threshold,
+    marks,
+    panels,
+    unknown_spans,
+)
 from dyknow_recordings.reporting.pictures.timeline import (
     MAX_SEGMENTS,
     Span,
@@ -202,6 +211,16 @@ def test_the_windows_that_a_verdict_is_about() -> None:
     assert found.windows == (Span(at(0.1), at(0.4)),)
     assert [(each.time, each.verdict) for each in found.deciding] == [(at(0.4), 'false')]
     assert found.deciding[0].values == {'"/a".p': 2.0}
+
+
+def test_times_without_a_value_are_no_gaps() -> None:
+    nan = float('nan')
+    values = np.array([1.0, nan, nan, 2.0, nan, 3.0, nan])
+    times = np.array([0, 10, 20, 30, 31, 50, 60])
+    panel = Panel('', (), (Signal('a', times, values),), (), is_decisive=True)
+    # There is a gap after the state at 30; the last value is missing up to the end.
+    assert unknown_spans(panel, [Span(30, 50)]) == (Span(10, 30), Span(60, 60))
+    assert unknown_spans(panel, []) == (Span(10, 30), Span(31, 50), Span(60, 60))
 
 
 def fleet(count: int) -> Iterator[RecordingReport]:

@@ -42,6 +42,26 @@ function tracesOf(panel) {
   });
 }
 
+function unknownOf(panel, marks) {
+  // The times in which a signal has no value, hatched; where states may be missing is a gap.
+  const starts = new Set(marks.gaps.map((each) => each[0]));
+  const x = [], y = [];
+  for (const {t, v} of panel.signals) {
+    const isMissing = (n) => v[n] == null && !starts.has(t[n]);
+    for (let n = 0; n < t.length; n += 1) {
+      if (!isMissing(n)) continue;
+      const start = t[n];
+      while (n + 1 < t.length && isMissing(n)) n += 1;
+      x.push(start, start, t[n], t[n], null);
+      y.push(0, 1, 1, 0, null);
+    }
+  }
+  return {
+    x, y, yaxis: 'y2', mode: 'lines', fill: 'toself', showlegend: false, hoverinfo: 'skip',
+    line: {width: 0}, fillpattern: {shape: '/', size: 6, fgcolor: '#7f7f7f', bgcolor: 'transparent'},
+  };
+}
+
 function statesOf(panel, marks) {
   // The deciding states, as points on the signals.
   const names = panel.signals.map((signal) => signal.name);
@@ -89,12 +109,15 @@ function layoutOf(panel, drawing) {
       autorangeoptions: {include: panel.thresholds.map((each) => each.value)},
       ...(words.length ? {tickvals: words.map((_, n) => n), ticktext: words} : {}),
     },
+    yaxis2: {overlaying: 'y', range: [0, 1], visible: false, fixedrange: true},
   };
 }
 
 // Draws a panel into an element, or draws it again after a change.
 function drawPanel(element, panel, drawing) {
-  const traces = [...tracesOf(panel), statesOf(panel, drawing.marks)];
+  const traces = [
+    ...tracesOf(panel), statesOf(panel, drawing.marks), unknownOf(panel, drawing.marks),
+  ];
   return Plotly.react(element, traces, layoutOf(panel, drawing),
     {responsive: true, displayModeBar: false});
 }

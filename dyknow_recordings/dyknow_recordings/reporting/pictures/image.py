@@ -12,7 +12,14 @@ from dyknow_common import NANOSECONDS
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.libraries import optional_library
-from dyknow_recordings.reporting.pictures.panels import Marks, Panel, last_shown, marks, panels
+from dyknow_recordings.reporting.pictures.panels import (
+    Marks,
+    Panel,
+    last_shown,
+    marks,
+    panels,
+    unknown_spans,
+)
 from dyknow_recordings.reporting.pictures.timeline import Span, extent, gaps, segments
 
 _FILLS: Final = {
@@ -119,6 +126,10 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
         axes.axvspan(*_ends(window, whole), color=_WINDOW, alpha=0.25, linewidth=0)
     for gap in found.gaps:
         axes.axvspan(*_ends(gap, whole), color='grey', alpha=0.35, linewidth=0)
+    for span in unknown_spans(panel, found.gaps):
+        axes.axvspan(
+            *_ends(span, whole), facecolor='none', hatch='///', edgecolor='grey', linewidth=0
+        )
     for time in found.violations:
         axes.axvline(whole.since_start(time), color=_FILLS[Outcome.ERROR][0], linestyle=':')
     _draw_deciding_states(axes, panel, found, whole)

@@ -91,6 +91,7 @@ _PAGE: Final = """\
 <span><span class="key deciding"></span>deciding state</span>
 <span><span class="key window"></span>window of an obligation</span>
 <span><span class="key gap"></span>gap: states may be missing</span>
+<span><span class="key unknown"></span>no value</span>
 <span><span class="key violation"></span>violation of a constraint</span>
 </div>
 {errors}

@@ -135,6 +135,19 @@ def marks(formula: FormulaReport, whole: Span) -> Marks:
     )
 
 
+def unknown_spans(panel: Panel, gaps: Iterable[Span]) -> tuple[Span, ...]:
+    """Return the times in which a signal of a panel has no value, but for gaps in the states."""
+    # A gap interrupts signals right after the last state before it.
+    interruptions = [each.start + 1 for each in gaps]
+    found = []
+    for each in panel.signals:
+        is_missing = np.isnan(each.values) & ~np.isin(each.times, interruptions)
+        edges = np.flatnonzero(np.diff(is_missing, prepend=False, append=False))
+        times = each.times[np.minimum(edges, len(each.times) - 1)].tolist()
+        found += [Span(*ends) for ends in zip(times[::2], times[1::2], strict=True)]
+    return tuple(found[:MAX_MARKS])
+
+
 def last_shown(whole: Span, found: Marks) -> int:
     """Return the time up to which panels show pending windows: a third of the whole at most."""
     latest = whole.end + (whole.end - whole.start) // 3
