@@ -49,7 +49,8 @@ def running(line: list[str], environment: Mapping[str, str]) -> Iterator[subproc
     try:
         yield process
         process.send_signal(signal.SIGTERM)
-        assert process.wait(60) == 0
+        code = process.wait(60)
+        assert code == 0, f'{" ".join(line)} ended with {code}'
     finally:
         # After a failure, the nodes that the process has started must end too.
         process.terminate()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Collection, Iterator
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Self
 
 import rclpy
-from dyknow_interfaces.msg import FormulaVerdict
+from dyknow_interfaces.msg import EvaluationStatusArray, FormulaVerdict
 from dyknow_interfaces.srv import AddSemanticSpecification
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -44,6 +45,7 @@ from dyknow_bringup.security.systems import SecuredSystem
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import BlackBoxOptions, Verdict
+from dyknow_common.ros import LATCHED
 from dyknow_configuration import read_robot
 from dyknow_coordinator import Answer
 from dyknow_coordinator.ros import FormulaClient
@@ -93,8 +95,8 @@ RECORDER = '/black_box_recorder'
 
 
 @contextmanager
-def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
-    """Run what `uav_monitoring.launch.py` starts, the first seven nodes by `dyknow up`."""
+def system_of(environment: dict[str, str], folder: Path) -> Iterator[None]:
+    """Run the seven nodes that `uav_monitoring.launch.py` starts, by `dyknow up`."""
     configuration = fleet_configuration(vehicle_names(VEHICLES))
     line = command(
         'dyknow', 'up', '--processes',
@@ -104,7 +106,15 @@ def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
         '--logs', str(folder),
         '--record', str(folder / 'black_boxes'),
     )  # fmt: skip
-    with running(line, environment), Launcher(folder, environment=environment) as launcher:
+    # Processes that are not forked: a start of less than a second might not be seen.
+    with running([sys.executable, *line], environment):
+        yield
+
+
+@contextmanager
+def fleet(environment: dict[str, str], folder: Path) -> Iterator[None]:
+    """Run what else `uav_monitoring.launch.py` starts."""
+    with Launcher(folder, environment=environment) as launcher:
         launcher.start_all(
             [
                 uav_simulation(scenario_path('nominal'), VEHICLES),
@@ -254,6 +264,10 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
         client = stack.enter_context(closing(Client(environment)))
         recorder = GraphRecorder(client.node)
         client.node.create_subscription(MarkerArray, 'formula_markers/markers', id, 10)
+        reports: list[EvaluationStatusArray] = []
+        client.node.create_subscription(
+            EvaluationStatusArray, f'{COORDINATOR}/evaluations', reports.append, LATCHED
+        )
 
         unseen = {each for each in permitted if each.name not in NOT_USED_HERE and each != SEARCH}
 
@@ -264,8 +278,10 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
                     unseen.remove(rule)
             return sorted(rule for rule in unseen if rule.enclave in enclaves)
 
-        stack.enter_context(fleet(environment, tmp_path))
+        stack.enter_context(system_of(environment, tmp_path))
+        # Its node is on the graph until the others are ready.
         client.spin_until(lambda: not unused({'/dyknow_up'}), 'dyknow up was seen', pause=POLL)
+        stack.enter_context(fleet(environment, tmp_path))
         client.wait_for_coordinator()
         run_commands = stack.enter_context(Commands(environment)).keep_running
         stack.enter_context(reactions(environment, path, tmp_path))
@@ -283,7 +299,12 @@ def test_nodes_use_what_their_policy_permits_and_nothing_is_permitted_that_none_
             missing = unused(everything)
             if any(rule.enclave == CLIENT for rule in missing):
                 run_commands()
-            return not missing and not recorder.without_enclave
+            # `dyknow monitor` that ends before the first state has an exit code for that.
+            is_monitored = bool(reports) and any(
+                each.name == 'high' and each.states_progressed > 0
+                for each in reports[-1].evaluations
+            )
+            return not missing and not recorder.without_enclave and is_monitored
 
         client.spin_until(
             is_everything_used,
