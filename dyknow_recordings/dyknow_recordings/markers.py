@@ -70,8 +70,6 @@ COLOURS: Final[dict[Level, Colour]] = {
 NOT_RESPONSIBLE: Final[Colour] = (0.6, 0.6, 0.6, 0.5)
 """The colour of ground features that did not make a formula false."""
 
-NO_REGIONS: Final[Mapping[str, Region]] = {}
-
 _PAIR = 2
 _OPACITY = 0.1
 _LINE = (0.2, 0.0, 0.0)
@@ -118,7 +116,8 @@ def formula_markers(
     positions: Mapping[str, Point],
     axes: Axes,
     now: int,
-    regions: Mapping[str, Region] = NO_REGIONS,
+    regions: Iterable[Region] = (),
+    frame: str = '',
 ) -> tuple[Marker, ...]:
     """Return the markers of all formulas; a cancelled formula has none.
 
@@ -127,8 +126,10 @@ def formula_markers(
         positions: of the vehicles, by their names.
         axes: the features that are the x, y and z of a vehicle.
         now: the time, nanoseconds.
-        regions: in the frame of the positions, by their names.
+        regions: those of other frames are not drawn.
+        frame: of the positions.
     """
+    drawable = {each.name: each for each in regions if each.frame == frame}
     numbers: Counter[str] = Counter()
     markers: list[Marker] = []
     lines_of_text = 0
@@ -140,7 +141,7 @@ def formula_markers(
         text = _text(status, diagnosis.text)
         drawn = [
             *_fences(status, positions, axes, colour),
-            *_regions(status, regions, colour),
+            *_regions(status, drawable, colour),
             *_pairs(status, positions, colour),
             *_label(status, positions, text, lines_of_text, colour),
         ]

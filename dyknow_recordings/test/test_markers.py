@@ -107,11 +107,11 @@ def test_a_fence_is_a_box_with_edges() -> None:
 
 
 def test_the_regions_of_a_formula_have_edges() -> None:
-    zones = {
-        'pit': Region('pit', (), 'map', geometry_of(TRIANGLE)),
-        'hall': Region('hall', (), 'map', geometry_of(TRIANGLE), (0.0, 2.5)),
-        'roof': Region('roof', (), 'map', geometry_of(TRIANGLE)),
-    }
+    zones = (
+        Region('pit', (), 'map', geometry_of(TRIANGLE)),
+        Region('hall', (), 'map', geometry_of(TRIANGLE), (0.0, 2.5)),
+        Region('roof', (), 'map', geometry_of(TRIANGLE)),
+    )
     inside = replace(
         CEILING,
         groundings=grounded('distance[uav1, pit]', 'distance[uav1, hall]'),
@@ -121,7 +121,7 @@ def test_the_regions_of_a_formula_have_edges() -> None:
     )
     hall, pit = [
         each
-        for each in formula_markers([inside], POSITIONS, ('E', 'N', 'A'), NOW, zones)
+        for each in formula_markers([inside], POSITIONS, ('E', 'N', 'A'), NOW, zones, 'map')
         if each.shape is MarkerShape.LINES
     ]
     assert (hall.colour, pit.colour) == (COLOURS[Level.ERROR], NOT_RESPONSIBLE)

@@ -39,7 +39,6 @@ from dyknow_recordings.reporting.pictures.image import report_image
 from dyknow_recordings.reporting.pictures.page import report_page
 from dyknow_recordings.reporting.pictures.panels import (
     MAX_PANELS,
-    Panel,
     Threshold,
     marks,
     panels,
@@ -217,10 +216,10 @@ def test_times_without_a_value_are_no_gaps() -> None:
     nan = float('nan')
     values = np.array([1.0, nan, nan, 2.0, nan, 3.0, nan])
     times = np.array([0, 10, 20, 30, 31, 50, 60])
-    panel = Panel('', (), (Signal('a', times, values),), (), is_decisive=True)
+    signal = Signal('a', times, values)
     # There is a gap after the state at 30; the last value is missing up to the end.
-    assert unknown_spans(panel, [Span(30, 50)]) == (Span(10, 30), Span(60, 60))
-    assert unknown_spans(panel, []) == (Span(10, 30), Span(31, 50), Span(60, 60))
+    assert unknown_spans(signal, [Span(30, 50)]) == (Span(10, 30), Span(60, 60))
+    assert unknown_spans(signal, []) == (Span(10, 30), Span(31, 50), Span(60, 60))
 
 
 def fleet(count: int) -> Iterator[RecordingReport]:

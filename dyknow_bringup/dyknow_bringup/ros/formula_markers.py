@@ -68,8 +68,7 @@ class FormulaMarkers(DyKnowNode):
             )
         )
         robot = self.parameter('robot', '', 'robot.yaml whose regions are shown.')
-        found = read_robot(Path(robot)).map.regions if robot else ()
-        self._regions = {each.name: each for each in found}
+        self._regions = read_robot(Path(robot)).map.regions if robot else ()
         self._statuses: list[EvaluationStatus] = []
         self._subscriptions_by_vehicle: dict[str, Any] = {}
         self._positions: dict[str, Point] = {}
@@ -100,15 +99,17 @@ class FormulaMarkers(DyKnowNode):
     def _publish_markers(self) -> None:
         watched = self._markers.get_subscription_count() > 0
         vehicles = {name for each in self._statuses for name in objects_of(each.groundings)}
-        vehicles -= self._regions.keys()
+        vehicles -= {each.name for each in self._regions}
         # Odometry costs most: do not subscribe to it without a viewer.
         self._subscribe_to(vehicles if watched else ())
         if watched and self._frame:
-            regions = {
-                name: each for name, each in self._regions.items() if each.frame == self._frame
-            }
             drawn = formula_markers(
-                self._statuses, self._positions, self._axes, self.now(), regions
+                self._statuses,
+                self._positions,
+                self._axes,
+                self.now(),
+                self._regions,
+                self._frame,
             )
             self._markers.publish(MarkerArray(markers=[self._message(each) for each in drawn]))
 

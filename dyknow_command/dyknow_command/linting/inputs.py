@@ -61,6 +61,10 @@ class PlacedFormula:
     requested: RequestedFormula
     place: Callable[[int], FilePlace]
 
+    def place_of(self, part: str) -> FilePlace:
+        """Return the place of a part of the text, or its begin if the part is not in it."""
+        return self.place(max(0, self.requested.text.find(part)))
+
 
 @dataclass(slots=True)
 class LintInputs:

@@ -81,8 +81,8 @@ def topic_findings(
     for formula in inputs.formulas:
         for name, field in references_of(formula):
             if name in topics and (reason := topics[name].absent.get(field)):
-                index = max(0, formula.requested.text.find(field))
-                yield error_at(formula.place(index), f'no message of {name} has {field}: {reason}')
+                message = f'no message of {name} has {field}: {reason}'
+                yield error_at(formula.place_of(field), message)
 
 
 def named_fields(inputs: LintInputs) -> set[str]:
@@ -117,9 +117,8 @@ def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
         for named, _ in sources_of(formula):
             for each in references(named):
                 if each.is_topic:
-                    index = max(0, formula.requested.text.find(each.name))
                     is_shared = isinstance(named, BuiltInSource)
-                    place = formula.place(index)
+                    place = formula.place_of(each.name)
                     yield TopicUse(absolute_topic(each.name), place, is_shared=is_shared)
         if formula.requested.record is not None:
             for topic in formula.requested.record.topics:

@@ -169,8 +169,7 @@ class VocabularyChecks:
         for formula in self._inputs.formulas:
             for source, field in sources_of(formula):
                 if (lack := self._lack(source, field)) is not None:
-                    index = max(0, formula.requested.text.find(field))
-                    yield error_at(formula.place(index), lack)
+                    yield error_at(formula.place_of(field), lack)
 
     def _lack(self, source: Term, field: str) -> str | None:
         """Return the message that a source lacks a field; None if it may have it."""

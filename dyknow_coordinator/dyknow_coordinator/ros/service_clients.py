@@ -63,6 +63,17 @@ _LONG_TEXT: Final = 5000
 """The characters of a specification that takes tens of milliseconds to parse."""
 
 
+async def ontology_solutions(ontology: RemoteNode, sparql: str) -> list[tuple[str, ...]]:
+    """Return the solutions of a query, given the ontology manager.
+
+    Raises:
+        DyKnowError: if it refuses the query, or does not answer.
+    """
+    response = await ontology.call(OntologyQuery, sparql=sparql)
+    values = iter(response.values)
+    return list(zip(*[values] * len(response.variables), strict=True))
+
+
 class ServiceClients:
     """Clients of the nodes that the coordinator orchestrates."""
 
@@ -151,12 +162,9 @@ class ServiceClients:
             sparql = next(iter(self._waiting))
             solutions = self._waiting.pop(sparql)
             try:
-                response = await self.ontology_manager.call(OntologyQuery, sparql=sparql)
+                solutions.set_result(await ontology_solutions(self.ontology_manager, sparql))
             except DyKnowError as error:
                 solutions.set_exception(error)
-                continue
-            values = iter(response.values)
-            solutions.set_result(list(zip(*[values] * len(response.variables), strict=True)))
         self._senders -= 1
 
     async def matching_streams(self, concept: str) -> tuple[str, ...]:

@@ -264,7 +264,7 @@ class FormulaRow {
       is_decisive: false, unit: '', signals: [signal('at least', 1), signal('at most', 2)],
       thresholds: [{value: 0, text: '0'}],
     };
-    const marks = {deciding: [], windows: [], pending: [], gaps: [], violations: []};
+    const marks = {deciding: [], windows: [], pending: [], gaps: [], unknown: {}, violations: []};
     const range = [times[0], Math.max(times.at(-1), times[0] + 1)];
     drawPanel(this.marginPlot, panel, {axis: 'time since it was asked (s)', range, marks});
   }

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
-from dyknow_interfaces.srv import ConceptGetInstances, OntologyQuery
+from dyknow_interfaces.srv import ConceptGetInstances
 
 from dyknow_common import SymbolKind
 from dyknow_common.ros import RemoteNode
 from dyknow_coordinator import unknown_features
+from dyknow_coordinator.ros.service_clients import ontology_solutions
 from dyknow_reasoning import UnknownFeatures, parse_formula, symbols_of
 
 
@@ -35,10 +37,5 @@ async def unknown_of(ontology: RemoteNode, formula: str) -> UnknownFeatures:
 
     Arguments and errors as of `objects_of`.
     """
-
-    async def query(sparql: str) -> list[tuple[str, ...]]:
-        answer = await ontology.call(OntologyQuery, sparql=sparql)
-        values = iter(answer.values)
-        return list(zip(*[values] * len(answer.variables), strict=True))
-
+    query = partial(ontology_solutions, ontology)
     return UnknownFeatures(await unknown_features(symbols_of(parse_formula(formula)), query))

@@ -264,16 +264,15 @@ class UnitOperator(SynchronisedOperator):
             message = f"computational unit '{self._name}' finds {missing_text(error)}"
             self._reject(Fault(ViolationKind.FIELDS, valid_time, message))
             return
-        is_open = any(Alternatives.are_among(each.values()) for each in arguments)
-        if is_open and not self._keeps_alternatives and not self._open:
-            given = next(each for each in arguments if Alternatives.are_among(each.values()))
+        given = next((each for each in arguments if Alternatives.are_among(each.values())), None)
+        if given is not None and not self._keeps_alternatives and not self._open:
             use = f"given to the computational unit '{self._name}', which depends on its time"
             self._open = open_value(given, use)
         if self._open:
             self._reject(Fault(ViolationKind.COMPUTATIONAL_UNIT, valid_time, self._open.message))
             return
         try:
-            compute = self._call.of_alternatives if is_open else self._call
+            compute = self._call if given is None else self._call.of_alternatives
             result = compute(valid_time, arguments)
         # User code may raise any exception; it is contained and reported.
         except Exception as error:  # noqa: BLE001

@@ -49,7 +49,7 @@ class SelectOperator(Operator):
         if not any(each.embedded_fields for each in selections):
             self._constant_names = {each.name: each.field for each in selections}
         # The selections with values that are NaN in samples that satisfy a condition.
-        self._doubted = [each for each in selections if each.unless is not None]
+        self._doubted = [(each.name, each.unless) for each in selections if each.unless is not None]
         self._emitted = BEGINNING
         self._conditions = tuple(conditions)
         self._rejected: tuple[str, Value] | None = None
@@ -151,11 +151,9 @@ class SelectOperator(Operator):
         try:
             masks = [satisfied(each, columns[each.field]) for each in self._conditions]
             selected = {name: columns[field] for name, field in self._constant_names.items()}
-            for each in self._doubted:
-                if each.unless is not None:
-                    is_unknown = satisfied(each.unless, columns[each.unless.field])
-                    found = np.where(is_unknown, np.nan, _floats(selected[each.name]))
-                    selected[each.name] = found
+            for name, unless in self._doubted:
+                is_unknown = satisfied(unless, columns[unless.field])
+                selected[name] = np.where(is_unknown, np.nan, _floats(selected[name]))
         except KeyError:
             refuse(Refusal.FIELDS)
         except StreamError:

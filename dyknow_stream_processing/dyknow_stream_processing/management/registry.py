@@ -13,6 +13,7 @@ from typing import Final
 
 from dyknow_common import ExitCode, StreamConstraints
 from dyknow_stream_processing.errors import StreamError, unknown_stream
+from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.resolution import free_names
 from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.management.namespaces import Namespaces, namespace_of
@@ -28,7 +29,6 @@ from dyknow_stream_processing.management.streams import (
     RegisteredStream,
     Stream,
     canonical,
-    parsed,
 )
 from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
 
@@ -286,7 +286,7 @@ class StreamRegistry:
     ) -> CreatedStream:
         """Return a stream as its engine reports it, in whose namespace its relative topics are."""
         if namespace_of(engine) != self._namespace:
-            moved = with_absolute_topics(parsed(specification), namespace_of(engine))
+            moved = with_absolute_topics(parse_specification(specification), namespace_of(engine))
             specification = str(moved)
         return CreatedStream(name, specification, constraints, engine, topic, reported=True)
 
@@ -295,7 +295,7 @@ class StreamRegistry:
         known = self._streams.get(reported.name)
         if not isinstance(known, CreatedStream) or known.constraints != reported.constraints:
             return False
-        plain = without(parsed(reported.specification), self._sources(known, reported))
+        plain = without(parse_specification(reported.specification), self._sources(known, reported))
         one, other = (
             str(with_absolute_topics(each, self._namespace))
             for each in (plain, self._original(known))
@@ -350,7 +350,7 @@ class StreamRegistry:
     def _aliases(self, stream: CreatedStream) -> Mapping[str, str]:
         """Return the aliases in a text that stand for known streams, as `text_for` adds them."""
         found = {}
-        for name, topic in aliases(parsed(stream.specification)).items():
+        for name, topic in aliases(parse_specification(stream.specification)).items():
             known = self._streams.get(name)
             if known is not None and name != stream.name:
                 former = stream.reported and self._may_be_topic_of(known, topic)
@@ -368,7 +368,7 @@ class StreamRegistry:
 
     def _original(self, stream: CreatedStream) -> Specification:
         """Return a specification that refers to other streams by name instead of by alias."""
-        return without(parsed(stream.specification), self._aliases(stream))
+        return without(parse_specification(stream.specification), self._aliases(stream))
 
     def _inputs(self, stream: CreatedStream) -> frozenset[str]:
         return free_names(self._original(stream)).streams
@@ -376,7 +376,7 @@ class StreamRegistry:
     def _sources(self, known: CreatedStream, reported: CreatedStream) -> Mapping[str, str]:
         """Return the topics from which an engine reads the streams that a stream is made from."""
         names = self._inputs(known)
-        found = aliases(parsed(reported.specification))
+        found = aliases(parse_specification(reported.specification))
         return {
             name: topic
             for name, topic in found.items()

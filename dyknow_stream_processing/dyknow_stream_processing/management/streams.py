@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 from dyknow_common import StreamConstraints, cached_by_text
 from dyknow_stream_processing.language.parsing import parse_specification
-from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE
 
 
@@ -65,12 +64,6 @@ Stream = CreatedStream | RegisteredStream
 
 
 @cached_by_text
-def parsed(specification: str) -> Specification:
-    """Return the syntax tree of a specification."""
-    return parse_specification(specification)
-
-
-@cached_by_text
 def canonical(specification: str) -> str:
     """Return the canonical text of a specification."""
-    return str(parsed(specification))
+    return str(parse_specification(specification))

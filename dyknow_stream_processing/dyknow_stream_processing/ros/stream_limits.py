@@ -9,8 +9,8 @@ from typing import Any, Final
 from dyknow_common import ExitCode, round_duration
 from dyknow_common.ros import Background, DyKnowNode
 from dyknow_stream_processing.errors import StreamError
+from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.specification import Specification
-from dyknow_stream_processing.management.streams import parsed
 from dyknow_stream_processing.reporting.silence import MAX_LAG_NS
 
 MAX_CHARACTERS: Final = 4_000_000
@@ -82,4 +82,4 @@ class StreamLimits:
 
 async def parse_beside(background: Background, text: str) -> Specification:
     """Parse a specification; one that is long in the background."""
-    return await background.run(partial(parsed, text), is_long=len(text) > LONG_TEXT)
+    return await background.run(partial(parse_specification, text), is_long=len(text) > LONG_TEXT)

@@ -43,21 +43,12 @@ function tracesOf(panel) {
 }
 
 function unknownOf(panel, marks) {
-  // The times in which a signal has no value, hatched; where states may be missing is a gap.
-  const starts = new Set(marks.gaps.map((each) => each[0]));
-  const x = [], y = [];
-  for (const {t, v} of panel.signals) {
-    const isMissing = (n) => v[n] == null && !starts.has(t[n]);
-    for (let n = 0; n < t.length; n += 1) {
-      if (!isMissing(n)) continue;
-      const start = t[n];
-      while (n + 1 < t.length && isMissing(n)) n += 1;
-      x.push(start, start, t[n], t[n], null);
-      y.push(0, 1, 1, 0, null);
-    }
-  }
+  // The times in which a signal has no value, hatched.
+  const spans = panel.signals.flatMap((signal) => marks.unknown[signal.name] ?? []);
   return {
-    x, y, yaxis: 'y2', mode: 'lines', fill: 'toself', showlegend: false, hoverinfo: 'skip',
+    x: spans.flatMap(([start, end]) => [start, start, end, end, null]),
+    y: spans.flatMap(() => [0, 1, 1, 0, null]),
+    yaxis: 'y2', mode: 'lines', fill: 'toself', showlegend: false, hoverinfo: 'skip',
     line: {width: 0}, fillpattern: {shape: '/', size: 6, fgcolor: '#7f7f7f', bgcolor: 'transparent'},
   };
 }

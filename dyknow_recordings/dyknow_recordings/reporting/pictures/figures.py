@@ -75,6 +75,11 @@ class PageFigures:
             'windows': [self._span(each) for each in marks.windows],
             'pending': [self._span(each) for each in marks.pending],
             'gaps': [self._span(each) for each in marks.gaps],
+            'unknown': {
+                escape(name): [self._span(each) for each in found]
+                for name, found in marks.unknown.items()
+                if found
+            },
             'violations': [self._time(each) for each in marks.violations],
         }
 

@@ -12,14 +12,7 @@ from dyknow_common import NANOSECONDS
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.libraries import optional_library
-from dyknow_recordings.reporting.pictures.panels import (
-    Marks,
-    Panel,
-    last_shown,
-    marks,
-    panels,
-    unknown_spans,
-)
+from dyknow_recordings.reporting.pictures.panels import Marks, Panel, last_shown, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span, extent, gaps, segments
 
 _FILLS: Final = {
@@ -126,7 +119,7 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
         axes.axvspan(*_ends(window, whole), color=_WINDOW, alpha=0.25, linewidth=0)
     for gap in found.gaps:
         axes.axvspan(*_ends(gap, whole), color='grey', alpha=0.35, linewidth=0)
-    for span in unknown_spans(panel, found.gaps):
+    for span in (span for each in panel.signals for span in found.unknown[each.name]):
         axes.axvspan(
             *_ends(span, whole), facecolor='none', hatch='///', edgecolor='grey', linewidth=0
         )

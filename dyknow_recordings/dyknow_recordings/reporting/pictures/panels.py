@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -88,6 +88,7 @@ class Marks:
         windows: the intervals of time that the explanation names.
         pending: those in which the formula still awaits something.
         gaps: times in which states may be missing.
+        unknown: times in which a signal has no value, by its name.
         violations: the times at which streams broke their constraints.
     """
 
@@ -95,6 +96,7 @@ class Marks:
     windows: tuple[Span, ...] = ()
     pending: tuple[Span, ...] = ()
     gaps: tuple[Span, ...] = ()
+    unknown: Mapping[str, tuple[Span, ...]] = field(default_factory=dict)
     violations: tuple[int, ...] = ()
 
 
@@ -125,27 +127,26 @@ def marks(formula: FormulaReport, whole: Span) -> Marks:
         for each in worst[:MAX_MARKS]
         if each.decided_at is not None
     }
-    now = last_state(formula, whole)
+    now, missing = last_state(formula, whole), gaps(formula, whole)
+    signals = {} if formula.signals is None else formula.signals.signals
     return Marks(
         deciding=tuple(deciding.values()),
         windows=() if decisive is None else tuple(Span(*each) for each in decisive.windows),
         pending=() if decisive is None else tuple(pending_windows(decisive, now)[:MAX_MARKS]),
-        gaps=gaps(formula, whole),
+        gaps=missing,
+        unknown={name: unknown_spans(each, missing) for name, each in signals.items()},
         violations=tuple(each.valid_time for each in formula.violations[:MAX_MARKS]),
     )
 
 
-def unknown_spans(panel: Panel, gaps: Iterable[Span]) -> tuple[Span, ...]:
-    """Return the times in which a signal of a panel has no value, but for gaps in the states."""
+def unknown_spans(signal: Signal, gaps: Iterable[Span]) -> tuple[Span, ...]:
+    """Return the times in which a signal has no value, but for gaps in the states."""
     # A gap interrupts signals right after the last state before it.
     interruptions = [each.start + 1 for each in gaps]
-    found = []
-    for each in panel.signals:
-        is_missing = np.isnan(each.values) & ~np.isin(each.times, interruptions)
-        edges = np.flatnonzero(np.diff(is_missing, prepend=False, append=False))
-        times = each.times[np.minimum(edges, len(each.times) - 1)].tolist()
-        found += [Span(*ends) for ends in zip(times[::2], times[1::2], strict=True)]
-    return tuple(found[:MAX_MARKS])
+    is_missing = np.isnan(signal.values) & ~np.isin(signal.times, interruptions)
+    edges = np.flatnonzero(np.diff(is_missing, prepend=False, append=False))
+    times = signal.times[np.minimum(edges, len(signal.times) - 1)].tolist()
+    return tuple(Span(*ends) for ends in zip(times[::2], times[1::2], strict=True))[:MAX_MARKS]
 
 
 def last_shown(whole: Span, found: Marks) -> int:

@@ -232,7 +232,7 @@ def _numbers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterat
 def _markers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterator[TimedMessage]:
     """Yield the markers of the formulas, where the positions of vehicles are recorded."""
     vehicles = {name for each in report.formulas for name in objects_of(each.groundings)}
-    regions = {each.name: each for each in report.map.regions} if report.map else {}
+    regions = report.map.regions if report.map else ()
     statuses = _Statuses(changes)
     positions: dict[str, Point] = {}
     not_shown: set[str] = set()
@@ -249,8 +249,7 @@ def _markers(report: RecordingReport, changes: Sequence[StatusChange]) -> Iterat
             due = time + period
             # The marker has the time of the latest state: there is no silence to show.
             shown = [replace(status, latest_valid_time=time) for status in statuses.at(time)]
-            zones = {name: region for name, region in regions.items() if region.frame == frame}
-            markers = formula_markers(shown, positions, DEFAULT_AXES, time, zones)
+            markers = formula_markers(shown, positions, DEFAULT_AXES, time, regions, frame)
             yield time, MARKERS, markers_message(time, frame, markers, max(LIFETIME_NS, 2 * period))
     for vehicle in sorted(not_shown):
         sys.stderr.write(
