@@ -21,7 +21,7 @@ from rclpy.task import Future
 from running_system import COORDINATOR, EVALUATE, ask, outcome_of
 
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import nanoseconds_to_duration, time_to_nanoseconds
+from dyknow_common.ros import SERVICE, nanoseconds_to_duration, time_to_nanoseconds
 
 PROGRAM = Path(__file__)
 
@@ -146,7 +146,13 @@ class RandomRequests:
 
     def __post_init__(self) -> None:
         self._monitor = ActionClient(
-            self.client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula'
+            self.client.node,
+            MonitorFormula,
+            f'{COORDINATOR}/monitor_formula',
+            # Answers to others fill the ten places of the default profile, too.
+            goal_service_qos_profile=SERVICE,
+            result_service_qos_profile=SERVICE,
+            cancel_service_qos_profile=SERVICE,
         )
         # A goal that is sent before is lost.
         self.client.spin_until(self._monitor.server_is_ready, 'the action')

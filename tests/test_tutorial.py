@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from nav_msgs.msg import Odometry
 
 from commands import command, started
+from dyknow_common.ros import time_to_nanoseconds
 from system import Client, private_environment
 
 ROOT = Path(__file__).parent.parent
@@ -72,7 +74,20 @@ class Reader:
         if terminal == 'dyknow up':
             assert process.stdout is not None
             assert any('DyKnow runs' in each for each in process.stdout)
+        elif 'dyknow up' in self._terminals:
+            self._see_it_drive()
         return '', 0
+
+    def _see_it_drive(self) -> None:
+        """Wait until the pause in which the rover was started again is over for DyKnow, too."""
+        client, stamps = Client(self.environment), []
+
+        def note(message: Odometry) -> None:
+            stamps.append(time_to_nanoseconds(message.header.stamp))
+
+        client.node.create_subscription(Odometry, '/odom', note, 10)
+        client.spin_until(lambda: bool(stamps) and stamps[-1] - stamps[0] > 2e9, 'the rover drives')
+        client.close()
 
     def stop(self, terminal: str) -> None:
         """Press Ctrl-C."""

@@ -160,5 +160,7 @@ class Senders:
 
 
 def full_name(info: Any) -> str:
-    """Return the full name of the node of a publisher on the ROS graph."""
+    """Return the full name of the node of a publisher on the ROS graph, as far as it is known."""
+    if info.node_name == _UNKNOWN_NAME:
+        return 'a node whose name is not known yet'
     return f'{info.node_namespace.rstrip("/")}/{info.node_name}'

@@ -28,6 +28,7 @@ from dataclasses import replace
 from typing import Final, Protocol
 
 from dyknow_common import DyKnowError, ExitCode, with_readable_times
+from dyknow_common.ros import full_name
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
@@ -411,4 +412,4 @@ class StateSupervisor:
         node = self._context.node
         name = node.resolve_service_name(self._context.clients.stream_reasoning_engine.name)
         infos = node.get_subscriptions_info_by_topic(topic)
-        return any(f'{info.node_namespace.rstrip("/")}/{info.node_name}' == name for info in infos)
+        return any(full_name(info) == name for info in infos)

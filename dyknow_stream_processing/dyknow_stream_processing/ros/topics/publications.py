@@ -18,7 +18,7 @@ from rclpy.qos import (
 )
 
 from dyknow_common import SECOND_NS, shortened
-from dyknow_common.ros import is_time_simulated, topic_fault
+from dyknow_common.ros import full_name, is_time_simulated, topic_fault
 from dyknow_stream_processing.dataflow.operators import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.reporting.silence import nearest_topics, several_publishers
@@ -129,7 +129,7 @@ def publishers_remark(node: Node, topics: Iterable[str]) -> str:
     remark = ''
     for topic in topics:
         if node.count_publishers(topic) > 1:
-            nodes = map(_node_of, node.get_publishers_info_by_topic(topic))
+            nodes = map(full_name, node.get_publishers_info_by_topic(topic))
             remark += f'; {node.resolve_topic_name(topic)} has {several_publishers(nodes)}'
     return remark
 
@@ -140,14 +140,10 @@ def incompatible_publisher(node: Node, topic: str, requested: QoSProfile) -> str
         verdict, reason = qos_check_compatible(info.qos_profile, requested)
         if verdict is QoSCompatibility.ERROR:
             return (
-                f'no message of {topic} comes from {_node_of(info)}: its quality of service is '
+                f'no message of {topic} comes from {full_name(info)}: its quality of service is '
                 f'incompatible with the requested one ({reason.rstrip("; ")})'
             )
     return ''
-
-
-def _node_of(info: Any) -> str:
-    return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
 
 
 class TopicNames:
