@@ -26,10 +26,10 @@ from dyknow_coordinator.grounding.source_choice import (
     StateFault,
     describe_sources,
     describe_violation,
-    may_be_silent,
     worst_fault,
 )
 from dyknow_coordinator.grounding.source_session import SourceSession
+from dyknow_coordinator.grounding.standby_sources import StandbySources
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
 from dyknow_coordinator.grounding.stream_fields import field_names
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
@@ -85,6 +85,7 @@ __all__ = [
     'Progress',
     'SourceChoice',
     'SourceSession',
+    'StandbySources',
     'StandingVerdicts',
     'StateFault',
     'SymbolGrounding',
@@ -103,7 +104,6 @@ __all__ = [
     'has_loaded',
     'has_units',
     'infer_sorts',
-    'may_be_silent',
     'parse_sources',
     'sort_names',
     'state_specification',

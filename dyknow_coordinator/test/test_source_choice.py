@@ -19,10 +19,10 @@ from dyknow_coordinator import (
     StateFault,
     describe_violation,
     infer_sorts,
-    may_be_silent,
     parse_sources,
     worst_fault,
 )
+from dyknow_coordinator.grounding.source_choice import may_be_silent
 from dyknow_stream_processing import Violation
 
 
@@ -79,10 +79,10 @@ def test_other_sources_of_another_feature_replace_none() -> None:
 
 def test_better_sources_wait_while_a_topic_may_be_silent() -> None:
     received = {'regular': 20 * SECOND_NS, 'other': 19 * SECOND_NS}
-    assert not may_be_silent(received.values(), 20 * SECOND_NS)
-    assert may_be_silent(received.values(), 21 * SECOND_NS)
+    assert not may_be_silent(received.values(), 20 * SECOND_NS, 5 * SECOND_NS)
+    assert may_be_silent(received.values(), 21 * SECOND_NS, 5 * SECOND_NS)
     # A latched topic is not: nothing more is known of it later.
-    assert not may_be_silent([0], 21 * SECOND_NS)
+    assert not may_be_silent([0], 21 * SECOND_NS, 5 * SECOND_NS)
 
 
 def test_replacements_must_be_available_and_well() -> None:

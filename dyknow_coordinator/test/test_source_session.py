@@ -52,7 +52,7 @@ class World:
         at = round(now * SECOND_NS)
         heard = {f'/{topic}': round(time * SECOND_NS) for topic, time in received.items()}
         until = at if known_until is None else round(known_until * SECOND_NS)
-        self.session.look('states', heard, 0, at, known_until=until, silence_limit=LIMIT)
+        self.session.look('states', heard, 0, at, known_until=until)
         return [each.error.message for each in self.session.faults]
 
 

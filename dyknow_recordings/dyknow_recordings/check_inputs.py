@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Final
 
+from dyknow_common import SECOND_NS
 from dyknow_configuration import (
     RequestedFormula,
     RobotConfiguration,
@@ -12,10 +14,14 @@ from dyknow_configuration import (
     read_robot,
     warn_of_notes,
 )
+from dyknow_coordinator import SILENCE_LIMIT_NS
 from dyknow_reasoning import add_domain_option, read_domains
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.reading.opening import ENDINGS, add_reading_options
+
+_SILENCE_LIMITS_S: Final = (0.1, 1e9)
+"""As the coordinator has them."""
 
 
 def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) -> None:
@@ -92,6 +98,7 @@ def read_configuration(
         bridges=(*robot.bridges, *options.bridges),
         domains={**robot.domains, **read_domains(options.domain)},
         missing_is_unknown=options.missing == 'unknown',
+        silence_limit=_silence_limit(robot),
     )
     read = (formula for path in options.formulas for formula in read_formulas(path))
     formulas = (*robot.formulas, *read, *map(RequestedFormula, options.formula))
@@ -99,6 +106,17 @@ def read_configuration(
         raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
     warn_of_notes(each.text for each in formulas)
     return files, formulas
+
+
+def _silence_limit(robot: RobotConfiguration) -> int:
+    """Return the limit that the coordinator would have, in nanoseconds."""
+    node, name = 'stream_reasoning_coordinator', 'silence_limit'
+    limit = robot.parameters.get(node, {}).get(name, SILENCE_LIMIT_NS / SECOND_NS)
+    lowest, highest = _SILENCE_LIMITS_S
+    if not isinstance(limit, (int, float)) or not lowest <= limit <= highest:
+        text = f'{limit!r} is no number of seconds from {lowest:g} to {highest:.0f}'
+        raise RecordingError(f'nodes: {node}: {name}: {text}')
+    return round(limit * SECOND_NS)
 
 
 def _file(text: str) -> Path:

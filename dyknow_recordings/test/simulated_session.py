@@ -280,6 +280,7 @@ class SimulatedSystem:
         formula: its text.
         vocabulary: finds its streams.
         delay: of what the nodes send each other; None: everything comes at once.
+        silence_limit_s: the parameter of the coordinator.
     """
 
     def __init__(
@@ -288,7 +289,9 @@ class SimulatedSystem:
         formula: str,
         vocabulary: Vocabulary,
         delay: Delay | None = None,
+        silence_limit_s: float = 5.0,
     ) -> None:
+        self._silence_limit_s = silence_limit_s
         self.recording = recording
         self.outcome = Outcome()
         self.simulation = Simulation(recording.start_time)
@@ -359,7 +362,7 @@ class SimulatedSystem:
             states=self._supervisor, titles='it', waits_for='', set_waiting=lambda _: None
         )
         groups: Any = SimpleNamespace(running=lambda: [] if self.outcome.has_ended else [group])
-        SilenceMonitor(self._context, groups, lambda: 5.0)
+        SilenceMonitor(self._context, groups, lambda: self._silence_limit_s)
         self._publish_report()
         self.simulation.spawn(self._begin)
 

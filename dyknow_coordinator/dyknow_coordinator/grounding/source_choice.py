@@ -169,7 +169,7 @@ class SourceChoice:
         return are_others and are_well and not any(self.is_excluded(each, now) for each in new)
 
 
-def may_be_silent(received: Iterable[int], now: int) -> bool:
+def may_be_silent(received: Iterable[int], now: int, limit: int) -> bool:
     """Return True if a topic may have fallen silent, which will soon be known.
 
     Better streams could then only follow with a gap, while a standby has kept states.
@@ -177,8 +177,9 @@ def may_be_silent(received: Iterable[int], now: int) -> bool:
     Args:
         received: when the latest message of each topic was received; 0 before the first.
         now: the time, in nanoseconds.
+        limit: the time without a message after which a topic is silent.
     """
-    return any(_MAX_LAG_NS < now - latest < 2 * SILENCE_LIMIT_NS for latest in received)
+    return any(_MAX_LAG_NS < now - latest < 2 * limit for latest in received)
 
 
 def worst_fault(faults: Sequence[StateFault]) -> StateFault:

@@ -10,6 +10,7 @@ from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
 from dyknow_coordinator.grounding.source_choice import (
+    SILENCE_LIMIT_NS,
     TRANSIENT,
     SourceChoice,
     StateFault,
@@ -54,6 +55,8 @@ class SourceSession:
         """Reasons to replace them."""
         self.obstacle = ''
         """Why the latest attempt to replace them has failed."""
+        self.silence_limit = SILENCE_LIMIT_NS
+        """The time without a message after which a topic is silent."""
         self._known, self._on_exclude = known, on_exclude
         self._choice = SourceChoice()
         # A broken constraint of the client, and the time at which the source at fault is known.
@@ -78,9 +81,13 @@ class SourceSession:
             known_until: the time until which messages are known.
             now: the time.
         """
-        if may_be_silent(received.values(), known_until):
+        if self.may_be_silent(received, known_until):
             return self.chosen
         return self._choice.better(self.chosen, self.inputs.candidates, self._known(), now)
+
+    def may_be_silent(self, received: Mapping[str, int], known_until: int) -> bool:
+        """Return True if one of the topics in use may have fallen silent; see `better`."""
+        return may_be_silent(received.values(), known_until, self.silence_limit)
 
     def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
         """Record that sources have failed."""
@@ -120,7 +127,6 @@ class SourceSession:
         now: int,
         *,
         known_until: int,
-        silence_limit: int,
     ) -> None:
         """Find sources at fault: for a broken constraint, and those of silent topics.
 
@@ -131,13 +137,12 @@ class SourceSession:
             since: the time since which it is in use.
             now: the time.
             known_until: the time until which messages are known.
-            silence_limit: the time without a message after which a topic is silent.
         """
         if self._unexplained and self._unexplained[0] <= now:
             if violation := self.unexplained(stream):
                 self._explain(violation, received, now)
             self._unexplained = None
-        self._find_silence(received, since, now, known_until, silence_limit)
+        self._find_silence(received, since, now, known_until)
 
     def failure(self) -> CoordinationError:
         """Return the error of the formulas if nothing can replace the sources at fault."""
@@ -154,9 +159,10 @@ class SourceSession:
         self._blame(found or self.chosen, violation, now)
 
     def _find_silence(
-        self, received: Mapping[str, int], since: int, now: int, known_until: int, limit: int
+        self, received: Mapping[str, int], since: int, now: int, known_until: int
     ) -> None:
-        oldest, known = known_until - limit, self._known()
+        limit, known = self.silence_limit, self._known()
+        oldest = known_until - limit
         silences = {topic: oldest - max(latest, since) for topic, latest in received.items()}
         started = {topic: each for topic, each in silences.items() if received[topic]}
         for topic in [topic for topic, silence in silences.items() if silence > 0]:

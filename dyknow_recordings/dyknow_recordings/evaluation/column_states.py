@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 
 from dyknow_common import SECOND_NS
-from dyknow_coordinator import SILENCE_LIMIT_NS
 from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.states.standby import GroupStream
 from dyknow_recordings.evaluation.streams import RecordedStreams
@@ -33,10 +32,12 @@ class ColumnStates:
     Args:
         streams: of the recording.
         start: the log time at which it begins, in nanoseconds.
+        silence_limit: the time without a message after which a topic is silent, in nanoseconds.
     """
 
-    def __init__(self, streams: RecordedStreams, start: int) -> None:
+    def __init__(self, streams: RecordedStreams, start: int, silence_limit: int) -> None:
         self._streams, self._start = streams, start
+        self._silence_limit = silence_limit
 
     def progress(self, batch: Sequence[MessageColumns], groups: Sequence[StateGroup]) -> bool:
         """Progress groups over a batch; return False, without an effect, if that needs messages."""
@@ -80,6 +81,6 @@ class ColumnStates:
                     [[latest], *(part.log_times for part in parts.get(topic, ())), [end]]
                 )
             )
-            if np.diff(log_times).max() > SILENCE_LIMIT_NS:
+            if np.diff(log_times).max() > self._silence_limit:
                 return True
         return False

@@ -53,7 +53,7 @@ SILENCE_PERIOD_NS: Final = 500 * NANOSECONDS['ms']
 """The period in which silent topics are looked for."""
 
 SILENCE_LOOKS_NS: Final = 60 * SECOND_NS
-"""The time after a message in which they are: later, the silence of all topics is known."""
+"""The time after the silence limit in which they are: later, the silence of all is known."""
 
 
 @dataclass(slots=True)
@@ -121,6 +121,7 @@ class RecordingEvaluation:
         self._keep_signals, self._start = keep_signals, start
         self._margins, self._probabilities = margins, probabilities
         self._missing_is_unknown = files.missing_is_unknown
+        self._silence_limit = files.silence_limit
         self._streams = RecordedStreams(
             recording.contents,
             files.streams,
@@ -133,7 +134,7 @@ class RecordingEvaluation:
         inputs = [each.grounded.inputs for each in self._requests if each.grounded]
         sources = dict.fromkeys(source for each in inputs for source in each.candidates.found)
         self._fields = self._streams.prepare(sources)
-        self._columns = ColumnStates(self._streams, recording.start_time)
+        self._columns = ColumnStates(self._streams, recording.start_time, self._silence_limit)
         self._groups = self._make_groups()
         self._running = [group for group in self._groups if not group.has_ended]
         self._has_started = False
@@ -289,6 +290,7 @@ class RecordingEvaluation:
             self._streams,
             self._start.begin,
             lambda: self._pending.append(group),
+            self._silence_limit,
         )
         for request, _ in members:
             request.group = group
@@ -296,7 +298,7 @@ class RecordingEvaluation:
 
     def _advance(self, until: int) -> None:
         """Do what is due before a time, each at its own time."""
-        last_look = min(until, self._next_look + SILENCE_LOOKS_NS)
+        last_look = min(until, self._next_look + self._silence_limit + SILENCE_LOOKS_NS)
         while True:
             deadline = self._streams.dataflow.next_deadline()
             due = self._next_look if deadline is None else min(deadline, self._next_look)

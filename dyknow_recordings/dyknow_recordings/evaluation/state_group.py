@@ -16,7 +16,6 @@ import numpy as np
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_coordinator import (
-    SILENCE_LIMIT_NS,
     CoordinationError,
     FeatureSource,
     FormulaInputs,
@@ -24,7 +23,6 @@ from dyknow_coordinator import (
     SymbolGrounding,
     describe_sources,
     describe_violation,
-    may_be_silent,
     state_specification,
     worst_fault,
 )
@@ -49,6 +47,7 @@ class StateGroup:
         streams: of the recording.
         begin: states that are valid earlier do not count, in nanoseconds.
         on_fault: called when `react` has something to do.
+        silence_limit: the time without a message after which a topic is silent, in nanoseconds.
     """
 
     def __init__(
@@ -59,6 +58,7 @@ class StateGroup:
         streams: RecordedStreams,
         begin: int,
         on_fault: Callable[[], None],
+        silence_limit: int,
     ) -> None:
         self.episodes = episodes
         self.groundings: tuple[SymbolGrounding, ...] = ()
@@ -68,6 +68,7 @@ class StateGroup:
         self._line: StateLine[RecordedStates] = StateLine(episodes.gap, episodes.end_gap)
         self._standby = RecordedStandby(inputs, streams, self._create, self._line)
         self._session = SourceSession(inputs, lambda: streams.known, self._standby.exclude)
+        self._session.silence_limit = silence_limit
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
         self.origins = frozenset(
@@ -207,7 +208,6 @@ class StateGroup:
             self._used_since,
             now,
             known_until=now,
-            silence_limit=SILENCE_LIMIT_NS,
         )
         self._renew_standby(now)
         if self._session.faults or self._standby.is_due(now):
@@ -272,8 +272,7 @@ class StateGroup:
         received = self._streams.received(stream.name)
         best = self._session.better(received, now, now)
         self._standby.follow(self._next_name(), stream.chosen, best, now)
-        is_doubtful = may_be_silent(received.values(), now)
-        if is_doubtful and self._standby.due:
+        if self._session.may_be_silent(received, now) and self._standby.due:
             self._standby.due = now
 
     def _renew_standby(self, now: int) -> None:
@@ -329,11 +328,10 @@ class StateGroup:
     def _on_violation(self, stream: RecordedStates, violation: Violation) -> None:
         if self.has_ended:
             return
+        self._standby.note_violation(stream, violation)
         if stream is not self._line.stream:
-            self._standby.break_off(violation)
             self._on_fault()
             return
-        self._standby.note_violation(violation)
         stream.breach = Breach(violation.valid_time, violation.message)
         stream.doubt(violation.doubtful_from)
         self._line.break_off(stream, violation.available_time)

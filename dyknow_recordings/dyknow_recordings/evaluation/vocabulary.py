@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
 from dyknow_configuration import TextSource
+from dyknow_coordinator import SILENCE_LIMIT_NS
 from dyknow_recordings.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ class MonitoringFiles:
         constraints: of the states of all formulas.
         missing_is_unknown: True if NaN or an absent field is an unknown value of any feature, not
             only of those that the ontologies let be unknown.
+        silence_limit: the time without a message after which a topic is silent, in nanoseconds.
     """
 
     ontologies: tuple[TextSource, ...] = ()
@@ -38,6 +40,7 @@ class MonitoringFiles:
     states: str = ''
     constraints: StreamConstraints = NO_CONSTRAINTS
     missing_is_unknown: bool = False
+    silence_limit: int = SILENCE_LIMIT_NS
 
 
 NO_FILES: Final = MonitoringFiles()

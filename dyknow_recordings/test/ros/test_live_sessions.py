@@ -24,7 +24,7 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import FormulaReport
-from dyknow_recordings.evaluation.vocabulary import NoVocabulary
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, NoVocabulary
 
 MS = 1_000_000
 SPECIFICATIONS = {
@@ -180,10 +180,12 @@ class Carriers(NoVocabulary):
         return SPECIFICATIONS[concept]
 
 
-def recorded(messages: ListedSamples, formula: str) -> FormulaReport:
+def recorded(
+    messages: ListedSamples, formula: str, files: MonitoringFiles = NO_FILES
+) -> FormulaReport:
     """Evaluate a formula over a recording."""
     with mock.patch.object(evaluation, 'load_vocabulary', return_value=Carriers({})):
-        (report,) = evaluate_recording(messages, [RequestedFormula(formula)]).formulas
+        (report,) = evaluate_recording(messages, [RequestedFormula(formula)], files).formulas
     return report
 
 
@@ -255,6 +257,19 @@ def test_sources_that_fail(case: str) -> None:
         for each in events:
             assert each in text
             text = text.split(each, 1)[1]
+
+
+@pytest.mark.parametrize(('limit_s', 'verdict'), [(5.0, Verdict.FALSE), (10.0, Verdict.UNDECIDED)])
+def test_silence_has_the_same_limit(limit_s: float, verdict: Verdict) -> None:
+    """The topic is silent for 7 s; meanwhile, another one shows that the formula is false."""
+    carriers = tuple(f'stream {each} = select v as Power from "/{each}"' for each in 'ac')
+    world = steady((11_000, 11_600), a=Published(100, silences=((5000, 7000),)), c=Published(100))
+    messages, formula = world.messages(), 'always Power < 4'
+    files = MonitoringFiles(silence_limit=round(limit_s * SECOND_NS))
+    with mock.patch.dict(SPECIFICATIONS, Power=carriers):
+        system = SimulatedSystem(messages, formula, Carriers({}), silence_limit_s=limit_s)
+        for found in (system.run(), of_report(recorded(messages, formula, files))):
+            assert (found.verdict, found.error) == (verdict, None)
 
 
 @pytest.mark.parametrize('world', HAND_OVERS)

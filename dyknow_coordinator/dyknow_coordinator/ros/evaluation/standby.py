@@ -20,7 +20,7 @@ from rclpy.task import Future
 
 from dyknow_common import DyKnowError, StreamConstraints
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
-from dyknow_coordinator.grounding.source_choice import SourceChoice
+from dyknow_coordinator.grounding.standby_sources import StandbySources
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
 from dyknow_stream_processing import Violation
@@ -31,6 +31,8 @@ LOOK_PERIOD_S: Final = 2.0
 
 class Standby:
     """Keeps a state stream ready over other sources than those in use, for features that have some.
+
+    `StandbySources` decides which, as over recordings.
 
     Args:
         group_id: at the reasoning engine.
@@ -49,9 +51,7 @@ class Standby:
         self._group_id = group_id
         self._constraints = constraints
         self._new_stream = new_stream
-        self._choice = SourceChoice()
-        self._in_use: tuple[FeatureSource, ...] = ()
-        self._candidates = Candidates(())
+        self._sources = StandbySources(lambda: context.streams.known)
         self._stream: StateStream | None = None
         # True once the reasoning engine keeps the states of the stream.
         self._is_ready = False
@@ -62,8 +62,9 @@ class Standby:
 
     def follow(self, in_use: tuple[FeatureSource, ...], candidates: Candidates) -> None:
         """Stand by for the sources in use, with others among the candidates."""
-        has_changed = (in_use, candidates) != (self._in_use, self._candidates)
-        self._in_use, self._candidates = in_use, candidates
+        sources = self._sources
+        has_changed = (in_use, candidates) != (sources.in_use, sources.candidates)
+        sources.in_use, sources.candidates = in_use, candidates
         if self._look is None and (self._has_alternatives() or self._stream is not None):
             self._look = Future()
             self._context.node.spawn(self._run)
@@ -78,17 +79,13 @@ class Standby:
 
     def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
         """Use no states of sources that have failed."""
-        self._choice.exclude(sources, now)
+        self._sources.exclude(sources, now)
 
     def note_violation(self, stream: StateStream, violation: Violation) -> None:
         """Use no sources that a violation concerns, in whatever stream it was reported."""
-        known = self._context.streams.known
-        affected = known.affected((*self._in_use, *self._chosen), violation.stream_name)
-        is_own = stream is self._stream
         now = self._context.wall_time()
-        self.exclude(affected or (self._chosen if is_own else ()), now)
-        # Without a name, it concerns all streams: the clock was set back.
-        if is_own or not violation.stream_name or set(affected) & set(self._chosen):
+        self._sources.note_violation(violation, now, is_own=stream is self._stream)
+        if self._sources.is_broken:
             self._drop()
 
     def note_engine_lost(self, stream: StateStream) -> None:
@@ -97,30 +94,24 @@ class Standby:
             self._drop()
 
     def take(self) -> StateStream | None:
-        """Return the stream, which is then the caller's; None if it is not ready or not well.
-
-        A stream without samples is not: its sources may never have any.
-        """
-        known, now = self._context.streams.known, self._context.wall_time()
-        failed = any(self._choice.is_excluded(each, now) for each in self._chosen)
-        if self._stream is None or not self._is_ready or failed:
+        """Return the stream, which is then the caller's; None if it is not ready or not well."""
+        stream = self._stream
+        if stream is None or not self._is_ready:
             return None
-        reported = known.get(self._stream.name)
-        if reported is None or reported.waits_for or not all(map(known.is_available, self._chosen)):
+        reported = self._context.streams.known.get(stream.name)
+        has_samples = reported is not None and not reported.waits_for
+        if not (has_samples and self._sources.is_well(self._context.wall_time())):
             return None
-        taken = self._stream
         self._stream, self._is_ready, self._kept_topic = None, False, ''
-        return taken
+        self._sources.give_up()
+        return stream
 
     async def _run(self) -> None:
         """Look for another standby periodically, as long as there can be one."""
         while not self._has_ended:
-            known, now = self._context.streams.known, self._context.wall_time()
-            wanted = self._choice.stand_ins(
-                self._in_use, self._candidates, known, now, self._chosen
-            )
+            wanted = self._sources.wanted(self._context.wall_time())
             is_outdated = bool(self._kept_topic) and self._stream is None
-            if wanted != self._chosen or is_outdated:
+            if wanted != self._sources.chosen or is_outdated:
                 await self._replace(wanted)
             self._look = self._context.node.deadlines.after(LOOK_PERIOD_S)
             if self._look.done() or not self._has_alternatives():
@@ -132,7 +123,7 @@ class Standby:
         """Have the reasoning engine keep the states of some sources; of none if there are none."""
         self._drop()
         stream = self._new_stream(next(self._context.names)) if chosen else None
-        self._stream = stream
+        self._stream, self._sources.chosen = stream, chosen
         self._created_at_s = self._context.wall_time_s()
         try:
             if stream is not None:
@@ -144,22 +135,19 @@ class Standby:
         except DyKnowError as error:
             self._context.node.get_logger().info(f'no standby: {error}')
             if stream is not None and stream is self._stream:
-                self.exclude(set(chosen) - set(self._in_use), self._context.wall_time())
+                self._sources.exclude_unusable(chosen, self._context.wall_time())
                 self._drop()
 
     def _drop(self) -> None:
         if self._stream is not None:
             self._stream.destroy()
         self._stream, self._is_ready = None, False
-
-    @property
-    def _chosen(self) -> tuple[FeatureSource, ...]:
-        """The sources of the stream; none without it."""
-        return self._stream.chosen if self._stream else ()
+        self._sources.give_up()
 
     def _wake(self) -> None:
         if self._look is not None and not self._look.done():
             self._look.set_result(None)
 
     def _has_alternatives(self) -> bool:
-        return any(len(self._candidates.of(each.feature)) > 1 for each in self._in_use)
+        found = self._sources.candidates
+        return any(len(found.of(each.feature)) > 1 for each in self._sources.in_use)

@@ -185,13 +185,13 @@ class StateSupervisor:
             silence_limit: the time without a message after which a topic is silent, in nanoseconds.
         """
         streams, session = self._context.streams, self._session
+        session.silence_limit = silence_limit
         session.look(
             self.stream.name,
             self._received(),
             self.used_since,
             self._context.wall_time(),
             known_until=streams.known_until,
-            silence_limit=silence_limit,
         )
         if session.faults:
             self._interrupt()

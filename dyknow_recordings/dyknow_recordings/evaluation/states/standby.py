@@ -1,22 +1,14 @@
-"""The standby of a group: states of other sources, which can replace those in use.
-
-Rules as in the coordinator (`Standby`).
-"""
+"""The standby of a group: states of other sources, which can replace those in use."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from dyknow_common import DyKnowError
-from dyknow_coordinator import (
-    FeatureSource,
-    FormulaInputs,
-    SourceChoice,
-)
+from dyknow_coordinator import FeatureSource, FormulaInputs, StandbySources
 from dyknow_reasoning import ReadStream, StateLine
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.lost_messages import LostMessages
@@ -60,11 +52,13 @@ class RecordedStates(ReadStream[Sample]):
 class RecordedStandby:
     """Keeps the states of other sources than those in use, for features that have some.
 
+    `StandbySources` decides which, as in the coordinator.
+
     Args:
         inputs: of the formulas.
         streams: of the recording.
-        create: makes a stream, whose states and violations reach `receive` and `break_off` until
-            it is taken.
+        create: makes a stream, whose states and violations reach `receive` and `note_violation`
+            until it is taken.
         line: reads the states of the group.
     """
 
@@ -78,13 +72,11 @@ class RecordedStandby:
         self.stream: RecordedStates | None = None
         self.due: int | None = None
         """The log time at which sources may be used again that have failed; None without any."""
-        self._inputs = inputs
         self._streams = streams
         self._create = create
         self._line = line
-        self._choice = SourceChoice()
-        self._in_use: tuple[FeatureSource, ...] = ()
-        self._is_broken = False
+        self._sources = StandbySources(lambda: streams.known)
+        self._sources.candidates = inputs.candidates
 
     def follow(
         self,
@@ -94,78 +86,66 @@ class RecordedStandby:
         now: int,
     ) -> None:
         """Stand by for the sources in use with the best ones; if they are the best, with others."""
-        self._in_use = in_use
-        inputs, known, present = self._inputs, self._streams.known, self.stream
-        others = self._choice.stand_ins(
-            in_use, inputs.candidates, known, now, present.chosen if present else ()
-        )
-        failed = any(self._choice.is_excluded(each, now) for each in best)
-        is_better = best != in_use and not failed
-        chosen = best if is_better else others
-        if present is None or present.chosen != chosen or self._is_broken:
+        sources = self._sources
+        sources.in_use = in_use
+        while (chosen := sources.wanted(now, best)) != sources.chosen or sources.is_broken:
             self.end()
-            self._make(name, chosen, now)
-        if self.stream is None or not is_better:
+            if chosen:
+                self._make(name, chosen, now)
+        if chosen != best:
             self._line.next = None
-        elif self._line.next is not self.stream:
+        elif self.stream and self._line.next is not self.stream:
             self._line.hand_over(self.stream, now)
-        self.due = self._choice.exclusion_end(inputs.candidates.found, now)
+        self.due = sources.exclusion_end(now)
 
     def _make(self, name: str, chosen: tuple[FeatureSource, ...], now: int) -> None:
-        if chosen:
-            # An error would be that of a switch to these sources.
-            with suppress(DyKnowError):
-                stream = RecordedStates(name, chosen, now)
-                self._create(stream)
-                self.stream = stream
+        stream = RecordedStates(name, chosen, now)
+        try:
+            self._create(stream)
+        except DyKnowError:
+            # It would be that of a switch to these sources.
+            self._sources.exclude_unusable(chosen, now)
+        else:
+            self.stream, self._sources.chosen = stream, chosen
 
     def end(self) -> None:
         """Destroy the stream."""
         if self.stream is not None:
             self._streams.destroy(self.stream.name)
         self.stream = self._line.next = None
-        self.due, self._is_broken = None, False
+        self.due = None
+        self._sources.give_up()
 
     def is_outdated(self, now: int) -> bool:
         """Return True if another standby is to be made."""
-        return self._is_broken or (self.due is not None and self.due <= now)
+        return self._sources.is_broken or (self.due is not None and self.due <= now)
 
     def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
         """Use no states of sources that have failed."""
-        self._choice.exclude(sources, now)
+        self._sources.exclude(sources, now)
 
-    def note_violation(self, violation: Violation) -> None:
-        """Use no sources that a violation in the stream in use concerns."""
-        chosen = self.stream.chosen if self.stream else ()
-        known = self._streams.known
-        affected = known.affected((*self._in_use, *chosen), violation.stream_name)
-        self.exclude(affected, violation.available_time)
-        self._is_broken = self._is_broken or not set(affected).isdisjoint(chosen)
+    def note_violation(self, stream: RecordedStates, violation: Violation) -> None:
+        """Use no sources that a violation concerns, in the stream in use or in the standby."""
+        is_own = stream is self.stream
+        self._sources.note_violation(violation, violation.available_time, is_own=is_own)
 
     def lose(self, lost: LostMessages) -> bool:
         """Give the stream up if messages are lost that it is made of; return True if they are."""
-        concerned = self.stream and lost.concerns(self._streams.topics(self.stream.name))
-        self._is_broken = self._is_broken or bool(concerned)
-        return self._is_broken
+        if self.stream and lost.concerns(self._streams.topics(self.stream.name)):
+            self._sources.is_broken = True
+        return self._sources.is_broken
 
     def take(self, now: int) -> RecordedStates | None:
-        """Return the stream, which is then the caller's; None if there is none that is well.
-
-        A stream of a topic that has not begun is not: it may never have a state.
-        """
-        taken = self.stream
-        if taken is None or self._is_broken:
+        """Return the stream, which is then the caller's; None if there is none that is well."""
+        if not self._sources.is_well(now):
             return None
-        if not all(map(self._streams.known.is_flowing, taken.chosen)):
-            return None
-        if any(self._choice.is_excluded(each, now) for each in taken.chosen):
-            return None
-        self.stream = None
+        taken, self.stream = self.stream, None
+        self._sources.give_up()
         return taken
 
     def is_due(self, now: int) -> bool:
         """Return True if it is better than the stream in use, and should replace it now."""
-        return not self._is_broken and self._line.is_due(now)
+        return not self._sources.is_broken and self._line.is_due(now)
 
     @property
     def group_streams(self) -> Sequence[GroupStream]:
@@ -194,11 +174,3 @@ class RecordedStandby:
         rows = rows_of(valid_times[first:], columns)
         for receipt, (valid_time, fields) in zip(receipts, rows, strict=True):
             stream.kept.add(Sample(valid_time, receipt, fields), progressed)
-
-    def break_off(self, violation: Violation) -> None:
-        """Use neither the stream, which has broken a constraint, nor the sources at fault."""
-        if self.stream is not None:
-            known, chosen = self._streams.known, self.stream.chosen
-            affected = known.affected(chosen, violation.stream_name) or chosen
-            self.exclude(affected, violation.available_time)
-            self._is_broken = True
