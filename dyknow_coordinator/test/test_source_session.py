@@ -105,7 +105,7 @@ def test_all_sources_are_excluded_if_no_topic_lags(world: World) -> None:
 
 def test_the_constraint_of_a_stream_that_was_left_blames_nobody(world: World) -> None:
     world.violate('states')
-    world.session.look('others', {}, 0, 3 * SECOND_NS, known_until=0, silence_limit=LIMIT)
+    world.session.look('others', {}, 0, 3 * SECOND_NS, known_until=0)
     assert (world.excluded, world.session.faults) == ([], [])
     assert world.session.unexplained('states') is None
 

@@ -60,8 +60,8 @@ def test_what_no_stream_can_be_made_of_leaves_it_to_others(sources: StandbySourc
 def test_a_violation(
     sources: StandbySources,
     stream: str,
-    is_own: bool,
-    is_well: bool,
+    is_own: bool,  # noqa: FBT001
+    is_well: bool,  # noqa: FBT001
     wanted: tuple[FeatureSource, ...],
 ) -> None:
     assert sources.is_well(0)

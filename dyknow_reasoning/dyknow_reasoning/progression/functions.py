@@ -1,7 +1,9 @@
 """Functions of numbers, over single values and over vectors, with the same results to the bit.
 
 Absolute values, extremes and square roots are exact or rounded correctly, by Python as by numpy.
-The others differ between the two, so vectors apply the function of Python to each element.
+The others differ between the two, so vectors apply the function of Python to each element. Only
+`hypot` of two operands is that of numpy for single values, too: it is the distance of each pair of
+many objects.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from dyknow_reasoning.errors import ReasoningError
 
 EXACT: Final = 1 << 53
 """The smallest absolute value from which on some integers are not floats."""
+
+_PAIR: Final = 2
 
 _Array: TypeAlias = 'np.ndarray[Any, np.dtype[Any]]'
 _Number: TypeAlias = int | float
@@ -45,7 +49,7 @@ def call_function_on_vectors(name: str, vectors: Sequence[Any]) -> _Array:
     The integers must be small enough for a float to be exact.
     """
     with np.errstate(all='ignore'):
-        if name in _VECTOR_FUNCTIONS:
+        if name in _VECTOR_FUNCTIONS and not (name == 'hypot' and len(vectors) > _PAIR):
             found: _Array = _VECTOR_FUNCTIONS[name](vectors)
             return found
     operands = np.broadcast_arrays(*vectors)
@@ -61,6 +65,15 @@ def _value_or_nan(name: str, values: Sequence[_Number]) -> _Number:
         return math.nan
     # The vector holds floats, which would round a larger integer.
     return math.nan if isinstance(found, int) and abs(found) >= EXACT else found
+
+
+def hypotenuse(*values: _Number) -> float:
+    """Return the square root of the sum of squares."""
+    if len(values) > _PAIR:
+        return math.hypot(*values)
+    first, second = map(float, values)
+    with np.errstate(all='ignore'):
+        return float(np.hypot(first, second))
 
 
 def _angle_difference(first: _Number, second: _Number) -> float:
@@ -102,7 +115,7 @@ _FUNCTIONS: Final[Mapping[str, Callable[..., _Number]]] = {
     'sum': lambda *values: reduce(operator.add, values),
     'count': lambda *truths: sum(truths),
     'sqrt': math.sqrt,
-    'hypot': math.hypot,
+    'hypot': hypotenuse,
     'sin': math.sin,
     'cos': math.cos,
     'atan2': math.atan2,
@@ -116,6 +129,7 @@ _VECTOR_FUNCTIONS: Final[Mapping[str, Callable[[Sequence[Any]], _Array]]] = {
     'abs': lambda vectors: np.abs(vectors[0]),
     'min': lambda vectors: reduce(np.minimum, vectors),
     'max': lambda vectors: reduce(np.maximum, vectors),
+    'hypot': lambda vectors: np.hypot(*vectors),
     'sqrt': lambda vectors: np.sqrt(vectors[0]),
 }
 

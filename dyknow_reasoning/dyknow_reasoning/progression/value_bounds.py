@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
-from math import hypot, inf, isnan, nextafter, sqrt
+from math import inf, isnan, nextafter, sqrt
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import MIRRORED_COMPARISONS
@@ -27,6 +27,7 @@ from dyknow_reasoning.progression.atoms import (
     predicate,
     term_reader,
 )
+from dyknow_reasoning.progression.functions import hypotenuse
 from dyknow_reasoning.progression.unknown_features import (
     ANY_NUMBER,
     Range,
@@ -144,7 +145,7 @@ def _called(name: str, ranges: Sequence[Range]) -> Range:
             return (sqrt(lows[0]), sqrt(highs[0])) if lows[0] >= 0 else ANY_NUMBER
         case 'hypot':
             least, most = zip(*map(_absolute, ranges), strict=True)
-            return nextafter(hypot(*least), 0), nextafter(hypot(*most), inf)
+            return nextafter(hypotenuse(*least), 0), nextafter(hypotenuse(*most), inf)
         case 'sin' | 'cos':
             return -1, 1
         case _:
