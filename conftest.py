@@ -3,6 +3,7 @@
 The packages are imported before pytest meets the folders of the same names that hold them.
 """
 
+import gc
 import os
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -43,6 +44,9 @@ settings.register_profile(
 )
 settings.load_profile('dyknow')
 
+# What is imported and collected stays until the end: collections of garbage would only walk it.
+gc.disable()
+
 # The cores of the packages need no ROS, and no more do their tests.
 collect_ignore_glob = [] if find_spec('rclpy') else ['dyknow_*/test/ros/*']
 
@@ -52,6 +56,13 @@ def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
     if RANDOM_CASES > LONG_RUN:
         for item in items:
             item.add_marker(pytest.mark.timeout(0), append=False)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop() -> None:
+    """Let collections of garbage see what tests make, and not what was collected before."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_report_header() -> list[str]:

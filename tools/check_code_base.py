@@ -159,23 +159,30 @@ def undeclared_dependencies() -> Iterator[str]:
         product = [*modules(package), *(ROOT / package).glob('launch/*.py')]
         beside = {path.parent.name for path in ROOT.glob('dyknow_*/dyknow_*/__init__.py')}
         ours = {package, *(beside - {*packages()}), *OPTIONAL, *(path.stem for path in tests)}
-        lacking = set(imported(product)) - run - ours
+        imports, names = used(product)
+        imports_of_tests, names_of_tests = used(tests)
+        lacking = imports - run - ours
         yield from (f'{package}/package.xml lacks <depend>{each}</depend>' for each in lacking)
-        lacking = set(imported(tests)) - run - test - ours
+        lacking = imports_of_tests - run - test - ours
         yield from (
             f'{package}/package.xml lacks <test_depend>{each}</test_depend>' for each in lacking
         )
-        unused = {each for each in run if each not in {*imported(product), *named(product)}}
-        unused |= {each for each in test if each not in {*imported(tests), *named(tests)}}
+        unused = (run - imports - names) | (test - imports_of_tests - names_of_tests)
         yield from (
             f'{package}/package.xml declares {each}, which nothing uses'
             for each in sorted(unused - UNIMPORTED)
         )
 
 
-def imported(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield the rosdep keys of the packages that some files import."""
-    for node in chain.from_iterable(ast.walk(parsed(path)) for path in paths):
+def used(paths: Iterable[Path]) -> tuple[set[str], set[str]]:
+    """Return the rosdep keys of what some files import, and the packages that they name."""
+    nodes = [node for path in paths for node in ast.walk(parsed(path))]
+    return {*imported(nodes)}, {*named(nodes)}
+
+
+def imported(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Yield the rosdep keys of the packages that some code imports."""
+    for node in nodes:
         names: list[str] = []
         if isinstance(node, ast.Import):
             names = [each.name for each in node.names]
@@ -185,9 +192,9 @@ def imported(paths: Iterable[Path]) -> Iterator[str]:
             yield ROSDEP_KEYS.get(top, top)
 
 
-def named(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield the packages that some files name: of executables, modules or types of messages."""
-    for node in chain.from_iterable(ast.walk(parsed(path)) for path in paths):
+def named(nodes: Iterable[ast.AST]) -> Iterator[str]:
+    """Yield the packages that some code names: of executables, modules or types of messages."""
+    for node in nodes:
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.value
             yield from re.findall(r'\b(\w+)/(?:msg|srv|action)/', node.value)
