@@ -13,6 +13,7 @@ from threading import Thread
 from typing import Any, Self
 
 from dyknow_interfaces.srv import EvaluateFormula
+from rclpy.duration import Duration
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
 
@@ -92,6 +93,7 @@ class Host:
         self.client = Client(environment, self.launcher.check_running)
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         self.percentage = 0.9
+        self.battery_age_s = 0.0
         self.reports: list[FederationReport] = []
         self.client.node.create_subscription(
             String,
@@ -121,7 +123,8 @@ class Host:
 
         def publish() -> None:
             message = BatteryState(percentage=self.percentage, voltage=12.0)
-            message.header.stamp = node.get_clock().now().to_msg()
+            age = Duration(seconds=self.battery_age_s)
+            message.header.stamp = (node.get_clock().now() - age).to_msg()
             topic.publish(message)
 
         node.create_timer(0.05, publish)

@@ -111,6 +111,19 @@ def test_a_change_is_seen_where_its_time_is_not_known(fleet: Fleet) -> None:
     assert 'the clocks of base and carrier1 differ by' in found.reason
 
 
+def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet) -> None:
+    wait_for_streams(fleet, 1)
+    asked = fleet.base.ask('always Charge[carrier1] > 0.5')
+    fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
+    fleet.carrier.battery_age_s = 10
+    fleet.wait(asked.done, 'the answer')
+    fleet.carrier.battery_age_s = 0
+    status = asked.result().exit_status
+    assert status.code == ExitStatus.CONSTRAINT_VIOLATION, status
+    assert "peer 'carrier1' reports" in status.message, status
+    assert 'max_delay' in status.message, status
+
+
 def test_an_outage_delays_a_verdict(fleet: Fleet) -> None:
     """What was missed is asked for again, in order; nothing is taken for true meanwhile."""
     wait_for_streams(fleet, 1)

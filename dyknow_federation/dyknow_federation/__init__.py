@@ -16,6 +16,7 @@ from dyknow_federation.events import (
     SharesChanged,
     StreamRefused,
     StreamUnwanted,
+    StreamViolated,
     StreamWanted,
     WatermarkArrived,
 )
@@ -24,6 +25,7 @@ from dyknow_federation.messages import (
     SharedFeature,
     SharedObject,
     Shares,
+    StreamFault,
     decode,
     encode,
 )
@@ -58,9 +60,11 @@ __all__ = [
     'SharedObject',
     'Shares',
     'SharesChanged',
+    'StreamFault',
     'StreamKey',
     'StreamRefused',
     'StreamUnwanted',
+    'StreamViolated',
     'StreamWanted',
     'VersionError',
     'WatermarkArrived',

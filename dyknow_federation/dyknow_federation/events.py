@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dyknow_common import Value
-from dyknow_federation.messages import Shares
+from dyknow_federation.messages import Shares, StreamFault
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +127,19 @@ class SamplesLost:
 
 
 @dataclass(frozen=True, slots=True)
+class StreamViolated:
+    """The host of a stream has noticed a violation, after all samples that have arrived.
+
+    Its valid time is the earliest one that is possible.
+    """
+
+    peer: str
+    stream: str
+    every: int
+    fault: StreamFault
+
+
+@dataclass(frozen=True, slots=True)
 class WatermarkArrived:
     """All later samples of a stream are certainly valid after a time."""
 
@@ -163,6 +176,7 @@ Event = (
     | StreamRefused
     | SamplesArrived
     | SamplesLost
+    | StreamViolated
     | WatermarkArrived
     | ClockJumped
 )

@@ -20,7 +20,7 @@ from functools import cache
 from itertools import pairwise
 from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
-from dyknow_common import Value, shortened
+from dyknow_common import Value, check_name, shortened
 from dyknow_federation.errors import FederationError, VersionError
 
 VERSION: Final = 1
@@ -40,6 +40,9 @@ MAX_BATCH: Final = 500
 
 MAX_COLUMNS: Final = 100
 """The number of fields of a sample."""
+
+MAX_REASON: Final = 1_000
+"""The length of the description of a violation; longer ones are cut."""
 
 MAX_RANGES: Final = 20
 """The number of ranges of missing samples that a request names; later requests name others."""
@@ -94,8 +97,6 @@ class SharedFeature:
         stream: the stream that carries it; requests name it.
         annotation: what the stream contains, a statement in SSL.
         columns: the names of the fields of its samples, and their types in the stream language.
-        same: the name of the sensor, if several peers share one; empty without.
-        max_delay: the longest time from the valid time of a sample until it is sent.
         max_gap: the longest time between samples; 0 if nothing is stated.
     """
 
@@ -103,8 +104,6 @@ class SharedFeature:
     stream: str
     annotation: str
     columns: tuple[tuple[str, str], ...]
-    same: str = ''
-    max_delay: int = 0
     max_gap: int = 0
 
 
@@ -209,6 +208,48 @@ class Samples:
 
 
 @dataclass(frozen=True, slots=True)
+class StreamFault:
+    """A violation of a stream, as its host has noticed it.
+
+    Args:
+        valid_time: from which on samples are in doubt.
+        constraint: its kind, such as `max_gap`.
+        reason: the description for users.
+    """
+
+    valid_time: int
+    constraint: str
+    reason: str
+
+    def __post_init__(self) -> None:
+        check_name(self.constraint, FederationError)
+        if len(self.reason) > MAX_REASON:
+            raise FederationError(f'a reason has {len(self.reason)} characters; cut it')
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A violation of a stream. It has a number as samples have, and arrives as they do.
+
+    Args:
+        stream: the name of the stream.
+        every: as in the request.
+        epoch: of the number.
+        number: its own; the next sample has the next one.
+        fault: what has happened, in the clock of the sender.
+    """
+
+    stream: str
+    every: int
+    epoch: int
+    number: int
+    fault: StreamFault
+
+    def __post_init__(self) -> None:
+        _check_numbers(self.epoch, self.number)
+
+
+@dataclass(frozen=True, slots=True)
 class Watermark:
     """A promise: all samples from a number on are valid later than a time.
 
@@ -262,6 +303,9 @@ class ProbeReply:
     sent_at: int
 
 
+StreamMessage = Samples | Violation | Watermark
+"""A message that answers a request."""
+
 Message = (
     Hello
     | SharesRequest
@@ -269,8 +313,7 @@ Message = (
     | Request
     | Release
     | RequestRefusal
-    | Samples
-    | Watermark
+    | StreamMessage
     | Probe
     | ProbeReply
 )

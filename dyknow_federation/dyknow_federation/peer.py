@@ -40,6 +40,7 @@ from dyknow_federation.messages import (
     SharedObject,
     Shares,
     SharesRequest,
+    StreamFault,
     decode,
 )
 from dyknow_federation.remote import RemotePeer
@@ -142,6 +143,13 @@ class Peer:
         """
         for key, rendition in self._renditions.items():
             if key.stream == stream and rendition.publish(valid_time, fields):
+                self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
+
+    def violate(self, stream: str, fault: StreamFault, at: int) -> None:
+        """Tell all that have asked for an own stream that it has a violation."""
+        for key, rendition in self._renditions.items():
+            if key.stream == stream:
+                rendition.violate(fault)
                 self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
 
     def promise(self, stream: str, time: int, at: int) -> None:

@@ -19,7 +19,15 @@ from typing import Final, NamedTuple
 
 from dyknow_common import Value
 from dyknow_federation.clocks import BEGINNING
-from dyknow_federation.messages import MAX_RANGES, Request, Samples, Watermark
+from dyknow_federation.messages import (
+    MAX_RANGES,
+    Request,
+    Samples,
+    StreamFault,
+    StreamMessage,
+    Violation,
+    Watermark,
+)
 from dyknow_federation.sending import StreamKey
 
 MAX_HELD: Final = 10_000
@@ -51,7 +59,7 @@ class Promise(NamedTuple):
     time: int
 
 
-Delivery = Received | Lost | Promise
+Delivery = Received | StreamFault | Lost | Promise
 """Something that the reader of a stream is told."""
 
 
@@ -65,7 +73,7 @@ class ReceivedStream:
     def __init__(self, key: StreamKey) -> None:
         self._key = key
         self._epoch = 0
-        self._held: dict[int, Received] = {}
+        self._held: dict[int, Received | StreamFault] = {}
         self._end = self._number = 0
         """All samples before `_number` are delivered or lost; those before `_end` exist."""
         self._oldest = 0
@@ -95,22 +103,36 @@ class ReceivedStream:
         self._epoch = self._number = self._end = self._oldest = 0
         self._watermark, self._promised = None, BEGINNING
 
-    def take_batch(self, batch: Samples) -> None:
-        """Take samples."""
+    def take(self, message: StreamMessage) -> None:
+        """Take an answer of the peer."""
+        match message:
+            case Samples():
+                self._take_batch(message)
+            case Violation():
+                if self._is_current(message.epoch, message.number):
+                    self._end = max(self._end, message.number + 1)
+                    self._hold(message.number, message.fault)
+            case Watermark():
+                self._take_watermark(message)
+
+    def _take_batch(self, batch: Samples) -> None:
         if not self._is_current(batch.epoch, batch.first):
             return
         self._end = max(self._end, batch.first + len(batch.valid_times))
         rows = zip(batch.valid_times, *batch.columns, strict=True)
         for number, (valid_time, *values) in enumerate(rows, batch.first):
-            if number < self._number or number in self._held:
-                continue
-            if len(self._held) >= MAX_HELD and number != self._number:
-                continue
-            self._held[number] = Received(valid_time, dict(zip(batch.names, values, strict=True)))
+            self._hold(number, Received(valid_time, dict(zip(batch.names, values, strict=True))))
 
-    def take_watermark(self, watermark: Watermark) -> None:
+    def _hold(self, number: int, content: Received | StreamFault) -> None:
+        """Keep what a number stands for until it is delivered."""
+        has_room = len(self._held) < MAX_HELD or number == self._number
+        if has_room and number >= self._number:
+            self._held.setdefault(number, content)
+
+    def _take_watermark(self, watermark: Watermark) -> None:
         """Take a promise; it holds once all samples before it are delivered or lost."""
-        if not self._is_current(watermark.epoch, watermark.number):
+        # It begins with the latest one: a violation may be all that comes.
+        if not self._is_current(watermark.epoch, max(watermark.number - 1, watermark.oldest)):
             return
         self._end = max(self._end, watermark.number)
         self._oldest = max(self._oldest, min(watermark.oldest, watermark.number))
@@ -128,6 +150,9 @@ class ReceivedStream:
             if self._number in self._held:
                 sample = self._held.pop(self._number)
                 self._number += 1
+                if isinstance(sample, StreamFault):
+                    yield sample
+                    continue
                 if sample.valid_time <= self._promised:
                     yield Lost(1, f'it is valid at {sample.valid_time} ns, which is too early')
                     continue

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Final
 
 from dyknow_common import round_duration, round_time
@@ -20,6 +21,7 @@ from dyknow_federation.events import (
     SamplesLost,
     SharesChanged,
     StreamRefused,
+    StreamViolated,
     WatermarkArrived,
 )
 from dyknow_federation.messages import (
@@ -32,6 +34,9 @@ from dyknow_federation.messages import (
     Samples,
     Shares,
     SharesRequest,
+    StreamFault,
+    StreamMessage,
+    Violation,
     Watermark,
 )
 from dyknow_federation.receiving import Delivery, Lost, Promise, ReceivedStream
@@ -192,7 +197,7 @@ class RemotePeer:
                     self.shares = message
                     self._refused.clear()
                     return [SharesChanged(self.name, message)]
-            case Samples() | Watermark():
+            case Samples() | Violation() | Watermark():
                 return self._take_samples(message, at)
             case RequestRefusal(stream, every, reason):
                 return self._take_refusal(StreamKey(stream, every), reason)
@@ -210,16 +215,13 @@ class RemotePeer:
         self._probe_at = at
         return [ClockJumped(self.name, excess, since)]
 
-    def _take_samples(self, message: Samples | Watermark, at: int) -> list[Event]:
+    def _take_samples(self, message: StreamMessage, at: int) -> list[Event]:
         key = StreamKey(message.stream, message.every)
         stream = self._streams.get(key)
         if stream is None:
             self.send(Release(*key))
             return []
-        if isinstance(message, Samples):
-            stream.take_batch(message)
-        else:
-            stream.take_watermark(message)
+        stream.take(message)
         events = self._deliver(key, at)
         if not stream.is_complete:
             self._request_at[key] = min(self._request_at[key], at + self._retry)
@@ -260,24 +262,29 @@ class RemotePeer:
             if samples:
                 events.append(SamplesArrived(self.name, *key, tuple(samples)))
                 samples = []
-            if isinstance(found, Lost):
-                events.append(SamplesLost(self.name, *key, *found))
-            else:
-                events.append(WatermarkArrived(self.name, *key, found.time))
+            match found:
+                case Lost():
+                    events.append(SamplesLost(self.name, *key, *found))
+                case StreamFault():
+                    events.append(StreamViolated(self.name, *key, found))
+                case Promise(time):
+                    events.append(WatermarkArrived(self.name, *key, time))
         if samples:
             events.append(SamplesArrived(self.name, *key, tuple(samples)))
         return events
 
     def _translated(
         self, deliveries: Iterator[Delivery], at: int
-    ) -> Iterator[RemoteSample | Lost | Promise]:
+    ) -> Iterator[RemoteSample | StreamFault | Lost | Promise]:
         for each in deliveries:
             if isinstance(each, Lost):
                 yield each
                 continue
             own = self._own_time(each.time if isinstance(each, Promise) else each.valid_time)
             earliest = own.time - own.uncertainty
-            if isinstance(each, Promise):
+            if isinstance(each, StreamFault):
+                yield replace(each, valid_time=min(earliest, at))
+            elif isinstance(each, Promise):
                 if earliest > self.clock.since:
                     yield Promise(earliest)
             elif earliest < self.clock.since:

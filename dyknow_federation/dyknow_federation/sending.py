@@ -15,7 +15,15 @@ from typing import Final, NamedTuple
 from dyknow_common import Value, format_time
 from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.errors import FederationError
-from dyknow_federation.messages import MAX_BATCH, Request, Samples, Watermark
+from dyknow_federation.messages import (
+    MAX_BATCH,
+    Request,
+    Samples,
+    StreamFault,
+    StreamMessage,
+    Violation,
+    Watermark,
+)
 
 MAX_HISTORY: Final = 20_000
 """The number of samples of a rendition that are kept for back-fill."""
@@ -39,6 +47,8 @@ class StreamKey(NamedTuple):
 class _Kept(NamedTuple):
     valid_time: int
     fields: Mapping[str, Value]
+    fault: StreamFault | None = None
+    """A violation, in the place of a sample."""
 
 
 class _Subscription:
@@ -94,17 +104,24 @@ class Rendition:
         if valid_time - self._latest < self._key.every and self._latest != BEGINNING:
             return False
         self._latest = valid_time
-        self._kept.append(_Kept(valid_time, fields))
-        self._number += 1
-        while valid_time - self._kept[0].valid_time > self._history:
-            self._kept.popleft()
+        self._keep(_Kept(valid_time, fields))
         return True
+
+    def violate(self, fault: StreamFault) -> None:
+        """Number and keep a violation."""
+        self._keep(_Kept(max(fault.valid_time, self._latest), {}, fault))
+
+    def _keep(self, kept: _Kept) -> None:
+        self._kept.append(kept)
+        self._number += 1
+        while kept.valid_time - self._kept[0].valid_time > self._history:
+            self._kept.popleft()
 
     def promise(self, time: int) -> None:
         """Promise that all later samples are valid after a time."""
         self._promised = max(self._promised, time)
 
-    def renew(self, peer: str, request: Request, expires: int) -> list[Samples | Watermark]:
+    def renew(self, peer: str, request: Request, expires: int) -> list[StreamMessage]:
         """Take a request, and return what it asks for that was sent before.
 
         Args:
@@ -119,7 +136,7 @@ class Rendition:
             subscription = self._subscriptions[peer] = _Subscription(number, expires)
         subscription.expires = expires
         self.used_until = max(self.used_until, expires)
-        found: list[Samples | Watermark] = []
+        found: list[StreamMessage] = []
         if request.epoch == self._epoch:
             left = MAX_RESENT
             for start, end in request.missing:
@@ -147,7 +164,7 @@ class Rendition:
         for peer in expired:
             del self._subscriptions[peer]
 
-    def unsent(self) -> Iterator[tuple[str, Samples | Watermark]]:
+    def unsent(self) -> Iterator[tuple[str, StreamMessage]]:
         """Yield what is to be sent, with its receiver."""
         for peer, subscription in self._subscriptions.items():
             for batch in self._batches(max(subscription.number, self._oldest), self._number - 1):
@@ -167,12 +184,16 @@ class Rendition:
     def _oldest(self) -> int:
         return self._number - len(self._kept)
 
-    def _batches(self, first: int, last: int) -> Iterator[Samples]:
-        """Yield the samples of a range of numbers, each batch with the same fields."""
+    def _batches(self, first: int, last: int) -> Iterator[Samples | Violation]:
+        """Yield what a range of numbers stands for, samples with the same fields in batches."""
         start, number = first - self._oldest, first
         rows = islice(self._kept, start, max(start, last + 1 - self._oldest))
-        for names, group in groupby(rows, lambda each: tuple(each.fields)):
-            while found := list(islice(group, MAX_BATCH)):
+        for (fault, names), group in groupby(rows, lambda each: (each.fault, tuple(each.fields))):
+            while found := list(islice(group, 1 if fault else MAX_BATCH)):
+                if fault:
+                    yield Violation(*self._key, self._epoch, number, fault)
+                    number += 1
+                    continue
                 times = tuple(each.valid_time for each in found)
                 columns = tuple(tuple(each.fields[name] for each in found) for name in names)
                 yield Samples(*self._key, self._epoch, number, times, names, columns)

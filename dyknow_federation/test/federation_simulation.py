@@ -24,6 +24,8 @@ from dyknow_federation import (
     SamplesArrived,
     SamplesLost,
     SharedFeature,
+    StreamFault,
+    StreamViolated,
     WatermarkArrived,
     encode,
 )
@@ -59,6 +61,7 @@ class Conditions:
         jitter: more delay, on average.
         outage: of a link.
         restarts: True if hosts restart.
+        violations: True if the sensors of hosts fail, and their hosts report it.
     """
 
     offset: int = 5 * SECOND_NS
@@ -69,6 +72,7 @@ class Conditions:
     jitter: int = 10 * MS
     outage: int = 10 * SECOND_NS
     restarts: bool = True
+    violations: bool = True
 
 
 @dataclass(slots=True)
@@ -99,6 +103,7 @@ class Host:
     period: int
     wakes_at: int = 0
     is_down: bool = False
+    is_silent: bool = False
     times: list[int] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
 
@@ -157,6 +162,8 @@ class Simulation:
             self._wake(host)
         if self.conditions.restarts and random.random() < 0.3:
             self._at(random.randint(0, self.duration), self._restart)
+        if self.conditions.violations and random.random() < 0.2:
+            self._at(random.randint(0, self.duration), self._violate)
 
     def run(self) -> Outcome:
         """Run to the end, and judge."""
@@ -222,6 +229,8 @@ class Simulation:
     def _publish(self, host: Host) -> None:
         """A new sample of the host; its level often stays for some time."""
         random = self.random
+        if host.is_silent:
+            return
         if not host.is_down and self._now < self.duration:
             former = host.values[-1] if host.values else 5.0
             level = float(random.randint(0, 9)) if random.random() < 0.3 else former
@@ -248,8 +257,20 @@ class Simulation:
     def _restart(self) -> None:
         """A host other than the first one stops, and starts again with another clock."""
         host = self.random.choice(self.hosts[1:])
+        if host.is_silent:
+            return
         host.is_down = True
         self._at(self._now + self.random.randint(0, 3 * SECOND_NS), lambda: self._start(host))
+
+    def _violate(self) -> None:
+        """A sensor of a host other than the first one fails: nothing follows but the violation."""
+        host = self.random.choice(self.hosts[1:])
+        if host.is_down or not host.peer.renditions:  # The stream is made when it is asked for.
+            self._at(self._now + host.period, self._violate)
+            return
+        host.is_silent, reading = True, host.clock.read(self._now)
+        host.peer.violate(STREAM, StreamFault(reading, 'max_gap', f'{host.name} failed'), reading)
+        self._wake(host)
 
     def _start(self, host: Host) -> None:
         if self.random.random() < 0.5:
@@ -318,6 +339,8 @@ class Simulation:
                     if self.values[peer].held:
                         self.error = f'samples of {peer} are lost: {reason}'
                     self.values[peer].lose()
+                case StreamViolated(peer, _, _, fault):
+                    self.error = fault.reason
                 case WatermarkArrived(peer, _, _, time):
                     self.values[peer].promise(time)
                     self._pass_on(peer)

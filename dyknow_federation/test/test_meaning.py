@@ -93,6 +93,18 @@ def test_what_cannot_be_used_is_left_out(change: dict[str, str], fault: str) -> 
     assert "peer 'p'" in found.faults[0]
 
 
+def test_peers_that_share_one_sensor_are_alternatives() -> None:
+    """Their streams carry one feature of one object, among which matching chooses."""
+    wind = SharedFeature('Wind', 'Wind', 'stream Wind contains Wind = value', (('value', 'float'),))
+    given_ = {each: replace(shared('part'), features=(feature('part'), wind)) for each in 'pq'}
+    found = imports(given_, (), ('part',), topic)
+    carried = sorted(each.annotation.partition(' contains ')[2] for each in found.streams.values())
+    charge = 'Charge[part] = value [V] with max_gap = 1 s;'
+    assert carried == [charge, charge, 'Wind = value;', 'Wind = value;']
+    assert found.objects == {'part': ('Robot',)}
+    assert not found.faults
+
+
 @pytest.mark.parametrize('name', ['a b', '1a', 'a"; x', ''])
 def test_objects_must_have_names(name: str) -> None:
     given_ = Shares(1, (SharedObject(name, ('Robot',)), SharedObject('a', ())))

@@ -24,8 +24,10 @@ from dyknow_federation import (
     SamplesLost,
     SharedFeature,
     SharesChanged,
+    StreamFault,
     StreamRefused,
     StreamUnwanted,
+    StreamViolated,
     StreamWanted,
     encode,
 )
@@ -140,6 +142,35 @@ def test_what_is_not_shared_is_refused_once() -> None:
     net.peers['a'].share([], [SharedFeature('S', 'secret', '', ())], net.time('a'))
     net.run(3)
     assert net.take('a', StreamWanted) == [StreamWanted('secret')]
+
+
+def test_a_violation_is_told_though_nothing_follows() -> None:
+    net = sharing(offset=5 * SECOND_NS)
+    net.publish('a', 1)
+    net.run(0.01)
+    fault = StreamFault(net.time('a'), 'max_gap', 'no sample for 2 s')
+    net.drops = lambda _: True
+    net.peers['a'].violate('level', fault, net.time('a'))
+    at = net.now
+    net.run(0.5)
+    net.drops = lambda _: False
+    net.run(2)
+    arrived = net.events['b'][-2:]
+    assert [type(each) for each in arrived] == [SamplesArrived, StreamViolated]
+    (told,) = net.take('b', StreamViolated)
+    assert (told.peer, told.stream) == ('a', 'level')
+    assert (told.fault.constraint, told.fault.reason) == ('max_gap', 'no sample for 2 s')
+    assert at - 4 * MS <= told.fault.valid_time <= at
+    # Who asks later does not wait for what has failed.
+    net.peers['b'].release('a', 'level', 0)
+    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.run(1)
+    assert net.take('b', StreamViolated)
+    net.publish('a', 2)
+    net.peers['b'].release('a', 'level', 0)
+    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.run(1)
+    assert not net.take('b', StreamViolated)
 
 
 def test_a_stale_link_is_told_and_missed_samples_follow() -> None:

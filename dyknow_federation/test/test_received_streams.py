@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_federation import StreamKey
-from dyknow_federation.messages import Request, Samples, Watermark
+from dyknow_federation.messages import Request, Samples, StreamFault, StreamMessage, Watermark
 from dyknow_federation.receiving import MAX_HELD, Lost, Promise, Received, ReceivedStream
 from dyknow_federation.sending import MAX_HISTORY, Rendition
 
@@ -26,11 +26,8 @@ class Pair:
         for each in self.rendition.renew('me', self.stream.request(), 10**18):
             self.take(each)
 
-    def take(self, message: Samples | Watermark) -> None:
-        if isinstance(message, Samples):
-            self.stream.take_batch(message)
-        else:
-            self.stream.take_watermark(message)
+    def take(self, message: StreamMessage) -> None:
+        self.stream.take(message)
         self.told += self.stream.deliveries()
 
     @property
@@ -41,7 +38,7 @@ class Pair:
 @given(st.data())
 def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair = Pair()
-    on_the_way: list[Samples | Watermark] = []
+    on_the_way: list[StreamMessage] = []
     published = 0
     for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), max_size=60)):
         if action == 'p':
@@ -87,6 +84,43 @@ def test_a_new_epoch_ends_the_former_one() -> None:
     reasons = [each.reason for each in pair.told if isinstance(each, Lost)]
     assert reasons == ['the peer has begun to number its samples anew']
     assert pair.times == [5, 4]
+
+
+@given(st.data())
+def test_violations_arrive_in_order_and_once(data: st.DataObject) -> None:
+    """Also the one before which nothing has arrived, as nothing may follow it."""
+    pair = Pair()
+    pair.stream = ReceivedStream(KEY)  # The answer to its first request is lost.
+    rendition, published = pair.rendition, list[int]()
+    for number, action in enumerate(data.draw(st.text('svfr', max_size=40)), 1):
+        messages: list[StreamMessage] = []
+        if action == 's':
+            rendition.publish(number, {})
+        elif action == 'v':
+            rendition.violate(StreamFault(number, 'max_gap', 'none came'))
+        elif action == 'r':
+            messages = rendition.renew('me', pair.stream.request(), 10**18)
+        else:
+            messages = [message for _, message in rendition.unsent()]
+        published += [number] * (action in 'sv')
+        for each in data.draw(st.permutations(messages)):
+            if data.draw(st.booleans()):
+                pair.take(each)
+                assert_told(pair.told, published)
+    for _ in range(3):
+        pair.renew()
+    found = assert_told(pair.told, published)
+    assert found[-1:] == published[-1:]
+
+
+def assert_told(told: list[object], published: list[int]) -> list[int]:
+    """Check that what is told follows each other, and that nothing follows before a promise."""
+    times = [each.valid_time for each in told if isinstance(each, Received | StreamFault)]
+    assert not times or times == [each for each in published if times[0] <= each <= times[-1]]
+    assert not any(isinstance(each, Lost) for each in told)
+    if told and isinstance(told[-1], Promise):
+        assert not [each for each in published if (times or [0])[-1] < each <= told[-1].time]
+    return times
 
 
 def test_a_peer_that_lies_about_times_is_not_believed() -> None:

@@ -32,6 +32,7 @@ from dyknow_federation.events import (
     SharesChanged,
     StreamRefused,
     StreamUnwanted,
+    StreamViolated,
     StreamWanted,
     WatermarkArrived,
 )
@@ -175,6 +176,9 @@ class Federation(DyKnowNode):
                 self._lost[peer] += count
                 text = f"samples of peer '{peer}' are lost: {reason}"
                 self._remote.lose(StreamName(peer, stream), text)
+            case StreamViolated(peer, stream, _, fault):
+                text = f"peer '{peer}' reports: {fault.reason}"
+                self._remote.violate(peer, fault.constraint, text, stream, fault.valid_time)
             case StreamRefused(peer, stream, _, reason):
                 text = f"peer '{peer}' refuses it: {reason}"
                 self._remote.violate(peer, ViolationKind.MESSAGE, text, stream)

@@ -12,9 +12,10 @@ from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import Alternatives, DyKnowError, ExitCode
 from dyknow_common.ros import STREAM, DyKnowNode, LogOnce, RemoteNode, time_to_nanoseconds
+from dyknow_federation.messages import MAX_REASON, StreamFault
 from dyknow_federation.offers import Offer
 from dyknow_federation.peer import Peer
-from dyknow_stream_processing import Violation
+from dyknow_stream_processing import Violation, ViolationKind
 from dyknow_stream_processing.ros import NodeTopics, sample_fields, sample_valid_time
 
 NAME: Final = '_federation_'
@@ -62,6 +63,7 @@ class OwnStream:
                 'samples of it; let them ask that host'
             )
             self.node.get_logger().warning(self.fault)
+            self._tell(StreamFault(valid_time, ViolationKind.SOURCE, self.fault), now)
         if self.fault:
             return
         if self._latest is None or valid_time - self._latest >= self.every:
@@ -85,7 +87,14 @@ class OwnStream:
         self.node.reject(self.name, f'{count} samples: {reason}')
 
     def on_violation(self, violation: Violation) -> None:
-        """Do nothing: it is reported where the stream is made."""
+        """Tell the peers, as their readers cannot know why samples are missing or wrong."""
+        reason = violation.message[:MAX_REASON]
+        fault = StreamFault(violation.valid_time, str(violation.constraint), reason)
+        self._tell(fault, self.node.now())
+
+    def _tell(self, fault: StreamFault, now: int) -> None:
+        self.peer.violate(self.name, fault, now)
+        self.changed()
 
 
 class OwnStreams:
@@ -114,6 +123,8 @@ class OwnStreams:
         self._manager = RemoteNode(node, name, services=services)
         self._topics = NodeTopics.of(node)
         self._wanted: set[str] = set()
+        self._failed: set[str] = set()
+        """The streams of which peers know that they cannot be made."""
         self._made: dict[str, tuple[Offer, Callable[[], None]]] = {}
         self._is_working = False
         self._log = LogOnce()
@@ -121,6 +132,7 @@ class OwnStreams:
     def want(self, stream: str) -> None:
         """Have a stream made, for peers."""
         self._wanted.add(stream)
+        self._failed.discard(stream)
 
     def release(self, stream: str) -> None:
         """Have a stream made no more."""
@@ -143,11 +155,21 @@ class OwnStreams:
                     await self._make(name, due[name])
                 except DyKnowError as error:
                     faults.append(f"stream '{name}' cannot be shared: {error}")
+                    self._tell_failure(name, faults[-1])
         finally:
             self._is_working = False
         self.faults = tuple(faults)
         for text in self._log.new(faults):
             self._node.get_logger().warning(text)
+
+    def _tell_failure(self, name: str, reason: str) -> None:
+        """Tell the peers that ask for a stream why it has no samples, once."""
+        if name not in self._failed:
+            self._failed.add(name)
+            now = self._node.now()
+            fault = StreamFault(now, ViolationKind.SOURCE, reason[:MAX_REASON])
+            self._peer.violate(name, fault, now)
+            self._changed()
 
     async def _make(self, name: str, offer: Offer) -> None:
         spec = StreamSpec(name=NAME + name, specification=offer.specification)

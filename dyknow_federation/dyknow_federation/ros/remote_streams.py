@@ -101,14 +101,21 @@ class RemoteStream:
             self._latest = time
             self._publisher.publish(self._writer.write(Sample(time, now, fields, time)))
 
-    def violate(self, kind: ViolationKind, reason: str) -> None:
-        """Report that samples are missing, or have wrong times."""
+    def violate(self, kind: str, reason: str, valid_time: int | None = None) -> None:
+        """Report that samples are missing, or have wrong times.
+
+        Args:
+            kind: of the violation.
+            reason: the description for users.
+            valid_time: from which on samples are in doubt; None: from the latest one.
+        """
         now = self._node.now()
+        valid_time = self._latest if valid_time is None else valid_time
         self._violations.publish(
             ConstraintViolation(
                 stream_name=self.topic,
-                constraint=kind.value,
-                valid_time=nanoseconds_to_time(max(self._latest, 0)),
+                constraint=str(kind),
+                valid_time=nanoseconds_to_time(max(valid_time, 0)),
                 available_time=nanoseconds_to_time(now),
                 message=f"stream '{self.topic}': {reason}",
             )
@@ -163,6 +170,9 @@ class RemoteStreams:
         """Return the streams that are read since the last call, and those that are no more."""
         wanted = {name for name, each in self._streams.items() if each.is_wanted}
         former, self._wanted = self._wanted, wanted
+        for name in former - wanted:
+            if name in self._streams:
+                self._streams[name].lose()
         return wanted - former, former - wanted
 
     @property
@@ -195,10 +205,12 @@ class RemoteStreams:
             if name.peer == peer:
                 each.begin_anew()
 
-    def violate(self, peer: str, kind: ViolationKind, reason: str, stream: str = '') -> None:
+    def violate(
+        self, peer: str, kind: str, reason: str, stream: str = '', valid_time: int | None = None
+    ) -> None:
         """Report a violation of a stream of a peer, or of all that are read."""
         for name in self._of(peer, stream):
-            self._streams[name].violate(kind, reason)
+            self._streams[name].violate(kind, reason, valid_time)
 
     def _of(self, peer: str, stream: str) -> Iterator[StreamName]:
         return (
