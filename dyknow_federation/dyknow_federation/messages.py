@@ -228,7 +228,7 @@ class StreamFault:
 
 
 @dataclass(frozen=True, slots=True)
-class Violation:
+class ViolationNotice:
     """A violation of a stream. It has a number as samples have, and arrives as they do.
 
     Args:
@@ -303,7 +303,7 @@ class ProbeReply:
     sent_at: int
 
 
-StreamMessage = Samples | Violation | Watermark
+StreamMessage = Samples | ViolationNotice | Watermark
 """A message that answers a request."""
 
 Message = (

@@ -25,7 +25,7 @@ from dyknow_federation.messages import (
     Samples,
     StreamFault,
     StreamMessage,
-    Violation,
+    ViolationNotice,
     Watermark,
 )
 from dyknow_federation.sending import StreamKey
@@ -108,7 +108,7 @@ class ReceivedStream:
         match message:
             case Samples():
                 self._take_batch(message)
-            case Violation():
+            case ViolationNotice():
                 if self._is_current(message.epoch, message.number):
                     self._end = max(self._end, message.number + 1)
                     self._hold(message.number, message.fault)

@@ -36,7 +36,7 @@ from dyknow_federation.messages import (
     SharesRequest,
     StreamFault,
     StreamMessage,
-    Violation,
+    ViolationNotice,
     Watermark,
 )
 from dyknow_federation.receiving import Delivery, Lost, Promise, ReceivedStream
@@ -197,7 +197,7 @@ class RemotePeer:
                     self.shares = message
                     self._refused.clear()
                     return [SharesChanged(self.name, message)]
-            case Samples() | Violation() | Watermark():
+            case Samples() | ViolationNotice() | Watermark():
                 return self._take_samples(message, at)
             case RequestRefusal(stream, every, reason):
                 return self._take_refusal(StreamKey(stream, every), reason)

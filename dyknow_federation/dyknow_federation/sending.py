@@ -21,7 +21,7 @@ from dyknow_federation.messages import (
     Samples,
     StreamFault,
     StreamMessage,
-    Violation,
+    ViolationNotice,
     Watermark,
 )
 
@@ -184,14 +184,14 @@ class Rendition:
     def _oldest(self) -> int:
         return self._number - len(self._kept)
 
-    def _batches(self, first: int, last: int) -> Iterator[Samples | Violation]:
+    def _batches(self, first: int, last: int) -> Iterator[Samples | ViolationNotice]:
         """Yield what a range of numbers stands for, samples with the same fields in batches."""
         start, number = first - self._oldest, first
         rows = islice(self._kept, start, max(start, last + 1 - self._oldest))
         for (fault, names), group in groupby(rows, lambda each: (each.fault, tuple(each.fields))):
             while found := list(islice(group, 1 if fault else MAX_BATCH)):
                 if fault:
-                    yield Violation(*self._key, self._epoch, number, fault)
+                    yield ViolationNotice(*self._key, self._epoch, number, fault)
                     number += 1
                     continue
                 times = tuple(each.valid_time for each in found)

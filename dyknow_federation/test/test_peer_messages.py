@@ -31,7 +31,7 @@ from dyknow_federation.messages import (
     Shares,
     SharesRequest,
     StreamFault,
-    Violation,
+    ViolationNotice,
     Watermark,
 )
 
@@ -48,7 +48,7 @@ EXAMPLES: list[Message] = [
     RequestRefusal('c', 0, 'it is not shared'),
     Samples('c', 0, 1, 7, (10, 20), ('x', 'mode'), ((1.5, 2), ('a', 'ü'))),
     Samples('c', 0, 1, 7, tuple(range(MAX_BATCH)), ('x',), (tuple([True] * MAX_BATCH),)),
-    Violation('c', 0, 1, 8, StreamFault(5, 'max_gap', 'no sample')),
+    ViolationNotice('c', 0, 1, 8, StreamFault(5, 'max_gap', 'no sample')),
     Watermark('c', 0, 1, 9, 1, -5),
     Probe(1, 2),
     ProbeReply(1, 2, 3, 4),
@@ -97,13 +97,13 @@ BAD = {
     ),
     'a long reason': (
         json.dumps(
-            [VERSION, 'a', 1, '', 'Violation', ['c', 0, 1, 1, [5, 'lost', 'x' * 1001]]]
+            [VERSION, 'a', 1, '', 'ViolationNotice', ['c', 0, 1, 1, [5, 'lost', 'x' * 1001]]]
         ).encode(),
         'cut it',
     ),
     'a long constraint': (
         json.dumps(
-            [VERSION, 'a', 1, '', 'Violation', ['c', 0, 1, 1, [5, 'x' * 1001, '']]]
+            [VERSION, 'a', 1, '', 'ViolationNotice', ['c', 0, 1, 1, [5, 'x' * 1001, '']]]
         ).encode(),
         'shorten it',
     ),
