@@ -109,7 +109,7 @@ class Rendition:
 
     def violate(self, fault: StreamFault) -> None:
         """Number and keep a violation."""
-        self._keep(_Kept(max(fault.valid_time, self._latest), {}, fault))
+        self._keep(_Kept(self._latest, {}, fault))
 
     def _keep(self, kept: _Kept) -> None:
         self._kept.append(kept)

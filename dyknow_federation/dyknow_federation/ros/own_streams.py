@@ -150,26 +150,27 @@ class OwnStreams:
         try:
             for name in [name for name, (each, _) in self._made.items() if due.get(name) != each]:
                 await self._remove(name)
+                if name in due:
+                    self._tell(name, 'its host makes it from another source now')
             for name in due.keys() - self._made.keys():
                 try:
                     await self._make(name, due[name])
                 except DyKnowError as error:
                     faults.append(f"stream '{name}' cannot be shared: {error}")
-                    self._tell_failure(name, faults[-1])
+                    if name not in self._failed:
+                        self._failed.add(name)
+                        self._tell(name, faults[-1])
         finally:
             self._is_working = False
         self.faults = tuple(faults)
         for text in self._log.new(faults):
             self._node.get_logger().warning(text)
 
-    def _tell_failure(self, name: str, reason: str) -> None:
-        """Tell the peers that ask for a stream why it has no samples, once."""
-        if name not in self._failed:
-            self._failed.add(name)
-            now = self._node.now()
-            fault = StreamFault(now, ViolationKind.SOURCE, reason[:MAX_REASON])
-            self._peer.violate(name, fault, now)
-            self._changed()
+    def _tell(self, name: str, reason: str) -> None:
+        """Tell the peers that ask for a stream why samples of it are missing."""
+        now = self._node.now()
+        self._peer.violate(name, StreamFault(now, ViolationKind.SOURCE, reason[:MAX_REASON]), now)
+        self._changed()
 
     async def _make(self, name: str, offer: Offer) -> None:
         spec = StreamSpec(name=NAME + name, specification=offer.specification)
