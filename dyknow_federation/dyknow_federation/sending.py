@@ -109,7 +109,8 @@ class Rendition:
 
     def violate(self, fault: StreamFault) -> None:
         """Number and keep a violation."""
-        self._keep(_Kept(self._latest, {}, fault))
+        time = fault.valid_time if self._latest == BEGINNING else self._latest
+        self._keep(_Kept(time, {}, fault))
 
     def _keep(self, kept: _Kept) -> None:
         self._kept.append(kept)
