@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Pose, PoseArray
+from geometry_msgs.msg import Point32, Polygon, PolygonStamped, Pose, PoseArray
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
@@ -84,6 +84,7 @@ PATHS = {
         'count(poses)',
         'poses[-1].position.x',
     ],
+    'geometry_msgs/msg/PolygonStamped': ['wkt(polygon.points)', 'polygon.points[-1].y'],
     'sensor_msgs/msg/PointCloud': [
         'sum(channels.values)',
         'max(channels[name = "imu"].values)',
@@ -107,6 +108,9 @@ def messages(draw: Any) -> Any:
             for pose, x in zip(poses, floats, strict=True):
                 pose.position.x = x
             return PoseArray(poses=poses)
+        case 'PolygonStamped':
+            points = [Point32(x=x, y=-x) for x in floats]
+            return PolygonStamped(polygon=Polygon(points=points))
         case 'PointCloud':
             kind = PointCloud().channels.__class__ and message_class(
                 'sensor_msgs/msg/ChannelFloat32'

@@ -7,9 +7,13 @@ from pathlib import Path
 
 import pytest
 from dyknow_interfaces.msg import FormulaResult
+from geometry_msgs.msg import Point32, PointStamped, PolygonStamped
+from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from dyknow_bringup.processes.processes import SystemConfiguration
+from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.resources import scenario_path
 from dyknow_bringup.simulation.recording import record
 from dyknow_bringup.simulation.scenario import load_scenario
@@ -126,3 +130,50 @@ def test_the_answers_over_recordings_of_others(
         pytest.skip(f'there is no recording {name}')
     with System(tmp_path, vehicles=3, use_sim_time=True) as system:
         compare(system, DATA / name, formulas)
+
+
+STORM = """
+objects: {UAV: [uav1]}
+regions: {cell: {is: Storm, frame: map, topic: /cell}}
+positions: {of: {u: UAV}, frame: map, topic: '/{u}/position', field: point}
+"""
+OUTSIDE = (
+    'always not inside(uav1, cell)',
+    'always[0 s, 2 s] distance(uav1, cell) > 5.5',
+    'eventually distance(uav1, cell) < -0.5',
+)
+
+
+def storm(path: Path) -> None:
+    """Write a cell that comes 1 m nearer to a robot each second; the last one crosses itself."""
+    types = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = [
+            writer.add_connection(topic, f'geometry_msgs/msg/{name}', typestore=types)
+            for topic, name in (('/cell', 'PolygonStamped'), ('/uav1/position', 'PointStamped'))
+        ]
+        for step in range(10):
+            cell, position = PolygonStamped(), PointStamped()
+            x = 8.0 - step
+            corners = [(x, -2.0), (x + 4, -2.0), (x + 4, 2.0), (x, 2.0 if step < 9 else -4.0)]
+            cell.polygon.points = [Point32(x=x, y=y) for x, y in corners]
+            for connection, message in zip(connections, (cell, position), strict=True):
+                time = START + step * SECOND_NS
+                message.header.frame_id = 'map'
+                message.header.stamp.sec = time // SECOND_NS
+                writer.write(connection, time, serialize_message(message))
+
+
+def test_the_answers_over_a_region_that_moves(tmp_path: Path) -> None:
+    (tmp_path / 'robot.yaml').write_text(STORM)
+    storm(tmp_path / 'storm')
+    system = System(tmp_path, vehicles=1, use_sim_time=True)
+    robot = tmp_path / 'robot.yaml'
+    system.configuration = with_robot(SystemConfiguration(), robot, monitor=False)
+    with system:
+        found = compare(system, tmp_path / 'storm', OUTSIDE)
+    outside, near, deep = found
+    assert outside.verdict == FormulaResult.FALSE
+    assert outside.decided_at.sec == START // SECOND_NS + 8
+    assert near.verdict == FormulaResult.TRUE
+    assert 'self-intersection' in deep.exit_status.message

@@ -27,6 +27,8 @@ from dyknow_common.fields import (
     CONDITIONED,
     INDEX,
     NUMERIC,
+    TEXTUAL,
+    WKT,
     ArrayElements,
     ArraySlice,
     ComputedField,
@@ -44,6 +46,7 @@ FieldTypes = Mapping[str, ValueType | None]
 _INDEX = re.compile(r'\[(?P<first>\d+)(?P<more>\.\.(?P<last>\d*))?\]', re.ASCII)
 _MAX_INDEX_DIGITS: Final = 18
 _MAX_SUGGESTIONS: Final = 4
+_OF_MANY: Final = frozenset({*AGGREGATES, WKT})
 _NUMBERS: Final = frozenset({ValueType.INT, ValueType.FLOAT})
 _STEP_OF_ENTRY: Final = re.compile(r'(?<!\.)\.(?!\.)')
 _ENTRY: Final = re.compile(r"[\w']+(\[0\.\.\d*\])?(\.[\w']+(\[0\.\.\d*\])?)*", re.ASCII)
@@ -258,13 +261,13 @@ class _Lookup:
         path = str(field.path)
         if path not in self._fields:
             return self._of_array(field.path, field.function)
-        if field.function in AGGREGATES:
+        if field.function in _OF_MANY:
             raise _AbsenceError(f"'{path}' is a single value, and {field.function} takes an array")
         return path
 
     def _of_array(self, path: MessagePath, function: str) -> str:
         names = path.names
-        found = self._arrays.get(names)
+        found = self._points(path) if function == WKT else self._arrays.get(names)
         if found is None and function == 'count':
             # Structs can be counted, too.
             inside = (each for key, each in self._arrays.items() if key[: len(names)] == names)
@@ -272,13 +275,22 @@ class _Lookup:
         if found is None:
             raise _AbsenceError
         opened = [self._are_many(path, number, found.lasts) for number in range(len(names))]
-        if any(opened) is (function in AGGREGATES):
+        if any(opened) is (function in _OF_MANY):
             return found.entry
-        if function in AGGREGATES:
+        if function in _OF_MANY:
             raise _AbsenceError(f"'{path}' is a single value, and {function} takes an array")
         if any(isinstance(step.selector, ArraySlice) for step in path.steps):
             raise _AbsenceError(f'a slice is many values; aggregate them, such as max({path})')
         raise _AbsenceError
+
+    def _points(self, path: MessagePath) -> ListedArray:
+        """Return the entry of the first coordinate of an array of points."""
+        found = [self._arrays.get((*path.names, axis)) for axis in 'xy']
+        x, y = found
+        kinds = {self._types.get(each.entry) for each in found if each}
+        if x is None or y is None or not kinds <= {None, *_NUMBERS}:
+            raise _AbsenceError(f"'{path}' is no array of points, which {WKT} takes")
+        return x
 
     def _are_many(self, path: MessagePath, number: int, lasts: tuple[float | None, ...]) -> bool:
         """Check the selector of a step; return True if it leads to several elements of an array."""
@@ -364,7 +376,7 @@ def _typed(value_type: ValueType) -> str:
 def _result_type(function: str, found: ValueType | None) -> ValueType | None:
     if function == 'count':
         return ValueType.INT
-    if function == 'text':
+    if function in TEXTUAL:
         return ValueType.STRING
     if function in CONDITIONED:
         return ValueType.BOOLEAN

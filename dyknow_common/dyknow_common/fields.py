@@ -35,9 +35,16 @@ CONVERSIONS: Final = ('number', 'text')
 INDEX: Final = 'index'
 """The function that gives the number of an element, counted from 0, where each is a sample."""
 
+WKT: Final = 'wkt'
+"""The function that gives the polygon of an array of points, in well-known text."""
+
+TEXTUAL: Final = ('text', WKT)
+"""The functions that give texts."""
+
 NUMERIC: Final = ('min', 'max', 'mean', 'sum', 'number')
 """The functions that take numbers, or texts that are numbers."""
 
+_FUNCTIONS: Final = (*AGGREGATES, *CONVERSIONS, INDEX, WKT)
 _EACH: Final = 'each '
 _MAX_DIGITS: Final = 400
 """The digits of a number; Python refuses to convert thousands."""
@@ -54,7 +61,7 @@ _STEP: Final = re.compile(
     )\])?""",
     re.VERBOSE,
 )
-_FUNCTION: Final = re.compile(rf'({"|".join((*AGGREGATES, *CONVERSIONS, INDEX))})\s*\(\s*')
+_FUNCTION: Final = re.compile(rf'({"|".join(_FUNCTIONS)})\s*\(\s*')
 _CONDITION: Final = re.compile(
     rf"""\s*(?P<operator>!=|<=|>=|=|<|>|{'|'.join(TEXT_COMPARISONS).replace(' ', '[ ]')})\s*
     (?P<value>{_QUOTED}|true|false|-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*\Z""",
@@ -170,13 +177,13 @@ class ComputedField:
     @property
     def gives_number(self) -> bool:
         """True if its value is a number."""
-        return self.function not in {'any', 'all', 'text'}
+        return self.function not in {'any', 'all', *TEXTUAL}
 
     @property
     def fault(self) -> str:
         """The reason why there is no such function; empty if there is one."""
-        if self.function not in (*AGGREGATES, *CONVERSIONS, INDEX):
-            known = ', '.join((*AGGREGATES, *CONVERSIONS, INDEX))
+        if self.function not in _FUNCTIONS:
+            known = ', '.join(_FUNCTIONS)
             return f"'{self.function}' is no function of fields (there are: {known})"
         if self.condition is not None and self.function not in CONDITIONED:
             return f"'{self.function}' takes no condition; {', '.join(CONDITIONED)} do"

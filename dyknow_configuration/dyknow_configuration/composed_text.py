@@ -12,7 +12,14 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Final, Self
 
-from dyknow_common import NOWHERE, LanguageError, TextPosition, unknown
+from dyknow_common import (
+    CONSTRAINT_KINDS,
+    NOWHERE,
+    ConstraintKind,
+    LanguageError,
+    TextPosition,
+    unknown,
+)
 from dyknow_configuration.errors import ConfigurationError
 from dyknow_configuration.yaml_values import YamlValue
 
@@ -115,3 +122,21 @@ def variables(value: YamlValue, known: Collection[str]) -> frozenset[str]:
 def checked_text(value: YamlValue) -> ComposedText:
     """Return the text of one value, for the errors of its language."""
     return ComposedText().add_value(value)
+
+
+def constraint_text(name: str, value: YamlValue) -> str:
+    """Return the value of a constraint in SSL."""
+    if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
+        return 'true' if value.truth() else 'false'
+    value.duration()
+    return value.line()
+
+
+def constraints_text(stated: Mapping[str, YamlValue]) -> str:
+    """Return the constraints of a stream that are among some keys, ` with max_gap = 1 s`."""
+    given = [
+        f'{name} = {constraint_text(name, each)}'
+        for name, each in stated.items()
+        if name in CONSTRAINT_KINDS
+    ]
+    return f' with {", ".join(given)}' if given else ''

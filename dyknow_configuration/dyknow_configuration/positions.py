@@ -14,7 +14,8 @@ For the object uav1 and the region dock, this makes the stream
     sink uav1_region_distances
 
 and the annotation `stream uav1_region_distances contains distance[uav1, dock] = dock`. With
-`moves: straight`, there are the same of `swept_distance`.
+`moves: straight`, there are the same of `swept_distance`. A region that moves has a stream of its
+own for each object, which joins the two topics by time.
 """
 
 from __future__ import annotations
@@ -24,17 +25,19 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Final
 
-from dyknow_common import CONSTRAINT_KINDS, InlineText, listed, quoted
-from dyknow_configuration.composed_text import ComposedText
+from dyknow_common import InlineText, listed, quoted
+from dyknow_configuration.composed_text import ComposedText, constraints_text
 from dyknow_configuration.regions import (
     DISTANCES,
     POSITION_KEYS,
+    MovingRegion,
     StatedRegion,
+    drawn_regions,
     frame_of,
     position_variable,
 )
 from dyknow_configuration.robot import RobotVocabulary
-from dyknow_configuration.topics import MAX_TEXTS, constraint_text
+from dyknow_configuration.topics import MAX_TEXTS
 from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import ALL_HEIGHTS, WGS84, Region
 from dyknow_stream_processing import parse_specification, specifications_by_sink
@@ -89,10 +92,10 @@ def read_positions(
     annotations: list[InlineText] = []
     for source in sources:
         of_frame = [each.region for each in regions if each.region.frame == source.frame]
-        if of_frame:
-            streams.append(source.streams(of_frame))
-            annotations += source.annotations(of_frame)
-    drawn = regions[0].region.frame if regions else ''
+        streams += source.streams(of_frame)
+        annotations += source.annotations(of_frame)
+    still = drawn_regions(regions)
+    drawn = still[0].frame if still else ''
     topics = {
         name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
     }
@@ -133,38 +136,61 @@ class _PositionSource:
         self._frame_field = 'header.frame_id' if is_checked else ''
         self.is_swept = 'moves' in stated and bool(stated['moves'].choice('motion', ('straight',)))
         self._units = tuple(DISTANCES) if self.is_swept else tuple(DISTANCES)[:1]
-        self._constraints = {
-            name: constraint_text(name, each)
-            for name, each in stated.items()
-            if name in CONSTRAINT_KINDS
-        }
+        self._constraints = constraints_text(stated)
 
-    def streams(self, regions: Sequence[Region]) -> InlineText:
-        """Return the streams of the distances of all objects."""
-        axes = 'xyz' if any(each.altitude != ALL_HEIGHTS for each in regions) else 'xy'
-        frame = 'frame: string, ' if self._frame_field else ''
+    def streams(self, regions: Sequence[Region | MovingRegion]) -> Iterator[InlineText]:
+        """Yield the streams of the distances of all objects."""
+        still = [each for each in regions if isinstance(each, Region)]
+        if still:
+            yield self._still_streams(still)
+        for each in regions:
+            if isinstance(each, MovingRegion):
+                yield self._moving_streams(each)
+
+    def _still_streams(self, regions: Sequence[Region]) -> InlineText:
+        axes = _axes_for(regions)
         shapes = ', '.join(f'{each.name} = {quoted(each.text)}' for each in regions)
-        fields = f'({_typed(each.name for each in regions)})', f'({frame}{_typed(axes)})'
+        fields = f'({_typed(each.name for each in regions)})', self._fields(axes)
         text = ComposedText()
         for unit in self._units:
             text.add(f'compunit {fields[0]} {unit}({fields[1]});\n', self.value)
         for name in self.objects:
             for unit in self._units:
-                text.add(f'stream {name}_{unit} = {unit}(select ', self.value)
-                text.add(self._selections(axes), self._field_value)
-                self._add_source(text, name)
+                text.add(f'stream {name}_{unit} = {unit}(', self.value)
+                self._add_position(text, name, axes)
                 text.add(f', {shapes});\nsink {name}_{unit};\n', self.value)
         with text.errors():
             specifications_by_sink(parse_specification(str(text)))
         return InlineText(self.value.place, str(text))
 
-    def annotations(self, regions: Sequence[Region]) -> Iterator[InlineText]:
+    def _moving_streams(self, region: MovingRegion) -> InlineText:
+        axes = _axes_for([region])
+        text = ComposedText()
+        inputs = f'{self._fields(axes)}, ({region.fields})'
+        text.add(f'compunit {region.name}: float moving_distance({inputs});\n', self.value)
+        for name in self.objects:
+            text.add(f'stream {name}_distance_to_{region.name} = moving_distance(', self.value)
+            self._add_position(text, name, axes)
+            text.add(', ', self.value).add(region.source, region.origin)
+            text.add(f', {region.name} = {quoted(region.text)});\n', self.value)
+            text.add(f'sink {name}_distance_to_{region.name};\n', self.value)
+        with text.errors():
+            specifications_by_sink(parse_specification(str(text)))
+        return InlineText(self.value.place, str(text))
+
+    def annotations(self, regions: Sequence[Region | MovingRegion]) -> Iterator[InlineText]:
         """Yield the annotations of the distances of each object."""
-        for name, unit in product(self.objects, self._units):
+        still = [each for each in regions if isinstance(each, Region)]
+        for name, unit in product(self.objects, self._units if still else ()):
             feature = DISTANCES[unit]
-            contents = (f'{feature}[{name}, {each.name}] = {each.name}' for each in regions)
+            contents = (f'{feature}[{name}, {each.name}] = {each.name}' for each in still)
             text = f'stream {name}_{unit} contains {", ".join(contents)};'
             yield InlineText(self.value.place, text)
+        for name, region in product(self.objects, regions):
+            if isinstance(region, MovingRegion):
+                content = f'distance[{name}, {region.name}] = {region.name}'
+                text = f'stream {name}_distance_to_{region.name} contains {content};'
+                yield InlineText(self.value.place, text)
 
     def topics(self) -> Iterator[tuple[str, tuple[str, str, str]]]:
         """Yield each object with its topic and the fields of x and y, if it has a topic."""
@@ -182,6 +208,14 @@ class _PositionSource:
         fields = zip(self._axes, axes, strict=False)
         return ', '.join([*frame, *(f'{before}{name} as {axis}' for name, axis in fields)])
 
+    def _fields(self, axes: str) -> str:
+        frame = 'frame: string, ' if self._frame_field else ''
+        return f'({frame}{_typed(axes)})'
+
+    def _add_position(self, text: ComposedText, name: str, axes: str) -> None:
+        text.add('select ', self.value).add(self._selections(axes), self._field_value)
+        self._add_source(text, name)
+
     def _add_source(self, text: ComposedText, name: str) -> None:
         objects = {self._variable: name}
         source = str(ComposedText().add_template(self._source, objects)).strip()
@@ -190,9 +224,7 @@ class _PositionSource:
         elif self._kind == 'topic':
             source = quoted(source)
         text.add(f' from {source}', self._source)
-        if self._constraints:
-            given = ', '.join(f'{key} = {each}' for key, each in self._constraints.items())
-            text.add(f' with {given}', self.value)
+        text.add(self._constraints, self.value)
 
 
 def _axes(value: YamlValue | None, frame: str) -> tuple[str, str, str]:
@@ -203,6 +235,10 @@ def _axes(value: YamlValue | None, frame: str) -> tuple[str, str, str]:
     if len(names) != 3:  # noqa: PLR2004
         raise value.expected('the fields of x, y and z, such as [lon, lat, alt],')
     return names[0], names[1], names[2]
+
+
+def _axes_for(regions: Iterable[Region | MovingRegion]) -> str:
+    return 'xyz' if any(each.altitude != ALL_HEIGHTS for each in regions) else 'xy'
 
 
 def _typed(names: Iterable[str]) -> str:

@@ -6,9 +6,11 @@
       margin: {is: NoFly, frame: map, buffer: {of: dock, by: 1.5}}
       fences: {frame: wgs84, geojson: fences.geojson}
       keep_out: {is: KeepOut, frame: map, mask: keepout_mask.yaml}
+      storm: {is: Storm, frame: map, topic: /storm_cell, max_gap: 30 s}
 
-A file may hold several regions, which have their own names. Their relations are computed; those of
-objects that are not drawn may be told:
+A file may hold several regions, which have their own names. A topic of PolygonStamped is a region
+that moves. The relations of the others are computed; those of objects that are not drawn may be
+told:
 
     relations: [kitchen NTPP flat, 'hall {EC, DC} flat']
 """
@@ -20,7 +22,8 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
-from dyknow_common import CONSTRAINT_KINDS, unknown
+from dyknow_common import CONSTRAINT_KINDS, WKT, quoted, unknown
+from dyknow_configuration.composed_text import constraints_text
 from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import (
     ALL_HEIGHTS,
@@ -49,16 +52,18 @@ _FILES: Final[Mapping[str, Callable[..., Iterable[Region]]]] = {
 }
 """The readers of files, by the key that names the file."""
 
-_METRIC: Final = frozenset({'free', 'mask', 'vda5050'})
-"""The documents that have no degrees."""
+_METRIC: Final = frozenset({'free', 'mask', 'vda5050', 'topic'})
+"""The sources that have no degrees; the points of a PolygonStamped would round them to metres."""
 
-_SHAPES: Final = ('wkt', 'circle', 'buffer', *_FILES)
+_SHAPES: Final = ('wkt', 'circle', 'buffer', *_FILES, 'topic')
 
 _TIMES: Final = ('since', 'until')
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
-REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES)
+_MOVING_KEYS: Final = ('field', 'header', *CONSTRAINT_KINDS)
+
+REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES, *_MOVING_KEYS)
 
 POSITION_KEYS: Final = (
     'of', 'frame', 'topic', 'stream', 'tf', 'field', 'axes', 'header', 'moves', *CONSTRAINT_KINDS
@@ -72,6 +77,35 @@ MAX_REGIONS: Final = 1_000
 
 
 @dataclass(frozen=True, slots=True)
+class MovingRegion:
+    """A region whose outline is in the messages of a topic.
+
+    Args:
+        name: of the object that it is.
+        sorts: the sorts of that object, as they are stated.
+        frame: of the outline, in metres.
+        altitude: its lowest and highest height, in metres; infinite without a bound.
+        source: the stream of its `outline`, and of its `frame` if that is to be checked.
+        fields: of that stream, with their types.
+        origin: where the file states it.
+    """
+
+    name: str
+    sorts: tuple[str, ...]
+    frame: str
+    altitude: tuple[float, float]
+    source: str
+    fields: str
+    origin: YamlValue
+
+    @property
+    def text(self) -> str:
+        """The region but for its name, sorts and outline, for `moving_distance`."""
+        bounded = self.altitude != ALL_HEIGHTS
+        return f'frame {self.frame}' + '; altitude {} {}'.format(*self.altitude) * bounded
+
+
+@dataclass(frozen=True, slots=True)
 class StatedRegion:
     """A region with its place in the file.
 
@@ -81,7 +115,7 @@ class StatedRegion:
         sorts: the value of its key `is`, if there is one.
     """
 
-    region: Region
+    region: Region | MovingRegion
     key: YamlValue
     sorts: YamlValue | None
 
@@ -103,6 +137,11 @@ def read_regions(value: YamlValue) -> tuple[StatedRegion, ...]:
     return tuple(found.values())
 
 
+def drawn_regions(regions: Iterable[StatedRegion]) -> list[Region]:
+    """Return the regions that stand still."""
+    return [each.region for each in regions if isinstance(each.region, Region)]
+
+
 def read_relations(
     values: Mapping[str, YamlValue], regions: Sequence[StatedRegion], objects: Collection[str]
 ) -> dict[str, list[SpatialStatement]]:
@@ -116,7 +155,7 @@ def read_relations(
     Raises:
         ConfigurationError: with the place of the fault, or of a statement that contradicts others.
     """
-    drawn = [each.region for each in regions]
+    drawn = drawn_regions(regions)
     told: dict[SpatialStatement, YamlValue] = {}
     for each in values['relations'].one_or_more() if 'relations' in values else ():
         try:
@@ -144,7 +183,7 @@ def read_relations(
 
 def _regions(
     key: YamlValue, value: YamlValue, known: Mapping[str, StatedRegion]
-) -> Iterable[Region]:
+) -> Iterable[Region | MovingRegion]:
     stated = value.mapping(REGION_KEYS, ('frame',))
     shapes = [each for each in _SHAPES if each in stated]
     if len(shapes) != 1:
@@ -154,8 +193,13 @@ def _regions(
     name, frame = key.text('the name of a region').strip(), frame_of(stated['frame'])
     if kind in _METRIC and frame == WGS84:
         raise shape.error(f'{kind} is in metres; state its frame, which is not {WGS84}')
+    for each in () if kind == 'topic' else _MOVING_KEYS:
+        if each in stated:
+            raise stated[each].error(f'only a region of a topic has {each}; remove it')
     sorts = tuple(each.text() for each in stated['is'].one_or_more()) if 'is' in stated else ()
     altitude = _altitude(stated['altitude']) if 'altitude' in stated else ALL_HEIGHTS
+    if kind == 'topic':
+        return [_moving(stated, name, sorts, frame, altitude)]
     since, until = (_time(stated[each]) if each in stated else None for each in _TIMES)
     try:
         if kind in _FILES:
@@ -176,6 +220,32 @@ def _regions(
         raise shape.error(error.message) from None
 
 
+def _moving(
+    stated: Mapping[str, YamlValue],
+    name: str,
+    sorts: tuple[str, ...],
+    frame: str,
+    altitude: tuple[float, float],
+) -> MovingRegion:
+    for each in _TIMES:
+        if each in stated:
+            raise stated[each].error(f'a region of a topic has no time in {each}; remove it')
+    points = stated['field'].text('a field').strip() if 'field' in stated else 'polygon.points'
+    is_checked = 'header' not in stated or stated['header'].truth()
+    checked = 'header.frame_id as frame, ' if is_checked else ''
+    topic = quoted(stated['topic'].text('a topic').strip())
+    constraints = constraints_text(stated)
+    return MovingRegion(
+        name,
+        sorts,
+        frame,
+        altitude,
+        f'select {checked}{WKT}({points}) as outline from {topic}{constraints}',
+        'frame: string, outline: string' if is_checked else 'outline: string',
+        stated['topic'],
+    )
+
+
 def _geometry(kind: str, shape: YamlValue, known: Mapping[str, StatedRegion], frame: str) -> Any:
     if kind == 'wkt':
         return geometry_of(shape.text('well-known text'))
@@ -186,6 +256,8 @@ def _geometry(kind: str, shape: YamlValue, known: Mapping[str, StatedRegion], fr
         return circle(x, y, radius, frame)
     given = shape.mapping(('of', 'by'), ('of', 'by'))
     other = known[given['of'].choice('region', tuple(known))].region
+    if isinstance(other, MovingRegion):
+        raise SpaceError(f"region '{other.name}' moves, and has no buffer")
     if other.frame != frame:
         raise SpaceError(f"region '{other.name}' is in frame '{other.frame}', not '{frame}'")
     (distance,) = numbers(given['by'])

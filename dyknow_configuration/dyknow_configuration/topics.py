@@ -20,14 +20,13 @@ from typing import TYPE_CHECKING, Final
 
 from dyknow_common import (
     CONSTRAINT_KINDS,
-    ConstraintKind,
     DyKnowError,
     InlineText,
     check_unit,
     quoted,
     unit_conversion,
 )
-from dyknow_configuration.composed_text import ComposedText, variables
+from dyknow_configuration.composed_text import ComposedText, constraint_text, variables
 from dyknow_configuration.robot import RobotFeature, RobotVocabulary, choices
 from dyknow_configuration.yaml_values import YamlValue
 
@@ -234,11 +233,3 @@ class FeatureCarrier:
 
     def _variable(self, value: YamlValue) -> str:
         return value.choice('variable', tuple(self._feature.arguments))
-
-
-def constraint_text(name: str, value: YamlValue) -> str:
-    """Return the value of a constraint in SSL."""
-    if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
-        return 'true' if value.truth() else 'false'
-    value.duration()
-    return value.line()

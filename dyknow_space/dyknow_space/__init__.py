@@ -17,7 +17,7 @@ from dyknow_space.regions.region import (
     parse_region,
 )
 from dyknow_space.regions.shapes import buffer_of, circle
-from dyknow_space.regions.units import RegionDistances, SweptDistances
+from dyknow_space.regions.units import MovingDistance, RegionDistances, SweptDistances
 from dyknow_space.relations.calculus import (
     ANY,
     RELATION_NAMES,
@@ -44,6 +44,7 @@ __all__ = [
     'WGS84',
     'ContradictionError',
     'LocalPlane',
+    'MovingDistance',
     'Region',
     'RegionDistances',
     'RegionRelation',

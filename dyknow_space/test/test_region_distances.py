@@ -12,6 +12,7 @@ from naive_geometry import Point, prism_distance, signed_distance
 
 from dyknow_space import (
     MAX_VERTICES,
+    MovingDistance,
     RegionDistances,
     SpaceError,
     SweptDistances,
@@ -95,6 +96,44 @@ def test_swept_distances_are_those_of_dense_samples(
     assert found == pytest.approx(dense, abs=max(0.001, length / 200) + 1e-9)
     if abs(dense) > length / 200:
         assert (found <= 0) == (dense <= 0)
+
+
+@given(
+    st.lists(st.tuples(rings(), POINTS), min_size=1, max_size=6),
+    st.sampled_from(['', '; altitude -1 1']),
+)
+def test_distances_to_a_region_that_moves(
+    steps: list[tuple[list[Point], tuple[float, float, float]]], rest: str
+) -> None:
+    unit = MovingDistance(cell=f'frame map{rest}')
+    altitude = (-1.0, 1.0) if rest else (-math.inf, math.inf)
+    for ring, point in steps:
+        outline = text_of(ring).partition(';')[0]
+        position = {'frame': 'map', **dict(zip('xyz', point, strict=True))}
+        found = unit(position, {'frame': 'map', 'outline': outline}, 0)
+        expected = prism_distance(ring, altitude, point)
+        assert found == pytest.approx(expected, abs=1e-9)
+        assert (found <= 0) == (expected <= 0)
+
+
+@pytest.mark.parametrize(
+    ('region', 'message'),
+    [
+        ({'outline': 'POLYGON ((0 0, 2 2, 0 2, 2 0, 0 0))'}, 'self-intersection at 1 1'),
+        ({'outline': 'POLYGON ((0 0, 1 1, 0 0))'}, 'too few points'),
+        ({'outline': 'POLYGON ((0 0, nan 1, 1 0, 0 0))'}, 'invalid'),
+        ({'outline': 'POLYGON EMPTY'}, 'the region is empty'),
+        ({'frame': 'odom'}, "region 'cell' is in frame 'odom', but stated in frame 'map'"),
+    ],
+)
+def test_bad_outlines_are_not_repaired(region: dict[str, str], message: str) -> None:
+    unit = MovingDistance(cell='frame map')
+    good = {'frame': 'map', 'outline': 'POLYGON ((0 0, 2 0, 2 2, 0 2, 0 0))'}
+    assert unit({'x': 1, 'y': 1}, good, 0) == -1
+    for time in (1, 2):  # Not even the second time is the last good outline used.
+        with pytest.raises(SpaceError, match=message):
+            unit({'x': 1, 'y': 1}, good | region, time)
+    assert unit({'x': 1, 'y': 1}, good, 3) == -1
 
 
 def test_a_way_through_a_thin_region() -> None:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import COMPARISONS, ComputedField, Value, ValueType, shortened
+from dyknow_space import MAX_VERTICES
 from dyknow_stream_processing.sample import AbsentElement
 
 _WIDE: Final = 8
@@ -100,6 +101,23 @@ def number(value: Any) -> int | float:
 def text(value: Any) -> str:
     """Return a text, also of an int."""
     return str(plain(value))
+
+
+def outline(points: Sequence[Any]) -> str:
+    """Return the polygon with some vertices, in well-known text; nothing is repaired.
+
+    Args:
+        points: with x and y, in the order of the boundary. The last one may equal the first one.
+
+    Raises:
+        NoValueError: if they are too many.
+    """
+    if len(points) > MAX_VERTICES:
+        raise NoValueError(f'the polygon has {len(points)} vertices, more than {MAX_VERTICES}')
+    ring = [f'{float(each.x)!r} {float(each.y)!r}' for each in points]
+    if ring and ring[0] != ring[-1]:
+        ring.append(ring[0])
+    return f'POLYGON (({", ".join(ring)}))' if ring else 'POLYGON EMPTY'
 
 
 def _vector(elements: Any, kind: ValueType | None) -> NDArray[Any]:

@@ -16,6 +16,7 @@ from typing import Any
 
 from dyknow_common import (
     AGGREGATES,
+    WKT,
     ArraySlice,
     ElementKey,
     FieldTypes,
@@ -36,6 +37,7 @@ from dyknow_stream_processing.aggregates import (
     NoValueError,
     aggregate,
     number,
+    outline,
     plain,
     text,
 )
@@ -65,6 +67,8 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]
     if isinstance(field, MessagePath):
         return _chained(_path_reader(fields, field), plain)
     read = _path_reader(fields, field.path)
+    if field.function == WKT:
+        return _chained(read, outline)
     if field.function not in AGGREGATES:
         return _chained(read, number if field.function == 'number' else text)
     is_struct = field.function == 'count' and field.path.names not in arrays_of(fields)

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import ComputedField, Value, ValueType, parse_field
+from dyknow_common import ComputedField, Value, ValueType, absence, field_type, parse_field
+from dyknow_space import MAX_VERTICES
 from dyknow_stream_processing import NoValueError, value_reader
 from dyknow_stream_processing.aggregates import number
 
@@ -230,3 +231,24 @@ def test_texts_as_numbers(text: str) -> None:
 def test_texts_that_are_no_numbers(text: str) -> None:
     with pytest.raises(NoValueError, match='is no number'):
         number(text)
+
+
+def test_the_polygon_of_an_array_of_points() -> None:
+    fields = {f'a.p[0..].{axis}': ValueType.FLOAT for axis in 'xyz'} | {'n[0..]': ValueType.FLOAT}
+
+    def outline(*points: tuple[float, float]) -> Value:
+        elements = [SimpleNamespace(x=x, y=y) for x, y in points]
+        message = SimpleNamespace(a=SimpleNamespace(p=elements))
+        result: Any = value_reader(fields, 'wkt(a.p)')(message)
+        return result  # type: ignore[no-any-return]
+
+    ring = 'POLYGON ((0.0 0.0, 1.5 0.0, 0.0 1e-07, 0.0 0.0))'
+    assert outline((0, 0), (1.5, 0), (0, 1e-7)) == ring
+    assert outline((0, 0), (1.5, 0), (0, 1e-7), (0, 0)) == ring
+    assert outline() == 'POLYGON EMPTY'
+    assert outline((0, math.nan)) == 'POLYGON ((0.0 nan))'
+    with pytest.raises(NoValueError, match='10001 vertices, more than 10000'):
+        outline(*[(0, 0)] * (MAX_VERTICES + 1))
+    assert "'n' is no array of points" in absence('the message', fields, 'wkt(n)')
+    assert 'a single value' in absence('the message', fields, 'wkt(a.p[0])')
+    assert field_type(fields, 'wkt(a.p)') is ValueType.STRING

@@ -37,6 +37,32 @@ def test_a_way_is_noticed_between_samples() -> None:
     assert second['far'] <= 0 < second['near']
 
 
+def test_a_region_that_moves_is_joined_by_time() -> None:
+    flow = Flow().create("""
+        compunit cell: float
+            moving_distance((x: float, y: float), (frame: string, outline: string));
+        sink moving_distance("/pose" with max_delay = 5 ms, "/cell" with max_delay = 5 ms,
+                             cell = "frame map")
+        """)
+    square = 'POLYGON (({0} 0, {1} 0, {1} 2, {0} 2, {0} 0))'
+    flow.push('/pose', 0, x=1, y=1)
+    flow.push('/cell', 1, frame='map', outline=square.format(0, 2))
+    flow.push('/pose', 10, x=3, y=1)
+    flow.push('/cell', 20, frame='map', outline=square.format(2, 4))
+    flow.push('/pose', 30, x=3, y=1)
+    flow.push('/cell', 40, frame='map', outline='POLYGON ((0 0, 2 2, 0 2, 2 0, 0 0))')
+    flow.push('/pose', 50, x=3, y=1)
+    flow.push('/cell', 60, frame='odom', outline=square.format(2, 4))
+    flow.advance(70)
+    values = [(time, fields['cell']) for time, fields in flow.take()]
+    assert values == [(1, -1), (10, 1), (20, -1), (30, -1)]
+    assert [each.message.partition('Error: ')[2][:29] for each in flow.violations] == [
+        "region 'cell': the polygon is",
+        "region 'cell': the polygon is",
+        "region 'cell' is in frame 'od",
+    ]
+
+
 def test_a_unit_that_does_not_return_all_outputs() -> None:
     def bounds(value: Mapping[str, float]) -> object:
         (number,) = value.values()

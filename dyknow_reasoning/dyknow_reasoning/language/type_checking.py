@@ -16,6 +16,7 @@ from typing import Final, TypeAlias
 
 from dyknow_common import (
     TEXT_COMPARISONS,
+    TEXTUAL,
     ComputedField,
     PositionedError,
     TextPosition,
@@ -344,7 +345,7 @@ def _computed_kind(reference: terms.FieldReference) -> Kind | None:
         return None
     if field.gives_number:
         return Kind.NUMBER
-    return Kind.STRING if field.function == 'text' else Kind.BOOLEAN
+    return Kind.STRING if field.function in TEXTUAL else Kind.BOOLEAN
 
 
 def _valued(term: Term) -> Term:

@@ -9,6 +9,12 @@
 A unit has an output for each region, and takes the text of the region by the same name. The fields
 of a position are `x`, `y`, `z` if a region has altitudes, and `frame` if that is to be checked. In
 the frame `wgs84`, `x` is the longitude and `y` the latitude.
+
+The unit of a region that moves has the region for a second input, and its frame as a setting:
+
+    compunit d: float moving_distance((frame: string, x: float, y: float),
+                                      (frame: string, outline: string));
+    sink moving_distance("/rover1/position", "/storm", storm = "frame map");
 """
 
 from __future__ import annotations
@@ -20,8 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_space.errors import SpaceError
-from dyknow_space.regions.distances import Floats, Positions, check_frame, shapes_of
-from dyknow_space.regions.region import parse_region
+from dyknow_space.regions.distances import (
+    Floats,
+    GeographicShapes,
+    Positions,
+    RegionShapes,
+    check_frame,
+    shapes_of,
+)
+from dyknow_space.regions.region import Region, parse_region
 
 
 class RegionUnit:
@@ -44,22 +57,11 @@ class RegionUnit:
         Raises:
             SpaceError: if the position is of another frame, or is not finite.
         """
-        columns = {name: np.array([value]) for name, value in position.items()}
-        found = self._numbers(self._positions(np.array([valid_time]), columns))
+        found = self._numbers(_single(position, valid_time, self._shapes.frame))
         return dict(zip(self._names, found.tolist(), strict=True))
 
     def _numbers(self, position: Positions) -> Floats:
         raise NotImplementedError
-
-    def _positions(
-        self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]
-    ) -> Positions:
-        for frame in {*columns['frame'].tolist()} if 'frame' in columns else ():
-            check_frame(frame, self._shapes.frame)
-        if not {'x', 'y'} <= columns.keys():
-            raise SpaceError('a position has x and y, and may have z and frame')
-        x, y, *z = (columns[name].astype(np.float64) for name in 'xyz' if name in columns)
-        return Positions(x, y, z[0] if z else None, valid_times)
 
 
 class RegionDistances(RegionUnit):
@@ -73,7 +75,7 @@ class RegionDistances(RegionUnit):
         self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]
     ) -> dict[str, Floats]:
         """Return the distances of many positions, given as columns; as for each alone."""
-        found = self._shapes.distances(self._positions(valid_times, columns))
+        found = self._shapes.distances(_positions(valid_times, columns, self._shapes.frame))
         return dict(zip(self._names, found, strict=True))
 
 
@@ -90,3 +92,70 @@ class SweptDistances(RegionUnit):
     def _numbers(self, position: Positions) -> Floats:
         last, self._last = self._last or position, position
         return self._shapes.swept(last, position)
+
+
+class MovingDistance:
+    """The signed distance of a position to a region that moves, in metres: negative inside.
+
+    Args:
+        region: all but the polygon of the region, such as `frame map; altitude 0 2.5`, by its name;
+            see `parse_region`.
+
+    Raises:
+        SpaceError: if the text does not describe a region, or there is not one.
+    """
+
+    def __init__(self, **region: str) -> None:
+        if len(region) != 1:
+            raise SpaceError('state one region that moves, such as storm = "frame map"')
+        ((self._name, self._rest),) = region.items()
+        self._outline = ''
+        self._shapes: RegionShapes | GeographicShapes = shapes_of(
+            [self._region('POLYGON ((0 0, 1 0, 0 1, 0 0))')]
+        )
+
+    def _region(self, outline: str) -> Region:
+        return parse_region(self._name, f'{outline}; {self._rest}')
+
+    def __call__(
+        self, position: Mapping[str, Any], region: Mapping[str, Any], valid_time: int
+    ) -> float:
+        """Return the distance to the last outline of the region.
+
+        Args:
+            position: as for `region_distances`.
+            region: with its `outline`, a polygon in well-known text, and perhaps its `frame`.
+            valid_time: of both.
+
+        Raises:
+            SpaceError: if one of them is of another frame, or not usable; an invalid outline is
+                not repaired, and the one before it is not used in its place.
+        """
+        frame = self._shapes.frame
+        found = _single(position, valid_time, frame)
+        if region.get('frame', frame) != frame:
+            raise SpaceError(
+                f"region '{self._name}' is in frame '{region['frame']}', but stated in frame "
+                f"'{frame}'; publish it in that frame"
+            )
+        if region['outline'] != self._outline:
+            # Outlines repeat: there are more positions than messages of the region.
+            self._shapes = shapes_of([self._region(region['outline'])])
+            self._outline = region['outline']
+        return float(self._shapes.distances(found)[0, 0])
+
+
+def _single(position: Mapping[str, Any], valid_time: int, frame: str) -> Positions:
+    columns = {name: np.array([value]) for name, value in position.items()}
+    return _positions(np.array([valid_time]), columns, frame)
+
+
+def _positions(
+    valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[Any]], wanted: str
+) -> Positions:
+    for frame in {*columns['frame'].tolist()} if 'frame' in columns else ():
+        check_frame(frame, wanted)
+    if not {'x', 'y'} <= columns.keys():
+        raise SpaceError('a position has x and y, and may have z and frame')
+    x, y, *z = (columns[name].astype(np.float64) for name in 'xyz' if name in columns)
+    return Positions(x, y, z[0] if z else None, valid_times)

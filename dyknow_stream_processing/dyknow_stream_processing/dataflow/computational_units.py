@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import Alternatives, Value, ValueType, choices, listed
-from dyknow_space import RegionDistances, SweptDistances
+from dyknow_space import MovingDistance, RegionDistances, SweptDistances
 from dyknow_stream_processing.dataflow import built_in_units as units
 from dyknow_stream_processing.dataflow.batches import (
     Columns,
@@ -65,6 +65,7 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
     'maximum': units.Maximum,
     'mean': units.Mean,
     'minimum': units.Minimum,
+    'moving_distance': MovingDistance,
     'rate_of_change': units.RateOfChange,
     'region_distances': RegionDistances,
     'speed': units.Speed,
