@@ -95,6 +95,7 @@ from dyknow_common.parsing import (
     quoted,
     text_value,
 )
+from dyknow_common.source_fields import SOURCE_FIELDS
 from dyknow_common.symbol import (
     FORMULA_WORDS,
     FUNCTIONS,
@@ -155,6 +156,7 @@ __all__ = [
     'NO_CONSTRAINTS',
     'ORDERS',
     'SECOND_NS',
+    'SOURCE_FIELDS',
     'SSL_WORDS',
     'TEXT_COMPARISONS',
     'UNIX_TIMES',
