@@ -155,9 +155,7 @@ def _success(files: Iterable[Path], inputs: LintInputs) -> str:
 
 
 def _observed(options: argparse.Namespace, inputs: LintInputs) -> tuple[ObservedTopic, ...] | None:
-    if options.recording is not None:
-        return observe_recording(options.recording, message_types(options), lambda *_: ())
-    if not options.live:
+    if options.recording is None and not options.live:
         return None
     from dyknow_command.linting.topic_checks import named_fields  # noqa: PLC0415 - as above
 
@@ -166,6 +164,8 @@ def _observed(options: argparse.Namespace, inputs: LintInputs) -> tuple[Observed
     def named_in(_: str, fields: Mapping[str, ValueType] | None) -> list[str]:
         return [each for each in named if listed_as(fields or (), each)]
 
+    if options.recording is not None:
+        return observe_recording(options.recording, message_types(options), named_in)
     return observe(options.duration, named_in)
 
 

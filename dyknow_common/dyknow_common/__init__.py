@@ -97,6 +97,7 @@ from dyknow_common.parsing import (
     quoted,
     text_value,
 )
+from dyknow_common.source_fields import SOURCE_FIELDS
 from dyknow_common.symbol import (
     FORMULA_WORDS,
     FUNCTIONS,
@@ -157,6 +158,7 @@ __all__ = [
     'NO_CONSTRAINTS',
     'ORDERS',
     'SECOND_NS',
+    'SOURCE_FIELDS',
     'SSL_WORDS',
     'TEXTUAL',
     'TEXT_COMPARISONS',

@@ -3,6 +3,7 @@
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer, Progress
 from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation.request import FOLLOWED
 from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
 from dyknow_coordinator.grounding.candidate_search import CandidateSearch
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
@@ -58,6 +59,7 @@ from dyknow_coordinator.reporting.verdict_topics import verdict_token
 
 __all__ = [
     'EXCLUSION_NS',
+    'FOLLOWED',
     'SILENCE_LIMIT_NS',
     'TRANSIENT',
     'Answer',

@@ -25,7 +25,6 @@ from dyknow_reasoning.language.formula import (
     Previous,
     Since,
     Until,
-    as_written,
     compares_past,
     parts,
     walk,
@@ -49,6 +48,7 @@ from dyknow_reasoning.language.terms import (
 )
 from dyknow_reasoning.language.type_checking import Kind, check_types
 from dyknow_reasoning.language.uncertain_features import asks_for_probability, is_uncertain
+from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.notes import FormulaNote, notes_on
 from dyknow_reasoning.progression.atoms import CALCULATE, Values
 from dyknow_reasoning.progression.functions import call_function_on_vectors

@@ -382,7 +382,7 @@ class FormulaGroup:
         return self._results_of(dict.fromkeys(failed, error), valid_time, {})
 
     def residual(self, formula_id: int) -> str:
-        """Return the canonical text of what remains of a formula, for the states to come.
+        """Return what remains of a formula, for the states to come, in the words of the formula.
 
         After a state, its intervals count from that state. Of a very large formula, only the first
         instances are shown.

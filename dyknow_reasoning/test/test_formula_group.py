@@ -277,7 +277,7 @@ def test_residuals() -> None:
     group.progress(0, {'p': True, 'q': False})
     group.progress(400 * MS, {'p': True, 'q': False})
     assert group.residual(1) == (
-        '(always ((not p) or (eventually[0 s, 2 s] q))) and (eventually[0 s, 1600 ms] q)'
+        '(always (p -> (eventually[0 s, 2 s] q))) and (eventually[0 s, 1600 ms] q)'
     )
     assert group.residual(2) == 'p until[0 s, 600 ms] q'
     assert group.residual(3) == 'not (p until q)'

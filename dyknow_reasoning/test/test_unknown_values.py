@@ -239,7 +239,7 @@ def test_what_was_unknown_and_makes_no_difference_is_not_named() -> None:
     group = started('always (x > 1 -> eventually[0, 1 s] p)')
     group.progress(0, {'x': None, 'p': False})
     group.progress(10**9, {'x': 0, 'p': True})
-    assert group.residual(1) == 'always ((x <= 1) or (eventually[0 s, 1 s] p))'
+    assert group.residual(1) == 'always ((x > 1) -> (eventually[0 s, 1 s] p))'
     group.progress(2 * 10**9, {'x': 2, 'p': False})
     (result,) = group.progress(4 * 10**9, {'x': 0, 'p': False})
     assert 'held at no state' in result.explanation

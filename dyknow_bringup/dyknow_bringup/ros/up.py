@@ -20,7 +20,6 @@ from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.logs import LogReader, LogThrottle, log_folder
 from dyknow_bringup.processes.parameters import for_any_namespace
 from dyknow_bringup.processes.processes import (
-    COORDINATOR,
     Process,
     SystemConfiguration,
     dyknow_processes,
@@ -32,6 +31,7 @@ from dyknow_bringup.ros.system_start import SystemStart, wait_for_start
 from dyknow_common import SECOND_NS, ExitCode, duration_option
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import RequestedFormula, read_robot
+from dyknow_coordinator import FOLLOWED
 from dyknow_main import TERMINAL_SIGNALS, handle
 
 PERIOD_S = 0.2
@@ -51,21 +51,20 @@ class LogMonitor:
     Args:
         processes: the processes.
         log: returns the log of the process of a name; what it contains already is not shown.
-        formulas: whose outcomes the monitor logs, so that those of the coordinator are not shown.
+        monitors: True if one of them monitors formulas, and logs their outcomes: then those that
+            the coordinator logs are not shown.
     """
 
     def __init__(
         self,
         processes: Iterable[Process],
         log: Callable[[str], Path],
-        formulas: Iterable[RequestedFormula] = (),
+        *,
+        monitors: bool,
     ) -> None:
         self._readers = [(each, LogReader(log(each.name))) for each in processes]
         self._logs = {node: log(each.name) for each in processes for node in names_in(each)}
-        titles = [each.name or each.text for each in formulas]
-        self._repeated = tuple(
-            text for each in titles for text in (f'{each}: ', f'no state comes for {each}: ')
-        )
+        self._monitors = monitors
         self._throttle = LogThrottle()
         self._console = Console(stderr=True)
 
@@ -78,9 +77,10 @@ class LogMonitor:
         """Show what is new."""
         for process, reader in self._readers:
             for record in reader.read():
-                name = name_in(process, record.logger)
-                if name.endswith(COORDINATOR) and record.text.startswith(self._repeated):
+                node = record.logger.removesuffix(f'.{FOLLOWED}')
+                if self._monitors and node != record.logger:
                     continue
+                name = name_in(process, node)
                 if self._throttle.admit(name, record, now):
                     self.show(record.level, f'{name}: {record.text}')
         for name, count in self._throttle.left_out(now):
@@ -104,7 +104,7 @@ def up(chosen: argparse.Namespace) -> int:
             log_level=chosen.log_level,
         ) as launcher,
     ):
-        monitor = LogMonitor(processes, launcher.log, formulas)
+        monitor = LogMonitor(processes, launcher.log, monitors=bool(formulas))
         supervisor = Supervisor(
             launcher,
             processes,

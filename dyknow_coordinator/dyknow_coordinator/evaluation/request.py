@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from dyknow_common import NO_CONSTRAINTS, BlackBoxOptions, StreamConstraints
 from dyknow_coordinator.grounding.feature_sources import Grounding
+
+FOLLOWED: Final = 'followed'
+"""The last part of the name of the logger of formulas whose clients report their outcomes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +24,7 @@ class EvaluationRequest:
         plan: name of the plan that the formula belongs to, if any.
         action: name of the action of that plan.
         is_monitored: True if the formula should hold: then false is an alarm, not an answer.
+        is_followed: True if its client receives feedback, and reports what becomes of it.
         restart_on_change: restart when a sort in the formula gains or loses objects.
         margin: compute the margin.
         every_state: ask it at every state, until the timeout or a cancellation.
@@ -36,6 +41,7 @@ class EvaluationRequest:
     plan: str = ''
     action: str = ''
     is_monitored: bool = False
+    is_followed: bool = False
     restart_on_change: bool = False
     margin: bool = False
     every_state: bool = False

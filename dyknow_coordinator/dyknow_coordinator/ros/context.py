@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import Background, DyKnowNode, ParameterLimits
+from dyknow_coordinator.evaluation.request import FOLLOWED
 from dyknow_coordinator.grounding.known_streams import stream_topic
 from dyknow_coordinator.ros.cleanup import Cleanup
 from dyknow_coordinator.ros.results import Results
@@ -36,6 +39,17 @@ class CoordinatorContext:
     background: Background
     limits: ParameterLimits
     names: Iterator[str]
+
+    def outcome_logger(self, *, is_followed: bool) -> RcutilsLogger:
+        """Return the logger of what becomes of formulas.
+
+        Args:
+            is_followed: True if their clients report it, too: the name of the logger says so.
+        """
+        logger: RcutilsLogger = self.node.get_logger()
+        if is_followed:
+            logger = logger.get_child(FOLLOWED)
+        return logger
 
     def wall_time(self) -> int:
         """Return the time of a clock that does not depend on simulated time, in nanoseconds."""

@@ -197,7 +197,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         status = evaluation.status()
         level = alarm_level(status, is_monitored=evaluation.request.is_monitored)
         if level is not Level.OK:
-            logger = self.get_logger()
+            logger = evaluation.logger
             text = f'{status.name}: {with_readable_times(diagnosis_of_ended(status).text)}'
             # A logger of rclpy has one severity for each call in the code.
             if level is Level.ERROR:
@@ -222,7 +222,7 @@ class StreamReasoningCoordinator(DyKnowNode):
     async def _monitor(self, goal: Any) -> Any:
         try:
             request = self._read_request(goal.request)
-            evaluation = self.start(replace(request, is_monitored=True))
+            evaluation = self.start(replace(request, is_monitored=True, is_followed=True))
         except DyKnowError as error:
             answer = Answer(error=error)
         else:

@@ -84,8 +84,7 @@ class InstanceMonitor:
                 continue
             memory = self.histories.memories.get(each)
             key = None if memory else batch_key(each, kinds)
-            shared = each.binding, each.atoms, node
-            instance = FormulaInstance(*shared, formula_id, order, kinds, key)
+            instance = FormulaInstance.of(each, formula_id, order, kinds, batch_key=key)
             self._new.append(self._begun(instance, memory))
             self._aggregation.add([instance])
 

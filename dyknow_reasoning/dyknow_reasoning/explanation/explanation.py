@@ -36,7 +36,6 @@ from dyknow_reasoning.language.formula import (
     Formula,
     FutureFormula,
     PastAtom,
-    as_written,
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
@@ -49,11 +48,13 @@ from dyknow_reasoning.language.terms import (
     TextLiteral,
     Truth,
 )
+from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.progression.atoms import (
     NEGATED_COMPARISONS,
     Values,
     evaluate,
 )
+from dyknow_reasoning.progression.instances import wording_of
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     AtLeast,
@@ -72,6 +73,7 @@ from dyknow_reasoning.progression.nodes import (
 )
 from dyknow_reasoning.progression.progression import Progression
 from dyknow_reasoning.progression.residual import (
+    Wording,
     awaited_comparison,
     interval_of,
     parts_in_order,
@@ -172,6 +174,10 @@ class _Explainer:
         more = len(reasons) - _MAX_REASONS
         return f'{shown}; and {more} more' if more > 0 else shown
 
+    @cached_property
+    def _wording(self) -> Wording:
+        return wording_of(self._before.instance)
+
     def _progressed(self, node: Node, *, fresh: bool) -> Node:
         return self._progression.progress(node, fresh=fresh)
 
@@ -188,7 +194,7 @@ class _Explainer:
                 return self._reasons(node.formula, fresh=fresh)
             case PastWindow():
                 holds = self._progressed(node, fresh=True) is TRUE
-                text = shortened_text(residual_text(node, self._written_atoms))
+                text = shortened_text(residual_text(node, self._written_atoms, self._wording))
                 return [f"'{text}' is {str(holds).lower()} at {format_time(self._now)}"]
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
@@ -242,7 +248,7 @@ class _Explainer:
         # An earlier state was not later than the end, or it would have decided the window.
         if (fresh or self._previous < first) and not first <= self._now <= last:
             return [f'there was no state {span}']
-        right = shortened_text(residual_text(node.right, self._written_atoms))
+        right = shortened_text(residual_text(node.right, self._written_atoms, self._wording))
         if node.universal:
             return [f"'{right}' held at every state {span}"]
         now = self._reasons(node.right, fresh=True) if last == self._now else []
@@ -299,7 +305,7 @@ class _Explainer:
             self._progressed(part, fresh=fresh) for part in parts_in_order(node, self._atoms)
         ]
         texts = [
-            remaining_text(part, self._times, self._now, self._written_atoms)
+            remaining_text(part, self._times, self._now, self._written_atoms, self._wording)
             for part in progressed
             if type(part) is not Constant
         ]

@@ -17,10 +17,10 @@ from dyknow_reasoning.language.formula import (
     PastFormula,
     Previous,
     Since,
-    as_written,
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.spatial import SpatialAtom, compared_number
+from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.progression.atoms import Values, evaluate
 from dyknow_reasoning.progression.past_operators import interval_of
 from dyknow_reasoning.progression.routes import Array, distances, passable, reached, route

@@ -14,7 +14,9 @@ from typing import TypeAlias
 
 from dyknow_common import amount
 from dyknow_reasoning.execution import InstanceMonitor, InstanceState, PossibleFormula, want_text
+from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.progression.gaps import Half
+from dyknow_reasoning.progression.instances import wording_of
 from dyknow_reasoning.progression.nodes import (
     AtLeast,
     Junction,
@@ -90,7 +92,14 @@ def text_of(states: Sequence[InstanceState], latest: int) -> str:
     """
     shown = list(_first(states))
     texts = [
-        remaining_text(state.node, state.times, latest, state.instance.atoms) for state in shown
+        remaining_text(
+            each.node,
+            each.times,
+            latest,
+            tuple(map(as_written, each.instance.atoms)),
+            wording_of(each.instance),
+        )
+        for each in shown
     ]
     if more := len(states) - len(shown):
         texts.append(f'... {more} more')

@@ -20,12 +20,10 @@ from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Function,
-    Number,
     Object,
     Operation,
     PastTerm,
     Quantifier,
-    ShownQuantity,
     Term,
     Truth,
     Uncertain,
@@ -360,21 +358,6 @@ def with_changed_parts(  # noqa: PLR0911 - one for each kind
             return replace(node, members=tuple(map(change, node.members)))
         case _:
             return node
-
-
-def as_written(node: Any) -> Any:
-    """Return a node with its converted numbers as they are in the text, for messages."""
-    if isinstance(node, PastAtom):
-        return as_written(node.formula)
-    if isinstance(node, Function) and node.aggregate:
-        return as_written(node.aggregate)
-    if isinstance(node, Spatial):
-        ends = {name: as_written(getattr(node.distances, name)) for name in ('start', 'end')}
-        node = replace(node, distances=replace(node.distances, **ends))
-    if isinstance(node, Number):
-        given = node.quantity
-        return ShownQuantity(given.value, given.unit) if given else node
-    return with_changed_parts(node, as_written)
 
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:

@@ -7,7 +7,6 @@ stream computes, `min(ranges[90:270])`.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from typing import Any, Final
 
 from lark import Token
@@ -15,6 +14,7 @@ from lark import Token
 from dyknow_common import (
     AGGREGATES,
     CONVERSIONS,
+    SOURCE_FIELDS,
     TEXT_COMPARISONS,
     ComputedField,
     ElementCondition,
@@ -75,7 +75,7 @@ def _built_in_source(token: Token) -> tuple[str, str]:
     ]
     source = f'{operands[1]}({", ".join(texts)})'
     if operands.end() == len(token):
-        example = next(iter(_BUILT_IN_FIELDS[operands[1]]))
+        example = next(iter(SOURCE_FIELDS[operands[1]]))
         message = f"'{source}' is no value; name a field of it, {source}.{example}"
         raise PositionedError(message, TextPosition.of(token))
     return source, token[operands.end() + 1 :]
@@ -83,18 +83,8 @@ def _built_in_source(token: Token) -> tuple[str, str]:
 
 def built_in_unit(reference: FieldReference) -> str:
     """Return the unit of a field of a built-in source; empty if it is not known."""
-    return _BUILT_IN_FIELDS.get(reference.stream.partition('(')[0], {}).get(reference.path, '')
-
-
-_BUILT_IN_FIELDS: Final[Mapping[str, Mapping[str, str]]] = {
-    'tf': {
-        **dict.fromkeys(('translation.x', 'translation.y', 'translation.z', 'distance'), 'm'),
-        'yaw': 'rad',
-    },
-    'action': {'name': ''},
-    'rate': {'hz': 'Hz'},
-}
-"""Fields of built-in sources with their units; an example comes first."""
+    found = SOURCE_FIELDS.get(reference.stream.partition('(')[0], {}).get(reference.path)
+    return found.unit if found else ''
 
 
 def function_of_field(name: Token, argument: Formula | Term) -> Term:

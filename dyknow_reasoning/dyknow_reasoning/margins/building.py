@@ -31,13 +31,13 @@ from dyknow_reasoning.language.formula import (
     Since,
     StateAtom,
     Until,
-    as_written,
     compares_past,
     parts,
 )
 from dyknow_reasoning.language.terms import Feature, FieldReference, Truth
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.language.uncertain_features import asks_for_probability
+from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.margins.comparisons import AtomMargins
 from dyknow_reasoning.margins.operators import (
     ExtremumMargin,

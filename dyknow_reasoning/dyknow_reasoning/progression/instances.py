@@ -7,9 +7,9 @@ quantifiers become junctions. All variables are substituted, so the atoms are ab
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias, cast
 
 from dyknow_common import Symbol, Verdict, listed, shortened
 from dyknow_reasoning.errors import ReasoningError
@@ -57,6 +57,7 @@ from dyknow_reasoning.language.terms import (
     ValueBefore,
     Variable,
 )
+from dyknow_reasoning.language.writing import as_written, written_operator
 from dyknow_reasoning.progression.atoms import (
     NEGATED_COMPARISONS,
     POSITIVE_COMPARISONS,
@@ -64,9 +65,20 @@ from dyknow_reasoning.progression.atoms import (
     predicate,
 )
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import FALSE, TRUE, Bound, Constant, Node, constant, slots
+from dyknow_reasoning.progression.nodes import (
+    FALSE,
+    TRUE,
+    Bound,
+    Chronology,
+    Constant,
+    Literal,
+    Node,
+    Sides,
+    constant,
+    slots,
+)
 from dyknow_reasoning.progression.past_operators import is_dual, memory_of
-from dyknow_reasoning.progression.residual import holds_at_the_end
+from dyknow_reasoning.progression.residual import Wording, holds_at_the_end
 from dyknow_reasoning.progression.spatial_atoms import joined, spatial_formula
 from dyknow_reasoning.progression.thresholds import Thresholds
 
@@ -77,6 +89,13 @@ Binding: TypeAlias = Mapping[str, str]
 """The object of each variable."""
 
 
+class Source(NamedTuple):
+    """A formula as it is in the text, with the objects of each sort."""
+
+    formula: Formula
+    domains: Domains
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Instance:
     """A formula for one choice of objects for its outermost universal variables.
@@ -85,11 +104,13 @@ class Instance:
         binding: the choice.
         atoms: the atom of each slot; comparisons only with `POSITIVE_COMPARISONS`.
         node: the formula over these slots.
+        source: the formula that it is an instance of.
     """
 
     binding: Binding
     atoms: tuple[Atom, ...]
     node: Node
+    source: Source | None = field(default=None, kw_only=True)
 
 
 def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[Instance]:
@@ -103,8 +124,19 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
         translator = _Translator(store, domains)
         node = translator.node(body, binding)
         atoms = tuple(translator.slots)
-        instances.setdefault((node, atoms), Instance(binding, atoms, node))
+        source = Source(body, domains)
+        instances.setdefault((node, atoms), Instance(binding, atoms, node, source=source))
     return list(instances.values())
+
+
+def wording_of(instance: Instance) -> Wording:
+    """Return the parts of an instance as its formula says them."""
+    if instance.source is None:
+        return Wording()
+    formula, domains = instance.source
+    recorder = _Recorder(NodeStore(Chronology(), [instance.node]), domains)
+    recorder.node(formula, instance.binding)
+    return Wording({**recorder.negated, **recorder.said}, recorder.operators)
 
 
 def verdict_of(instances: Sequence[Instance]) -> Verdict:
@@ -349,6 +381,28 @@ class _Translator:
         slot = self.slots.setdefault(atom, len(self.slots))
         self._thresholds.add(slot, atom)
         return self._store.literal(slot, positive=positive)
+
+
+class _Recorder(_Translator):
+    """A translator that records for which part of the formula each node stands."""
+
+    def __init__(self, store: NodeStore, domains: Domains) -> None:
+        super().__init__(store, domains)
+        self.said: dict[Node, Formula] = {}
+        self.negated: dict[Node, Formula] = {}
+        self.operators: dict[Sides, str] = {}
+
+    def node(self, formula: Formula, binding: Binding) -> Node:
+        """Return the node of a formula whose free variables are bound."""
+        found = super().node(formula, binding)
+        if isinstance(found, Constant | Literal) or found in self.said:
+            return found
+        said = self.said[found] = as_written(with_objects(formula, binding))
+        self.negated.setdefault(self._store.negation(found), Not(said))
+        if operator := written_operator(formula):
+            sides = self.node(operator.left, binding), self.node(operator.right, binding)
+            self.operators[operator.word == 'release', *sides] = operator.word
+        return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -230,12 +230,13 @@ def slots(mask: int) -> tuple[int, ...]:
 
 def descendants(roots: Iterable[Node]) -> set[Node]:
     """Return the nodes and everything that they consist of."""
-    return set(_reachable(roots, children))
+    return set(reachable(roots, children))
 
 
-def _reachable(
+def reachable(
     roots: Iterable[Node], parts_of: Callable[[Node], tuple[Node, ...]]
 ) -> dict[Node, None]:
+    """Return the nodes and all that they consist of, as a function gives the parts of each."""
     found: dict[Node, None] = {}
     pending = list(roots)
     while pending:
@@ -262,7 +263,7 @@ def pending_parts(node: Node) -> list[Node]:
 
     The sides of windows have seen no state.
     """
-    return sorted(_reachable([node], members), key=attrgetter('depth'))
+    return sorted(reachable([node], members), key=attrgetter('depth'))
 
 
 def holds_at(node: Node, symbol: int) -> bool:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import reduce
 from operator import attrgetter
+from typing import Final
 
 from dyknow_common import ExitCode, shortened
 from dyknow_reasoning.errors import ReasoningError
@@ -36,37 +38,69 @@ from dyknow_reasoning.progression.nodes import (
     Sides,
     Window,
     bounds_of,
-    descendants,
+    children,
     pending_parts,
+    reachable,
     sides,
 )
 
 
-def residual_text(node: Node, atoms: Sequence[Atom]) -> str:
-    """Return the canonical text of a node, about the states after the latest one.
+@dataclass(frozen=True, slots=True)
+class Wording:
+    """The parts of a formula as it says them.
+
+    Args:
+        formulas: by the nodes that they stand for.
+        operators: the words of operators that are written out, by their windows.
+    """
+
+    formulas: Mapping[Node, Formula] = field(default_factory=dict)
+    operators: Mapping[Sides, str] = field(default_factory=dict)
+
+    def of(self, node: Node) -> Formula | None:
+        """Return the formula that a node stands for; None for a part of one that has no words."""
+        is_part = isinstance(node, Window) and sides(node) in self.operators
+        return None if is_part else self.formulas.get(node)
+
+
+_NO_WORDING: Final = Wording()
+
+
+def residual_text(node: Node, atoms: Sequence[Atom], wording: Wording = _NO_WORDING) -> str:
+    """Return the text of a node, about the states after the latest one.
 
     Args:
         node: a formula whose bounds count from the latest state.
         atoms: the atom of each slot.
+        wording: of the formula; without it, the text is canonical.
     """
     texts: dict[Node, str] = {}
     # From the leaves up instead of by recursion: a remaining formula may nest very deeply.
-    for part in sorted(descendants([node]), key=attrgetter('depth')):
-        texts[part] = _text(part, texts, atoms)
+    found = reachable([node], lambda each: () if wording.of(each) else children(each))
+    for part in sorted(found, key=attrgetter('depth')):
+        said = wording.of(part)
+        texts[part] = str(said) if said else _text(part, texts, atoms, wording)
     return texts[node]
 
 
-def remaining_text(node: Node, times: Sequence[int], now: int, atoms: Sequence[Atom]) -> str:
-    """Return the canonical text of a node, with intervals that count from the present state.
+def remaining_text(
+    node: Node,
+    times: Sequence[int],
+    now: int,
+    atoms: Sequence[Atom],
+    wording: Wording = _NO_WORDING,
+) -> str:
+    """Return the text of a node, with intervals that count from the present state.
 
     Args:
         node: a remaining formula.
         times: the times of the states that its bounds count from, in nanoseconds.
         now: the time of the present state.
         atoms: the atom of each slot.
+        wording: of the formula; without it, the text is canonical.
     """
     bounds = {each: Bound(0, times[each.state] + each.offset - now) for each in bounds_of(node)}
-    return residual_text(NodeStore(Chronology(), [node]).renumbered(node, bounds), atoms)
+    return residual_text(NodeStore(Chronology(), [node]).renumbered(node, bounds), atoms, wording)
 
 
 def growth_error(size: int, limit: int, node: Node, atoms: Sequence[Atom]) -> ReasoningError:
@@ -143,14 +177,17 @@ def interval_of(node: Window) -> Interval:
     return Interval(start, node.end.offset if node.end else None)
 
 
-def _text(  # noqa: PLR0911 - one for each kind
-    node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]
+def _text(  # noqa: C901, PLR0911 - one for each kind
+    node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom], wording: Wording
 ) -> str:
     match node:
         case Constant():
             return 'true' if node.value else 'false'
         case Literal():
             return str(_literal(atoms[node.slot], positive=node.positive))
+        case Junction() if weak := _weak_until(node, wording):
+            sides_of = (_operand(each, texts, atoms) for each in (weak.left, weak.right))
+            return f' unless{interval_of(weak).suffix} '.join(sides_of)
         case Junction():
             word = 'and' if node.universal else 'or'
             parts = sorted(node.parts, key=lambda part: _order(part, texts[part]))
@@ -163,16 +200,31 @@ def _text(  # noqa: PLR0911 - one for each kind
             return f'at least {node.count} of ({", ".join(texts[part] for part in parts)})'
         case Window():
             words = ('always', 'eventually', 'until')
-            return _window_text(node, interval_of(node), words, texts, atoms)
+            return _window_text(node, interval_of(node), words, texts, atoms, wording)
         case PastWindow(universal, None):
             if universal:
-                return f'not (previous {_negated(node.right, texts, atoms)})'
+                return f'not (previous {_negated(node.right, texts, atoms, wording)})'
             return f'previous {_operand(node.right, texts, atoms)}'
         case PastWindow(_, start, end):
             words = ('historically', 'once', 'since')
-            return _window_text(node, Interval(start or 0, end), words, texts, atoms)
+            return _window_text(node, Interval(start or 0, end), words, texts, atoms, wording)
         case Remembering():
             return texts[node.formula]
+
+
+def _weak_until(node: Junction, wording: Wording) -> Window | None:
+    """Return the `until` of what remains of an `unless`."""
+    if node.universal or len(node.parts) != 2:  # noqa: PLR2004 - until, or to the end
+        return None
+    for strong, weak in (node.parts, node.parts[::-1]):
+        if (
+            type(strong) is type(weak) is Window
+            and wording.operators.get(sides(strong)) == 'unless'
+            and (sides(weak), weak.start, weak.end)
+            == ((True, FALSE, strong.left), None, strong.end)
+        ):
+            return strong
+    return None
 
 
 def _window_text(
@@ -181,6 +233,7 @@ def _window_text(
     words: tuple[str, str, str],
     texts: Mapping[Node, str],
     atoms: Sequence[Atom],
+    wording: Wording,
 ) -> str:
     if isinstance(node, Window) and (awaited := awaited_comparison(node, atoms)):
         return str(awaited)
@@ -190,8 +243,11 @@ def _window_text(
         return f'{every} {right}'
     if node.left is TRUE and not node.universal:
         return f'{some} {right}'
-    if node.universal:
-        left, right = (_negated(side, texts, atoms) for side in (node.left, node.right))
+    word = wording.operators.get(sides(node)) if isinstance(node, Window) else None
+    if word in {'release', 'holds until'}:
+        joined = f'{word}{interval.suffix}'
+    elif node.universal:
+        left, right = (_negated(side, texts, atoms, wording) for side in (node.left, node.right))
         return f'not ({left} {joined} {right})'
     return f'{_operand(node.left, texts, atoms)} {joined} {right}'
 
@@ -206,9 +262,12 @@ def _operand(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> st
             return f'({texts[node]})'
 
 
-def _negated(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> str:
+def _negated(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom], wording: Wording) -> str:
     if type(node) is Literal:
         return operand_text(_literal(atoms[node.slot], positive=not node.positive))
+    said = wording.of(node)
+    if isinstance(said, Not):
+        return operand_text(said.body)
     return f'(not {_operand(node, texts, atoms)})'
 
 

@@ -17,7 +17,7 @@ from dyknow_configuration import (
     SeenValues,
     TopicTimes,
 )
-from dyknow_recordings.reading.columns import MessageColumns
+from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.messages.message_types import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import RecordingReader
@@ -31,6 +31,7 @@ class _RecordedTimes:
     receipts: list[NDArray[np.int64]] = field(default_factory=list)
     stamps: list[NDArray[np.int64]] = field(default_factory=list)
     values: dict[str, SeenValues] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
     count: int = 0
 
     def add(self, part: MessageColumns) -> None:
@@ -42,12 +43,21 @@ class _RecordedTimes:
         if part.stamps is not None:
             self.stamps.append(part.stamps)
         for path, values in part.values.items():
-            absent = list(part.absent.get(path, ()))
-            present = np.delete(values, absent) if absent else values
-            self.values.setdefault(path, SeenValues()).add_array(present)
+            absent = part.absent.get(path, {})
+            if absent:
+                self.reasons[path] = next(iter(absent.values()))
+            if len(absent) < len(values):
+                present = np.delete(values, list(absent)) if absent else values
+                self.values.setdefault(path, SeenValues()).add_array(present)
 
-    def times(self, end: int) -> TopicTimes:
-        """Return the times of all messages, given the time of the end of the recording."""
+    def observed(self, name: str, content: TopicContent, end: int) -> ObservedTopic:
+        """Return the topic, given its name and content, and the time of the recording's end."""
+        absent = {path: why for path, why in self.reasons.items() if path not in self.values}
+        return ObservedTopic(
+            name, content.message_type, content.fields, self._times(end), self.values, absent=absent
+        )
+
+    def _times(self, end: int) -> TopicTimes:
         receipts = _joined(self.receipts)
         # A topic that changes its type may have a header in some of its messages only.
         is_stamped = bool(self.receipts) and len(self.stamps) == len(self.receipts)
@@ -85,16 +95,7 @@ def observed_topics(
     for part in recording.columns(wanted):
         found[part.topic].add(part)
     end = recording.end_time
-    return tuple(
-        ObservedTopic(
-            name,
-            contents[name].message_type,
-            contents[name].fields,
-            each.times(end),
-            each.values,
-        )
-        for name, each in found.items()
-    )
+    return tuple(each.observed(name, contents[name], end) for name, each in found.items())
 
 
 def observe_recording(

@@ -8,6 +8,7 @@ from typing import Final
 from dyknow_common import (
     NANOSECONDS,
     SECOND_NS,
+    SOURCE_FIELDS,
     PositionedError,
     TextPosition,
     ValueType,
@@ -19,23 +20,6 @@ from dyknow_stream_processing.language.specification import BuiltIn, BuiltInSour
 TF_STATIC: Final = '/tf_static'
 """The topic of transforms that hold at all times."""
 
-_FIELDS: Final[Mapping[BuiltIn, Mapping[str, ValueType]]] = {
-    BuiltIn.TF: dict.fromkeys(
-        (
-            *(f'translation.{axis}' for axis in 'xyz'),
-            *(f'rotation.{part}' for part in 'xyzw'),
-            'yaw',
-            'distance',
-        ),
-        ValueType.FLOAT,
-    ),
-    BuiltIn.ACTION: {
-        'status': ValueType.INT,
-        'name': ValueType.STRING,
-        'goal_id': ValueType.STRING,
-    },
-    BuiltIn.RATE: {'hz': ValueType.FLOAT},
-}
 _DEFAULT_WINDOW: Final = SECOND_NS
 _MAX_WINDOW: Final = 60 * SECOND_NS
 """At a kilohertz, a rate then keeps 60 000 times."""
@@ -50,7 +34,7 @@ _MESSAGE_TYPES: Final = {
 
 def built_in_fields(source: BuiltInSource) -> Mapping[str, ValueType]:
     """Return the fields of the samples of a source."""
-    return _FIELDS[source.kind]
+    return {path: field.type for path, field in SOURCE_FIELDS[source.kind].items()}
 
 
 def built_in_source(

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError
@@ -157,6 +158,12 @@ class EvaluationGroup:
         titles = list(dict.fromkeys(member.title for member in self._members.values()))
         more = ', ...' if len(titles) > _MAX_TITLES else ''
         return f'{", ".join(titles[:_MAX_TITLES])}{more}'
+
+    @property
+    def logger(self) -> RcutilsLogger:
+        """The logger of what people are told of its states."""
+        is_followed = all(member.request.is_followed for member in self._members.values())
+        return self._context.outcome_logger(is_followed=is_followed)
 
     def set_waiting(self, reason: str) -> None:
         """Set that no state comes, and why, or that states come again if the reason is empty."""

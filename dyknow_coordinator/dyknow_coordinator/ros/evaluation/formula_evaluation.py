@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, Final
 
 from dyknow_interfaces.msg import FormulaProgress
+from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed, one_line
@@ -234,9 +235,14 @@ class FormulaEvaluation(Evaluation):
         )
         return replace(verdicts, latest_episodes=tuple(episodes))
 
+    @property
+    def logger(self) -> RcutilsLogger:
+        """The logger of what people are told of it."""
+        return self._context.outcome_logger(is_followed=self.request.is_followed)
+
     def _log_change(self, change: str) -> None:
         # A logger of rclpy has one severity for each call in the code.
-        logger, text = self._context.node.get_logger(), f'{self.title}: {change}'
+        logger, text = self.logger, f'{self.title}: {change}'
         if self.episodes.is_violated:
             logger.warning(text)
         else:

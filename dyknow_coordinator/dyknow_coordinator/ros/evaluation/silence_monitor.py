@@ -60,19 +60,20 @@ class SilenceMonitor:
         for group in groups:
             is_due = group.states.stream.created_at_s <= latest_start_s
             group.set_waiting(group.states.waits_for if is_due else '')
-        waiting = [
-            f'no state comes for {group.titles}: {group.waits_for}'
+        waiting = {
+            f'no state comes for {group.titles}: {group.waits_for}': group.logger
             for group in groups
             if group.waits_for
-        ]
+        }
         if any(group.states.chosen for group in groups) and self._is_outdated():
-            waiting.append(
+            outdated = (
                 f'nothing was reported about topics for {format_duration(REPORT_LIMIT_NS)}, so '
                 'none of them is taken for silent: this node, the stream manager or an engine was '
                 'stopped, or the computer is too busy for them'
             )
+            waiting[outdated] = self._context.node.get_logger()
         for text in self._log.new(waiting):
-            self._context.node.get_logger().warning(with_readable_times(text))
+            waiting[text].warning(with_readable_times(text))
 
     def _is_outdated(self) -> bool:
         """Return True if the latest report is old; simulated time may stand still, or be fast."""

@@ -27,6 +27,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Final, Protocol
 
+from rclpy.impl.rcutils_logger import RcutilsLogger
+
 from dyknow_common import DyKnowError, ExitCode, with_readable_times
 from dyknow_common.ros import full_name
 from dyknow_coordinator.errors import CoordinationError
@@ -76,6 +78,10 @@ class StateUsers(StateObserver, Protocol):
     @property
     def titles(self) -> str:
         """The names of the formulas, for people."""
+
+    @property
+    def logger(self) -> RcutilsLogger:
+        """The logger of what people are told of the states."""
 
 
 class StateSupervisor:
@@ -293,7 +299,7 @@ class StateSupervisor:
                 event = f'{fault.error.message}; {describe_sources(self.chosen)}'
                 self._observer.add_event(event)
                 text = f'{self._observer.titles}: {with_readable_times(event)}'
-                self._context.node.get_logger().warning(text)
+                self._observer.logger.warning(text)
         limit.cancel()
         self._is_changing = False
         if not self._has_ended:

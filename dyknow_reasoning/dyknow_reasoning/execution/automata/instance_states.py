@@ -35,6 +35,14 @@ class FormulaInstance(Instance):
     half: Half = Half.WHOLE
     gap: Gap | None = None
 
+    @classmethod
+    def of(
+        cls, instance: Instance, formula_id: int, order: int, kinds: Kinds, *, batch_key: Hashable
+    ) -> FormulaInstance:
+        """Return an instance as one of a formula."""
+        shared = instance.binding, instance.atoms, instance.node
+        return cls(*shared, formula_id, order, kinds, batch_key, source=instance.source)
+
 
 @dataclass(frozen=True, slots=True)
 class InstanceState:

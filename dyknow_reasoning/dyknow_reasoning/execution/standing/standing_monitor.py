@@ -75,9 +75,7 @@ class StandingMonitor:
         self._failures = Failures()
         self._times = StateTimes()
         found = [
-            FormulaInstance(
-                each.binding, each.atoms, each.node, formula_id, order, kinds, batch_key=None
-            )
+            FormulaInstance.of(each, formula_id, order, kinds, batch_key=None)
             for order, each in enumerate(instances)
             if each.node is not TRUE
         ]

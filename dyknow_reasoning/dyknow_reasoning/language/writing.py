@@ -1,0 +1,91 @@
+"""Formulas as people wrote them: numbers in their units, and operators that are written out.
+
+Parsing converts numbers, and writes `unless` and the like with other operators
+(`language.sugar`); texts for people show what the formula says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from dyknow_common import SyntaxNode
+from dyknow_reasoning.language.formula import (
+    Always,
+    And,
+    Formula,
+    Not,
+    Or,
+    PastAtom,
+    Until,
+    with_changed_parts,
+)
+from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.spatial import Spatial
+from dyknow_reasoning.language.terms import Function, Number, ShownQuantity, operand_text
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenOperator(SyntaxNode):
+    """`holds until`, `unless` or `release`, which parsing replaces by its meaning.
+
+    Args:
+        word: of the operator.
+        left: the left side.
+        right: the right side.
+        interval: of the operator.
+    """
+
+    word: str
+    left: Formula
+    right: Formula
+    interval: Interval
+
+    def __str__(self) -> str:
+        word = f'{self.word}{self.interval.suffix}'
+        return f'{operand_text(self.left)} {word} {operand_text(self.right)}'
+
+
+def as_written(node: Any) -> Any:
+    """Return a node with numbers and operators as they are in the text, for messages."""
+    if isinstance(node, PastAtom):
+        return as_written(node.formula)
+    if isinstance(node, Function) and node.aggregate:
+        return as_written(node.aggregate)
+    if isinstance(node, Number):
+        given = node.quantity
+        return ShownQuantity(given.value, given.unit) if given else node
+    if isinstance(node, Spatial):
+        ends = {name: as_written(getattr(node.distances, name)) for name in ('start', 'end')}
+        node = replace(node, distances=replace(node.distances, **ends))
+    if found := written_operator(node):
+        return replace(found, left=as_written(found.left), right=as_written(found.right))
+    return with_changed_parts(node, as_written)
+
+
+def written_operator(node: Any) -> WrittenOperator | None:
+    """Return the operator that a formula stands for, if `language.sugar` wrote it out."""
+    match node:
+        case Not(body):
+            found = _holds_until(body)
+            if found and isinstance(found.left, Not) and isinstance(found.right, Not):
+                left, right = found.left.body, found.right.body
+                return WrittenOperator('release', left, right, found.interval)
+            return None
+        case Or(strong, Always(left, interval)) if interval.start == 0:
+            found = _holds_until(strong)
+            if found and (found.left, found.interval.end) == (left, interval.end):
+                return replace(found, word='unless')
+    return _holds_until(node)
+
+
+def _holds_until(node: Any) -> WrittenOperator | None:
+    match node:
+        case Or(now, And(left, Until() as until)) if until.interval.start == 0:
+            is_written = (left, now) == (until.left, until.right)
+        case And(left, Until() as until) if until.interval.start > 0:
+            is_written = left == until.left
+        case _:
+            return None
+    sides = until.left, until.right, until.interval
+    return WrittenOperator('holds until', *sides) if is_written else None
