@@ -21,6 +21,9 @@ features:
     from: {topic: /odom, field: pose.pose.position.z}
   Armed: {type: boolean, from: {topic: /armed, field: data}}
 """
+BOUNDED_ROBOT = ROBOT.replace(
+    "{variance: 'pose.covariance[14]', time_constant: %s}", '{interval: %s}'
+)
 HEIGHT = 'normal("/odom".pose.pose.position.z, sqrt("/odom".pose.covariance[14]), %s)'
 TRACE = 'time_s,x,var,busy\n0,3,1,true\n1,2,1,true\n2,3,0.5,false\n'
 
@@ -59,6 +62,24 @@ def test_a_robot_states_its_uncertainty(
         'normal(Height[r1], sqrt(Height_variance[r1])' in nested['episodes'][0]['residual_formula']
     )
     assert certain['probability'] is None
+
+
+@pytest.mark.parametrize('error', ['1.5', "'pose.covariance[14]'"])
+def test_a_robot_states_the_greatest_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], error: str
+) -> None:
+    bag, robot = tmp_path / 'bag', tmp_path / 'robot.yaml'
+    write(bag, 'mcap', 'none', messages(60))
+    robot.write_text(BOUNDED_ROBOT % error)
+    asked = 'P(Height[r1] > -5000 m) >= 1', 'P(Height[r1] > 5000 m) < 0.1', 'Height[r1] > 0 m'
+    found = formulas(
+        capsys,
+        *(str(bag), '--config', str(robot)),
+        *(option for text in asked for option in ('--formula', text)),
+    )
+    assert [each['outcome'] for each in found[:2]] == ['true', 'true']
+    assumption = found[2]['probability']['assumption']
+    assert assumption == 'assuming errors within their bounds'
 
 
 def test_bounds_in_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
