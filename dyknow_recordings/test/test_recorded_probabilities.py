@@ -103,6 +103,31 @@ def test_bounds_in_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFixture
     assert 'so far' in words
 
 
+@pytest.mark.parametrize('constant', ['', ', 0 s', ', 100 ms'])
+def test_an_unknown_value_leaves_the_bounds_of_all_that_it_may_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], constant: str
+) -> None:
+    """The example of the documentation, in a window and its first half, and other formulas."""
+    path = tmp_path / 'trace.csv'
+    stated = f'let x ~ normal(x, sqrt(var){constant}) in '
+    texts = 'always[0, 300 ms] x > 1', 'always[0, 100 ms] x > 1', 'eventually[0, 300 ms] x < 1'
+    options = [option for each in texts for option in ('--formula', f'{stated}{each}')]
+
+    def probabilities(height: str) -> list[dict[str, Any]]:
+        path.write_text(f'time_s,x,var\n0,3,.25\n.1,2.5,.25\n.2,{height},.25\n.3,2.8,.5\n')
+        found = formulas(capsys, str(path), *options, '--missing', 'unknown')
+        return [each['probability'] for each in found]
+
+    bounds = probabilities('')
+    for height in ('-9', '1', '2.7', '50'):
+        for bound, found in zip(bounds, probabilities(height), strict=True):
+            assert bound['assumption'] == found['assumption']
+            assert bound['lower'] <= found['lower'] <= found['upper'] <= bound['upper']
+    assert bounds[0]['lower'] == 0
+    assert bounds[0]['upper'] < 1
+    assert bounds[1]['lower'] > 0.98  # It does not depend on what is unknown.
+
+
 def test_states_are_read_until_the_probability_is_known(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
