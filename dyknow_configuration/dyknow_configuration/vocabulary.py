@@ -38,7 +38,8 @@ FEATURE_KEYS: Final = (
     'from',
     'forecast',
 )
-UNCERTAINTY_KEYS: Final = ('variance', 'deviation', 'time_constant')
+_AMOUNTS: Final = ('variance', 'deviation', 'interval')
+UNCERTAINTY_KEYS: Final = (*_AMOUNTS, 'time_constant')
 
 MAX_OBJECTS: Final = 10_000
 """The number of objects of a file, as many as a formula may have by default (`object_limit`)."""
@@ -363,9 +364,9 @@ def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertai
         ConfigurationError: with the place of the fault.
     """
     stated = value.mapping(UNCERTAINTY_KEYS)
-    kinds = [each for each in ('variance', 'deviation') if each in stated]
+    kinds = [each for each in _AMOUNTS if each in stated]
     if len(kinds) != 1:
-        raise value.error("give either 'variance' or 'deviation', a field or a number")
+        raise value.error("give one of 'variance', 'deviation' and 'interval', a field or a number")
     (kind,) = kinds
     amount = stated[kind]
     number = amount.plain()
@@ -375,12 +376,16 @@ def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertai
     given = repr(number) if is_number else f'{feature.name}_{kind}'
     text = f'{feature.name}, sqrt({given})' if kind == 'variance' else f'{feature.name}, {given}'
     if 'time_constant' in stated:
+        if kind == 'interval':
+            message = 'bounds of errors hold at each time; remove the time constant'
+            raise stated['time_constant'].error(message)
         text += f', {format_duration(stated["time_constant"].duration())}'
+    text = f'{"within" if kind == "interval" else "normal"}({text})'
     if is_number:
-        return FeatureUncertainty(f'normal({text})')
+        return FeatureUncertainty(text)
     description = f'The {kind} of {feature.name}.'
     measured = RobotFeature(given, feature.arguments, description=description)
-    return FeatureUncertainty(f'normal({text})', measured, amount)
+    return FeatureUncertainty(text, measured, amount)
 
 
 def _check_below(

@@ -59,6 +59,7 @@ from dyknow_reasoning.progression.unknown_features import (
     ANY_NUMBER,
     Range,
     UnknownFeatures,
+    UnknownValueError,
     is_unknown,
 )
 from dyknow_reasoning.results import FormulaResult
@@ -117,6 +118,7 @@ __all__ = [
     'Term',
     'TrialFormula',
     'UnknownFeatures',
+    'UnknownValueError',
     'Until',
     'Values',
     'Variable',

@@ -28,6 +28,7 @@ from dyknow_reasoning.language.formula import (
     Not,
     Or,
     Until,
+    walk,
 )
 from dyknow_reasoning.language.terms import Feature
 
@@ -232,6 +233,85 @@ def test_independent_sums_and_functions() -> None:
     found = simulated.interval()
     assert found.lower < 1 - exp(-0.5) < found.upper
     assert found.upper - found.lower < 0.1
+
+
+BOUNDED = {
+    'aa': 'within(x, 1) > 0',
+    'bb': 'within(x, 1) <= 1',
+    'cc': 'within(x, 1) = 1',
+    'dd': 'within(y, 2) - within(x, 1) < 0.5',
+}
+ESTIMATES = st.sampled_from((-2, -1, 0, 0.5, 1, 2, 3))
+
+
+def bounded_truths(x: float, y: float) -> list[dict[str, bool]]:
+    """The truths of these at a state, for all errors that make a difference."""
+    return [
+        {'aa': a > 0, 'bb': a <= 1, 'cc': a == 1, 'dd': b - a < 0.5}
+        for a in (x + quarter / 4 for quarter in range(-4, 5))
+        for b in (y - 2, y + 2)
+    ]
+
+
+@given(
+    formulas(list(BOUNDED), 2),
+    st.lists(st.tuples(st.integers(1, 5), ESTIMATES, ESTIMATES), min_size=1, max_size=2),
+)
+def test_bounded_errors_are_certain_or_unknown(
+    formula: Formula, states: Sequence[tuple[int, float, float]]
+) -> None:
+    at = times([step for step, _, _ in states])
+    trace = [(time, {'x': x, 'y': y}) for time, (_, x, y) in zip(at, states, strict=True)]
+    found = taken(over(formula, BOUNDED), trace)
+    check_nested(found)
+    known = {
+        holds(formula, list(zip(at, values, strict=True)), 0)
+        for values in product(*(bounded_truths(x, y) for _, x, y in states))
+    }
+    assert found[-1].lower in {0, 1}
+    assert found[-1].upper in {0, 1}
+    # It is what it is for all errors; of one number at one state, also exactly then.
+    if found[-1].lower == 1:
+        assert False not in known
+    if found[-1].upper == 0:
+        assert True not in known
+    is_of_state = not any(isinstance(each, Always | Eventually | Until) for each in walk(formula))
+    if is_of_state and 'dd' not in str(formula):
+        assert known == {
+            each for each in (False, True) if found[-1].lower <= each <= found[-1].upper
+        }
+
+
+@pytest.mark.parametrize(
+    ('text', 'lower', 'upper'),
+    [
+        ('normal(x, 1) + within(y, 1) < 2', STANDARD.cdf(-1), STANDARD.cdf(1)),
+        ('normal(x, 1) - 2 * within(y, 1) >= 0', STANDARD.cdf(-3), STANDARD.cdf(1)),
+        ('normal(x, 1, 0 s) > 0 and within(y, 1) > -0.5', STANDARD.cdf(1), STANDARD.cdf(1)),
+        ('normal(x, 1, 0 s) > 0 and within(y, 1) > 0.5', 0, STANDARD.cdf(1)),
+        ('normal(x, 1) + within(y, 1) = 2', 0, 1),
+        ('normal(x, 1) + within(y, 0) = 2', 0, 0),
+        ('within(x, 1) + within(y, 1) <= 4', 1, 1),
+        ('within(x, 1) + within(y, 1) < 4', 0, 1),
+        ('within(x, 0) = 1', 1, 1),
+    ],
+)
+def test_bounded_errors_beside_normal_ones(text: str, lower: float, upper: float) -> None:
+    """Of all that the error of y may be, also if it depends on that of x."""
+    probability = probability_of(f'P({text}) >= 0', {})
+    probability.step(0, {'x': 1.0, 'y': 1.0})
+    found = probability.interval()
+    assert (found.lower, found.upper) == (pytest.approx(lower), pytest.approx(upper))
+
+
+def test_a_comparison_within_bounds_is_an_error_that_gives_them() -> None:
+    text = 'P(within(x, 0.5) > 1) >= 0.9'
+    assert progressed(f'always[0, 1 s] {text}', [{'x': 2.0}, {'x': 1.6}])[0] == Verdict.TRUE
+    assert progressed(text, [{'x': 0.5}])[0] == Verdict.FALSE
+    verdict, _, error = progressed(text, [{'x': 1.2}])
+    assert verdict == Verdict.UNDECIDED
+    assert 'is unknown, assuming errors within their bounds' in str(error)
+    assert 'time constant' not in str(error)
 
 
 def test_simulated_errors_are_correlated_over_time() -> None:

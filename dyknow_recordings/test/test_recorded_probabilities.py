@@ -21,6 +21,9 @@ features:
     from: {topic: /odom, field: pose.pose.position.z}
   Armed: {type: boolean, from: {topic: /armed, field: data}}
 """
+BOUNDED_ROBOT = ROBOT.replace(
+    "{variance: 'pose.covariance[14]', time_constant: %s}", '{interval: %s}'
+)
 HEIGHT = 'normal("/odom".pose.pose.position.z, sqrt("/odom".pose.covariance[14]), %s)'
 TRACE = 'time_s,x,var,busy\n0,3,1,true\n1,2,1,true\n2,3,0.5,false\n'
 
@@ -61,6 +64,24 @@ def test_a_robot_states_its_uncertainty(
     assert certain['probability'] is None
 
 
+@pytest.mark.parametrize('error', ['1.5', "'pose.covariance[14]'"])
+def test_a_robot_states_the_greatest_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], error: str
+) -> None:
+    bag, robot = tmp_path / 'bag', tmp_path / 'robot.yaml'
+    write(bag, 'mcap', 'none', messages(60))
+    robot.write_text(BOUNDED_ROBOT % error)
+    asked = 'P(Height[r1] > -5000 m) >= 1', 'P(Height[r1] > 5000 m) < 0.1', 'Height[r1] > 0 m'
+    found = formulas(
+        capsys,
+        *(str(bag), '--config', str(robot)),
+        *(option for text in asked for option in ('--formula', text)),
+    )
+    assert [each['outcome'] for each in found[:2]] == ['true', 'true']
+    assumption = found[2]['probability']['assumption']
+    assert assumption == 'assuming errors within their bounds'
+
+
 def test_bounds_in_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'trace.csv'
     path.write_text(TRACE)
@@ -80,6 +101,31 @@ def test_bounds_in_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFixture
     words = ' '.join(capsys.readouterr().out.replace('│', ' ').split())
     assert 'probability' in words
     assert 'so far' in words
+
+
+@pytest.mark.parametrize('constant', ['', ', 0 s', ', 100 ms'])
+def test_an_unknown_value_leaves_the_bounds_of_all_that_it_may_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], constant: str
+) -> None:
+    """The example of the documentation, in a window and its first half, and other formulas."""
+    path = tmp_path / 'trace.csv'
+    stated = f'let x ~ normal(x, sqrt(var){constant}) in '
+    texts = 'always[0, 300 ms] x > 1', 'always[0, 100 ms] x > 1', 'eventually[0, 300 ms] x < 1'
+    options = [option for each in texts for option in ('--formula', f'{stated}{each}')]
+
+    def probabilities(height: str) -> list[dict[str, Any]]:
+        path.write_text(f'time_s,x,var\n0,3,.25\n.1,2.5,.25\n.2,{height},.25\n.3,2.8,.5\n')
+        found = formulas(capsys, str(path), *options, '--missing', 'unknown')
+        return [each['probability'] for each in found]
+
+    bounds = probabilities('')
+    for height in ('-9', '1', '2.7', '50'):
+        for bound, found in zip(bounds, probabilities(height), strict=True):
+            assert bound['assumption'] == found['assumption']
+            assert bound['lower'] <= found['lower'] <= found['upper'] <= bound['upper']
+    assert bounds[0]['lower'] == 0
+    assert bounds[0]['upper'] < 1
+    assert bounds[1]['lower'] > 0.98  # It does not depend on what is unknown.
 
 
 def test_states_are_read_until_the_probability_is_known(

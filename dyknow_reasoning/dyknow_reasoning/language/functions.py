@@ -171,6 +171,7 @@ _OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
     'hypot': ('two operands or more', 2, None),
     'prev': ('one operand', 1, 1),
     'normal': ('a mean, a standard deviation and perhaps a time constant', 2, 3),
+    'within': ('an estimate and its greatest error', 2, 2),
     'P': ('one operand, a formula', 1, 1),
 }
 """For each function, its operands in words, the fewest and the most."""

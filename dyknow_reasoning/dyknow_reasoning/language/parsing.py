@@ -183,6 +183,14 @@ def _time_of(name: str, window: Formula | Term) -> int:
         raise PositionedError(str(error), window.position) from None
 
 
+def _uncertain(
+    name: str, mean: Formula | Term, deviation: Formula | Term, *time: Formula | Term
+) -> terms.Uncertain:
+    if name == 'within':
+        return terms.Bounded(_term(mean), _term(deviation))
+    return terms.Uncertain(_term(mean), _term(deviation), _time_of(name, *time) if time else None)
+
+
 def _whole(token: Token) -> int:
     number = number_value(token)
     if isinstance(number, float):
@@ -316,7 +324,9 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         self, name: Token, value: Formula | Term
     ) -> tuple[terms.Object, terms.Uncertain]:
         if not isinstance(value, terms.Uncertain):
-            message = f"what is known of '{name}' is written as normal({name}, DEVIATION)"
+            message = (
+                f"what is known of '{name}' is normal({name}, DEVIATION) or within({name}, ERROR)"
+            )
             raise PositionedError(message, value.position)
         return terms.Object(str(name), position=TextPosition.of(name)), value
 
@@ -414,10 +424,8 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         check_call(name, len(arguments))
         if name == 'P':
             return terms.Probability(_formula(arguments[0]))
-        if name == 'normal':
-            mean, deviation, *time = arguments
-            constant = _time_of(name, *time) if time else None
-            return terms.Uncertain(_term(mean), _term(deviation), constant)
+        if name in {'normal', 'within'}:
+            return _uncertain(name, *arguments)
         if name == 'prev':
             return terms.ValueBefore(_term(arguments[0]))
         return terms.Function(str(name), tuple(map(_term, arguments)))

@@ -253,6 +253,14 @@ class Uncertain(SyntaxNode):
 
 
 @dataclass(frozen=True, slots=True)
+class Bounded(Uncertain):
+    """A number that is known up to an error of at most `deviation`, of any distribution."""
+
+    def __str__(self) -> str:
+        return f'within({self.mean}, {self.deviation})'
+
+
+@dataclass(frozen=True, slots=True)
 class Probability(PastTerm):
     """The probability that a formula holds from this state on; see `execution.probability`."""
 

@@ -165,7 +165,8 @@ class _TypeChecker:
                 self._infer_use(body)
                 return
             case terms.Uncertain(mean, deviation):
-                symbol, operands = 'normal', (mean, deviation)
+                symbol = 'within' if isinstance(node, terms.Bounded) else 'normal'
+                operands = (mean, deviation)
             case terms.ValueBefore(body):
                 self._infer_numbers(body)
                 return
@@ -294,7 +295,7 @@ _WITHOUT_PROBABILITY: Final = syntax.PastFormula | terms.PastTerm | Over | Spati
 def _check_probabilities(
     node: Formula | Term, outer: Formula | Term | None = None, *, is_within: bool = False
 ) -> None:
-    """Check where `P(...)` and `normal(...)` stand.
+    """Check where `P(...)`, `normal(...)` and `within(...)` stand.
 
     Args:
         node: the part to check.

@@ -20,6 +20,7 @@ from dyknow_reasoning import (
     FormulaResult,
     ReasoningError,
     UnknownFeatures,
+    UnknownValueError,
     probability_of,
 )
 from dyknow_recordings.errors import RecordingError
@@ -125,6 +126,7 @@ class EpisodeGroup:
             for each in formulas
             if each.every is Every.TRIGGER
         }
+        self._unknown = unknown
         self._is_asked_again = any(each.every is not Every.FIRST for each in formulas)
         self._states = 0
         self._losses: list[LostMessages] = []
@@ -178,11 +180,14 @@ class EpisodeGroup:
             self._step_probabilities(valid_time, values)
 
     def _step_probabilities(self, valid_time: int, values: Mapping[str, Value]) -> None:
+        marked = self._unknown.marked(values, values) if self._unknown else values
         for each in self._running:
             if each.probability is None or each.probability.is_final:
                 continue
             try:
-                each.probability.step(valid_time, values)
+                each.probability.step(valid_time, marked)
+            except UnknownValueError:
+                each.probability.gap()
             except ReasoningError as error:
                 self._fail(each, error)
                 continue

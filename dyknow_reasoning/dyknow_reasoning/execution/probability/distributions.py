@@ -14,6 +14,9 @@ Bounds where nothing is known about dependence: `at_least` (Frechet; Rueger 1978
 for the sum of n numbers, P(sum <= 0) is at least 1 - n * Phi(-z) and at most n * Phi(z) with
 z = -(sum of means) / (sum of deviations), as the sum is negative if each number is at most its mean
 and z deviations, and only if one is.
+
+A number with a bounded error is any within its bounds, whatever the others are. A comparison of it
+alone with numbers is tried for each order that it may have among these.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ from typing import Any, Final, TypeAlias
 from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import Atom, Comparison, walk
-from dyknow_reasoning.language.terms import Arithmetic, Number, Term, Uncertain
+from dyknow_reasoning.language.terms import Arithmetic, Bounded, Number, Term, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, predicate, term_reader
 from dyknow_reasoning.progression.nodes import (
@@ -202,6 +205,7 @@ class StateDistribution:
     Attributes:
         numbers: the uncertain numbers; `moments` are in their order.
         is_independent: True if their errors are independent of each other.
+        is_bounded: True if all errors are bounded.
         is_linear: True if each atom compares a sum of uncertain numbers.
         has_cells: True if `cells` are defined.
     """
@@ -215,6 +219,7 @@ class StateDistribution:
         for slot in slots(mask):
             self._add(slot, atoms[slot], kinds)
         self.is_independent = all(each.time_constant is not None for each in self.numbers)
+        self.is_bounded = all(isinstance(each, Bounded) for each in self.numbers)
         self._components: dict[int, list[_Component]] = {}
         all_have_one_sum = all(each.has_one_sum for each in self._components_of(mask))
         self.has_cells = self.is_linear and all_have_one_sum
@@ -267,8 +272,8 @@ class StateDistribution:
         for index, (mean, deviation) in enumerate(found):
             if not (isfinite(mean) and 0 <= deviation < inf):
                 raise ReasoningError(
-                    f"'{self.numbers[index]}' is normal({mean}, {deviation}); both must be finite, "
-                    'and the deviation not negative'
+                    f"of '{self.numbers[index]}', the estimate is {mean} and the deviation "
+                    f'{deviation}; both must be finite, and the deviation not negative'
                 )
         return found
 
@@ -302,6 +307,8 @@ class StateDistribution:
             return _known(self._total(node, self.cells(node.mask, values, moments)))
         components = self._components_of(node.mask)
         if not components or (len(components) == 1 and components[0].has_one_number):
+            if components and self._is_bounded(components[0]):
+                return self._possible(node, components[0], values, moments)
             return _known(self._total(node, self.cells(node.mask, values, moments)))
         match node:
             case Literal(slot, positive):
@@ -319,6 +326,33 @@ class StateDistribution:
         if type(node) is Constant:
             return float(node.value)
         return sum(chance for symbol, chance in cells if holds_at(node, symbol))
+
+    def _is_bounded(self, component: _Component) -> bool:
+        """Return True if the error of the only number of a component is bounded."""
+        ((number, _),) = next(iter(component.atoms.values())).direction
+        return isinstance(self.numbers[number], Bounded)
+
+    def _possible(
+        self, node: Node, component: _Component, values: Values, moments: Moments
+    ) -> Chance:
+        """Return the probability of a formula of one number whose error is bounded."""
+        atoms = component.atoms
+        ((number, _),) = next(iter(atoms.values())).direction
+        mean, error = moments[number]
+        thresholds = {slot: atom.threshold(values) for slot, atom in atoms.items()}
+        lowest, highest = mean - error, mean + error
+        inner = {each for each in thresholds.values() if lowest < each < highest}
+        points = sorted({lowest, highest, *inner})
+        points += [(first + last) / 2 for first, last in pairwise(points)]
+        certain = self._certain_bits(node.mask, values)
+        truths = set()
+        for point in points:
+            compared = (
+                COMPARISONS[atom.operator](point, thresholds[slot]) << slot
+                for slot, atom in atoms.items()
+            )
+            truths.add(holds_at(node, certain | sum(compared)))
+        return float(all(truths)), float(any(truths))
 
     def _certain_bits(self, mask: int, values: Values) -> int:
         bits = 0
@@ -356,19 +390,32 @@ class StateDistribution:
 
     def _marginal(self, atom: _UncertainAtom, values: Values, moments: Moments) -> Chance:
         """Return the probability of an atom, whatever the dependence of its numbers."""
-        terms = [
-            (f * moments[number][0], abs(f) * moments[number][1]) for number, f in atom.direction
-        ]
-        threshold, mean = atom.threshold(values), sum(mean for mean, _ in terms)
-        deviation, count = sum(each for _, each in terms), sum(each > 0 for _, each in terms)
+        mean, error, deviation, count = 0.0, 0.0, 0.0, 0
+        for number, factor in atom.direction:
+            mean += factor * moments[number][0]
+            spread = abs(factor) * moments[number][1]
+            if isinstance(self.numbers[number], Bounded):
+                error += spread
+            elif spread:
+                deviation, count = deviation + spread, count + 1
+        distance = atom.threshold(values) - mean
         if not count:
-            return _known(float(COMPARISONS[atom.operator](mean, threshold)))
+            return _chance_within(atom.operator, distance, error)
         if atom.operator == '=':
             # Numbers that depend on each other may differ by a constant.
-            return (0.0, 0.0) if count == 1 else (0.0, 1.0)
-        z = (threshold - mean) / deviation
-        below = (max(0.0, 1.0 - count * _below(-z)), min(1.0, count * _below(z)))
+            return (0.0, 0.0) if count == 1 and not error else (0.0, 1.0)
+        least, most = (distance - error) / deviation, (distance + error) / deviation
+        below = (max(0.0, 1.0 - count * _below(-least)), min(1.0, count * _below(most)))
         return below if atom.operator in _LESS else complement(below)
+
+
+def _chance_within(operator: str, distance: float, error: float) -> Chance:
+    """Return the probability that an error of at most `error` compares so with a distance."""
+    compare = COMPARISONS[operator]
+    if operator == '=':
+        return float(distance == error == 0), float(abs(distance) <= error)
+    sides = compare(-error, distance), compare(error, distance)
+    return float(all(sides)), float(any(sides))
 
 
 def _known(chance: float) -> Chance:

@@ -2,7 +2,8 @@
 
 The time constants of the uncertain numbers decide how it is computed:
 
-    missing in one or more    bounds: nothing is known about correlation (`bounds`)
+    missing in one or more    bounds: nothing is known about correlation (`bounds`); so are those
+                              of errors that are bounded, not normal
     0 in all                  exact: errors are independent (`chain`)
     other                     an interval with a confidence, of simulated runs (`simulation`)
 
@@ -47,6 +48,7 @@ from dyknow_reasoning.progression.residual import holds_at_the_end
 
 NOTHING_KNOWN: Final = 'assuming nothing about correlation'
 INDEPENDENT: Final = 'assuming independent errors'
+BOUNDED: Final = 'assuming errors within their bounds'
 _ROUNDING: Final = 1e-10
 """The greatest error of the sums of a long recording."""
 
@@ -95,7 +97,7 @@ class FormulaProbability:
         if not any(isinstance(each, Uncertain) for atom in atoms for each in walk(atom)):
             raise ReasoningError(
                 "nothing in 'P(...)' is uncertain; give a feature an uncertainty, or write "
-                'normal(x, DEVIATION)'
+                'normal(x, DEVIATION) or within(x, ERROR)'
             )
         distribution = StateDistribution(atoms, kinds, node.mask)
         constants = {each.time_constant for each in distribution.numbers}
@@ -110,10 +112,13 @@ class FormulaProbability:
             self._model = _BoundsModel(node, distribution)
             if None not in constants:
                 self.assumption = INDEPENDENT
+            elif distribution.is_bounded:
+                self.assumption = BOUNDED
         else:
             raise ReasoningError(
-                'an operand is no sum of uncertain numbers and multiples of these; give each its '
-                'time constant, such as normal(x, s, 0 s), then runs are simulated'
+                'an operand is no sum of uncertain numbers and multiples of these; give each a '
+                'normal error with a time constant, such as normal(x, s, 0 s), then runs are '
+                'simulated'
             )
         self._is_lost = False
 
