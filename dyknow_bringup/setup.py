@@ -6,7 +6,13 @@ from setuptools.command.easy_install import ScriptWriter
 from dyknow_common.executables import script_template
 
 PACKAGE = 'dyknow_bringup'
-NODES = ('dyknow_nodes', 'formula_markers', 'formula_monitor', 'uav_simulation')
+NODES = (
+    'carrier_simulation',
+    'dyknow_nodes',
+    'formula_markers',
+    'formula_monitor',
+    'uav_simulation',
+)
 DATA = (
     'formulas',
     'launch',
@@ -47,6 +53,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'carrier_simulation = dyknow_bringup.ros.carrier_simulation:main',
             'dyknow_nodes = dyknow_bringup.ros.composition.dyknow_nodes:main',
             'formula_markers = dyknow_bringup.ros.formula_markers:main',
             'formula_monitor = dyknow_bringup.ros.formula_monitor:main',

@@ -25,6 +25,7 @@ _PORTS_OF_A_DOMAIN = 250
 _LAST_PARTICIPANT = 119
 
 _reserved: OrderedDict[int, socket.socket] = OrderedDict()
+_rows: list[object] = []
 
 
 def reserve_domain() -> int:
@@ -47,6 +48,20 @@ def reserve_domain() -> int:
                 return domain
             reservation.close()
     raise AssertionError('no ROS domain is free')
+
+
+def reserve_domains(count: int) -> int:
+    """Return the first of several domains in a row that nobody uses, reserved as one is."""
+    for first in USABLE_DOMAINS[: -count + 1]:
+        row = range(first, first + count)
+        found = {domain: _bound(_port(domain, _LAST_PARTICIPANT)) for domain in row}
+        if None not in found.values() and all(map(_is_unused, row)):
+            _rows.append(found)
+            return first
+        for each in found.values():
+            if each is not None:
+                each.close()
+    raise AssertionError(f'no {count} ROS domains in a row are free')
 
 
 def _is_unused(domain: int) -> bool:

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import json
-import socket
 import subprocess
 from collections.abc import Callable
-from contextlib import suppress
-from itertools import chain
 from pathlib import Path
-from threading import Thread
 from typing import Any, Self
 
 from dyknow_interfaces.srv import EvaluateFormula
@@ -63,13 +59,6 @@ ZENOH = """\
 }
 """
 """A configuration with which nobody but the other host is found."""
-
-
-def free_port() -> int:
-    """Return a port that nobody listens on."""
-    with socket.socket() as found:
-        found.bind(('127.0.0.1', 0))
-        return int(found.getsockname()[1])
 
 
 class Host:
@@ -143,63 +132,6 @@ class Host:
             grounding=int(Grounding.SEMANTIC),
             timeout=nanoseconds_to_duration(round(timeout_s * 1e9)),
         )
-
-
-class Link:
-    """A link between two hosts, which can be cut: a process between their ends.
-
-    Args:
-        port: to which it leads.
-    """
-
-    def __init__(self, port: int) -> None:
-        self._target = port
-        self._pairs: list[tuple[socket.socket, socket.socket]] = []
-        self._is_cut = False
-        self._server = socket.create_server(('127.0.0.1', 0))
-        self.port = int(self._server.getsockname()[1])
-        Thread(target=self._accept, daemon=True).start()
-
-    def cut(self) -> None:
-        """Let nothing pass, and refuse connections."""
-        self._is_cut = True
-        for each in chain.from_iterable(self._pairs):
-            with suppress(OSError):
-                each.shutdown(socket.SHUT_RDWR)
-
-    def restore(self) -> None:
-        """Let connections pass again."""
-        self._is_cut = False
-
-    def close(self) -> None:
-        """End the link."""
-        self.cut()
-        self._server.close()
-
-    def _accept(self) -> None:
-        with suppress(OSError):
-            while True:
-                near, _ = self._server.accept()
-                if self._is_cut:
-                    near.close()
-                    continue
-                try:
-                    far = socket.create_connection(('127.0.0.1', self._target))
-                except ConnectionRefusedError:  # The host has not started yet.
-                    near.close()
-                    continue
-                self._pairs.append((near, far))
-                for ends in ((near, far), (far, near)):
-                    Thread(target=self._pass_on, args=ends, daemon=True).start()
-
-    @staticmethod
-    def _pass_on(source: socket.socket, goal: socket.socket) -> None:
-        with suppress(OSError):
-            while data := source.recv(65536):
-                goal.sendall(data)
-        for each in (source, goal):
-            with suppress(OSError):
-                each.shutdown(socket.SHUT_RDWR)
 
 
 def wait_for(asker: Host, *others: Host, until: Callable[[], bool], what: str) -> None:

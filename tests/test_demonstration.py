@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
+import pytest
+
 from commands import command, output_of
+from domains import reserve_domains
+from dyknow_bringup.ros.uav_demo import main
 from dyknow_configuration import PACKAGES
-from system import private_environment
+from system import LIMIT, private_environment
 
 
 def test_every_verdict_of_a_scenario(tmp_path: Path) -> None:
@@ -26,6 +32,28 @@ def test_each_node_in_a_process_of_its_own(tmp_path: Path) -> None:
     assert 'every verdict is what the scenario says' in done.stdout
     logs = {path.stem for path in tmp_path.glob('*.log')}
     assert logs == {*PACKAGES, 'uav_simulation'}
+
+
+@pytest.mark.skipif(find_spec('zenoh') is None, reason='zenoh is not installed')
+def test_a_verdict_waits_for_a_link() -> None:
+    """Four hosts; what was missed while the link was cut is asked for again, in order."""
+    environment = {**private_environment(), 'ROS_DOMAIN_ID': str(reserve_domains(4))}
+    done = output_of(command('dyknow', 'demo', '--scenario', 'fleet'), environment, LIMIT * 2)
+    assert done.returncode == 0, done.stdout + done.stderr
+    events = ('the link to carrier1 is cut', 'the verdict waits', 'the link is back', 'true: for')
+    places = [done.stdout.index(each) for each in events]
+    assert places == sorted(places), done.stdout
+    (carrier1,) = (each for each in done.stdout.splitlines() if each.startswith('carrier1 '))
+    assert ' B     0  ' in carrier1, 'nothing is lost'
+
+
+def test_a_federation_needs_zenoh(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('sys.argv', ['uav_demo', '--scenario', 'fleet'])
+    monkeypatch.setitem(sys.modules, 'zenoh', None)
+    assert main() == 2
+    assert capsys.readouterr().err.rstrip().endswith('run: pip install eclipse-zenoh')
 
 
 def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:

@@ -17,7 +17,14 @@ from dyknow_configuration import PACKAGES
 from fork_server import ForkingPopen
 from system import LIMIT, Client, private_environment
 
-NODES = {*PACKAGES, 'dyknow_nodes', 'formula_markers', 'formula_monitor', 'uav_simulation'}
+NODES = {
+    *PACKAGES,
+    'carrier_simulation',
+    'dyknow_nodes',
+    'formula_markers',
+    'formula_monitor',
+    'uav_simulation',
+}
 
 
 @pytest.fixture(scope='module')

@@ -15,7 +15,7 @@ from sequence_diagram import drawn  # noqa: E402
 
 ROBOTS = ('rover', 'arm', 'handover', 'warehouse')
 FILES = ('robot.yaml', 'robot.py', 'expected.yaml')
-FLEET_FILES = ('carrier1.yaml', 'basestation.yaml', 'host.py', 'demo.py')
+FLEET_FILES = ('carrier1.yaml', 'basestation.yaml')
 TREE_FILES = ('deliver.py', 'formula_behaviours.py')
 
 PAGES = {
@@ -25,7 +25,8 @@ PAGES = {
     'examples/README.md': 'robots/index.md',
     **{f'examples/{robot}/README.md': f'robots/{robot}.md' for robot in ROBOTS},
     'examples/fleet/README.md': 'robots/fleet.md',
-    **{f'examples/fleet/{file}': f'files/fleet/{file}' for file in FLEET_FILES},
+    'examples/fleet/host.py': 'files/fleet/host.py',
+    **{f'dyknow_bringup/robots/fleet/{file}': f'files/fleet/{file}' for file in FLEET_FILES},
     'examples/behaviour_trees/README.md': 'robots/behaviour_trees.md',
     **{f'examples/behaviour_trees/{file}': f'files/trees/{file}' for file in TREE_FILES},
     **{f'examples/{robot}/{file}': f'files/{robot}/{file}' for robot in ROBOTS for file in FILES},

@@ -53,6 +53,11 @@ def uav_robot_path() -> Path:
     return share() / 'robots' / 'uav.yaml'
 
 
+def host_path(name: str) -> Path:
+    """Return the robot.yaml of a host of the fleet that is federated: `basestation`, `carrier1`."""
+    return share() / 'robots' / 'fleet' / f'{name}.yaml'
+
+
 def uav_ontology_path() -> Path:
     """Return the file with the ontology of UAVs and their features."""
     return share() / 'ontology' / 'uav.owl'

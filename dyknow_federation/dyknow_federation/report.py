@@ -103,29 +103,38 @@ _COLUMNS = (
 
 def federation_table(report: FederationReport) -> RenderableType:
     """Return a table with a line for each peer, and what this host shares."""
-    shares = ', '.join(report.shares) or 'nothing'
-    caption = f'{report.name} shares {shares}'
-    rows: list[list[Cell]] = [
-        [
-            each.name,
-            Text(each.state.value, _STYLES[each.state]),
-            f'{round_duration(each.silent_for)} ago',
-            '' if each.delay is None else round_duration(each.delay),
-            _clock(each),
-            f'{each.bytes_sent:,} B',
-            f'{each.bytes_received:,} B',
-            str(each.lost),
-            ', '.join(each.asked),
-            ', '.join(each.given),
-            each.fault,
-        ]
-        for each in report.peers
-    ]
+    caption = shares_text(report)
+    rows: list[list[Cell]] = []
+    for each in report.peers:
+        name, link, *others = peer_texts(each).values()
+        rows.append([name, Text(link, _STYLES[each.state]), *others])
     faults = [Text(each, 'yellow') for each in report.faults]
     if not rows:
         text = 'No peer is known yet: see "connect" and "listen" of the key federation.\n'
         return Group(Text(text + caption), *faults)
     return Group(ReportTable(_COLUMNS, rows, caption=caption), *faults)
+
+
+def shares_text(report: FederationReport) -> str:
+    """Return what the host shares, as a sentence."""
+    return f'{report.name} shares {", ".join(report.shares) or "nothing"}'
+
+
+def peer_texts(report: PeerReport) -> dict[str, str]:
+    """Return what tables show of a peer, in the order of their columns."""
+    return {
+        'peer': report.name,
+        'link': report.state.value,
+        'heard': f'{round_duration(report.silent_for)} ago',
+        'delay': '' if report.delay is None else round_duration(report.delay),
+        'clock': _clock(report),
+        'sent': f'{report.bytes_sent:,} B',
+        'received': f'{report.bytes_received:,} B',
+        'lost': str(report.lost),
+        'asked for': ', '.join(report.asked),
+        'given': ', '.join(report.given),
+        'fault': report.fault,
+    }
 
 
 def _clock(report: PeerReport) -> str:

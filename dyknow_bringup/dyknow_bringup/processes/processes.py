@@ -224,6 +224,11 @@ def uav_simulation(scenario: Path, vehicles: int) -> Process:
     )
 
 
+def carrier_simulation(carrier: str, radius: float) -> Process:
+    """Return the simulation of a carrier of the federated fleet; its circle's radius is in m."""
+    return Process('dyknow_bringup', 'carrier_simulation', {'carrier': carrier, 'radius': radius})
+
+
 def formula_monitor(formulas: Path) -> Process:
     """Return the node that monitors the formulas of a file and logs the answers."""
     return Process('dyknow_bringup', MONITOR, {'formulas': str(formulas)})

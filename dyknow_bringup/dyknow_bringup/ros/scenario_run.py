@@ -7,6 +7,7 @@ import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -34,7 +35,57 @@ START_TIMEOUT_S = 30.0
 """Time that the nodes may take to start."""
 
 
-class ScenarioRun(ABC):
+class SystemRun(ABC):
+    """A node beside systems that launchers run; a subclass works with it.
+
+    Args:
+        launchers: of all processes that must not end by themselves.
+    """
+
+    def __init__(self, *launchers: Launcher) -> None:
+        self._launchers = launchers
+        self._console = Terminal()
+
+    def run(self) -> bool:
+        """Work with a node; return True if it ended as it should."""
+        self._node = DyKnowNode('uav_demo')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        try:
+            return self._work()
+        finally:
+            self._executor.shutdown()
+            self._node.destroy_node()
+
+    @abstractmethod
+    def _work(self) -> bool:
+        """Do the work; return True if it ended as it should."""
+
+    def _answer(self, remote: RemoteNode, service_type: Any, what: str) -> Any:
+        """Return the response of a node."""
+        asked = self._executor.create_task(remote.call, service_type)
+        self._wait_for(asked.done, what)
+        return asked.result()
+
+    def _wait_for(
+        self, condition: Callable[[], bool], description: str, timeout_s: float = START_TIMEOUT_S
+    ) -> None:
+        """Spin until a condition holds, for a time at most."""
+        end = self._node.now() + round(timeout_s * SECOND_NS)
+        while not condition():
+            self._spin()
+            if self._node.now() > end:
+                raise BringupError(
+                    f'{description} did not come up within {timeout_s:g} s', ExitCode.TIMEOUT
+                )
+
+    def _spin(self) -> None:
+        self._executor.spin_once(timeout_sec=0.05)
+        for each in self._launchers:
+            each.check_running()
+
+
+class ScenarioRun(SystemRun):
     """A run of a scenario; a subclass monitors it.
 
     Args:
@@ -59,6 +110,7 @@ class ScenarioRun(ABC):
         markers: bool = False,
         processes: bool = False,
     ) -> None:
+        super().__init__(launcher)
         path = scenario_path(scenario)
         self._scenario = load_scenario(path)
         names = self._vehicles = vehicle_names(vehicles)
@@ -72,26 +124,17 @@ class ScenarioRun(ABC):
         self._processes = list(nodes if processes else composed(nodes, os.environ))
         if markers:
             self._processes.append(formula_markers())
-        self._console = Terminal()
         self._start = 0
 
-    def run(self) -> bool:
-        """Run the scenario; return True if it ended as it should."""
+    def _work(self) -> bool:
         self._launcher.start_all(self._processes)
-        self._node = DyKnowNode('uav_demo')
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        try:
-            self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
-            coordinator = RemoteNode(self._node, 'stream_reasoning_coordinator')
-            manager = RemoteNode(self._node, 'stream_manager', patience_s=START_TIMEOUT_S)
-            with self._console.status('starting the nodes of DyKnow'):
-                self._wait_for(lambda: coordinator.is_running, 'the coordinator')
-                self._wait_for(lambda: self._has_streams(manager), 'the streams of the fleet')
-            return self._monitor()
-        finally:
-            self._executor.shutdown()
-            self._node.destroy_node()
+        self._console.print(f'[bold]{self._scenario.name}[/]: {self._scenario.description}')
+        coordinator = RemoteNode(self._node, 'stream_reasoning_coordinator')
+        manager = RemoteNode(self._node, 'stream_manager', patience_s=START_TIMEOUT_S)
+        with self._console.status('starting the nodes of DyKnow'):
+            self._wait_for(lambda: coordinator.is_running, 'the coordinator')
+            self._wait_for(lambda: self._has_streams(manager), 'the streams of the fleet')
+        return self._monitor()
 
     @abstractmethod
     def _monitor(self) -> bool:
@@ -112,27 +155,12 @@ class ScenarioRun(ABC):
                 self._start = int(entry.value)
 
     def _has_streams(self, manager: RemoteNode) -> bool:
-        listing = self._executor.create_task(manager.call, ListStreams)
-        self._wait_for(listing.done, 'the stream manager')
-        return set(listing.result().stream_names) >= self._fleet_streams
-
-    def _wait_for(self, condition: Callable[[], bool], description: str) -> None:
-        """Spin until a condition holds, for START_TIMEOUT_S at most."""
-        end = self._node.now() + round(START_TIMEOUT_S * SECOND_NS)
-        while not condition():
-            self._spin()
-            if self._node.now() > end:
-                raise BringupError(
-                    f'{description} did not come up within {START_TIMEOUT_S:g} s', ExitCode.TIMEOUT
-                )
-
-    def _spin(self) -> None:
-        self._executor.spin_once(timeout_sec=0.05)
-        self._launcher.check_running()
+        listed = self._answer(manager, ListStreams, 'the stream manager')
+        return set(listed.stream_names) >= self._fleet_streams
 
 
 def run_scenario(
-    make_run: Callable[[Launcher, Path], ScenarioRun], log_level: str, logs: Path | None = None
+    make_run: Callable[[Launcher, Path], SystemRun], log_level: str, logs: Path | None = None
 ) -> int:
     """Run a scenario and return the exit code: SUCCESS if it ended as it should, or else FALSE.
 

@@ -15,6 +15,7 @@ from rich.live import Live
 from dyknow_bringup.demonstration import summary, unexpected
 from dyknow_bringup.monitored_formula import formula_table
 from dyknow_bringup.resources import scenario_names
+from dyknow_bringup.ros.fleet_demo import FLEET, FleetDemonstration
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
 from dyknow_bringup.simulation.recording import write_flight_report
@@ -23,6 +24,7 @@ from dyknow_common.executables import describe
 from dyknow_common.ros import command_main
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings import Judgement, MonitoringFiles, PictureFiles
+from dyknow_recordings.reporting.pictures.libraries import optional_library
 
 SETTLING_NS = SECOND_NS
 """Time after the end of the scenario in which verdicts may still come."""
@@ -96,6 +98,13 @@ class Demonstration(ScenarioRun):
 
 def demo(options: argparse.Namespace) -> int:
     """Run the demonstration; the exit code is 0 if every verdict is what the scenario says."""
+    if options.scenario == FLEET:
+        optional_library('zenoh', f'the scenario {FLEET}', 'eclipse-zenoh')
+        return run_scenario(
+            lambda launcher, folder: FleetDemonstration(launcher, folder, options.log_level),
+            options.log_level,
+            options.logs,
+        )
     return run_scenario(
         lambda launcher, folder: Demonstration(
             page=options.report,
@@ -121,13 +130,15 @@ def add_demo_options(parser: argparse.ArgumentParser) -> None:
             'dyknow demo',
             'dyknow demo --scenario near_miss --uavs 5 --report report.html',
             'dyknow demo --processes --logs log/demo',
+            'dyknow demo --scenario fleet',
         ),
         '0 if every verdict is what the scenario says, 1 if one is not, 2 for an error',
     )
     parser.add_argument(
         '--scenario',
         default='power_surge',
-        help=f'{", ".join(scenario_names())}, or a YAML file (default: power_surge)',
+        help=f'{", ".join(scenario_names())}, or a YAML file; {FLEET}: four hosts and a link that '
+        'fails (default: power_surge)',
     )
     parser.add_argument('--uavs', type=int, default=3, help='number of vehicles (default: 3)')
     parser.add_argument('--markers', action='store_true', help='show formulas in rviz2 or Foxglove')

@@ -151,6 +151,9 @@ START: Final = PLAIN_NODE | Interfaces(
 WATCH_FEDERATION: Final = Interfaces(subscribes=frozenset({f'{FEDERATION}/_status'}))
 """`dyknow up` of a host with peers."""
 
+FEDERATION_HEALTH: Final = Interfaces(subscribes=_watched(FEDERATION))
+"""The live page of a host with peers."""
+
 SHOW_FEDERATION: Final = Interfaces(subscribes=frozenset({f'{FEDERATION}/federation'}))
 """The command `dyknow federation`."""
 
@@ -300,6 +303,7 @@ def dashboard_interfaces(engines: Collection[str], guards: Collection[str]) -> I
     nodes = SERVICES.keys() - {ENGINE}
     used = Interfaces(
         subscribes=_watched(*nodes, *engines, RECORDER, *guards)
+        | SHOW_FEDERATION.subscribes
         | frozenset(f'{each}/status' for each in guards)
         | frozenset(map(streams_of, engines))
         | {'/diagnostics'},

@@ -18,6 +18,7 @@ from dyknow_bringup.security.interfaces import (
     DYKNOW_NODE,
     ENGINE,
     FEDERATION,
+    FEDERATION_HEALTH,
     MONITOR_COMMAND,
     PLAIN_NODE,
     RECORDER,
@@ -107,6 +108,7 @@ class SecuredSystem:
         if self.has_peers:
             commands[f'{FEDERATION}_*'] = PLAIN_NODE | SHOW_FEDERATION
             start, topics = START | WATCH_FEDERATION, topics | {REMOTE_STREAMS}
+            page |= FEDERATION_HEALTH
             federation.append(self.node(FEDERATION, federation_interfaces(engines)))
             changed.append(FEDERATION)
         return (

@@ -1,1 +1,1 @@
-"""Simulation of a fleet of UAVs."""
+"""Simulation of a fleet of UAVs, and of links that fail."""

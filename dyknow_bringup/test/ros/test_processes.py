@@ -10,6 +10,7 @@ from dyknow_bringup.processes.arguments import CONFIGURATION, configuration, rob
 from dyknow_bringup.processes.processes import (
     Process,
     SystemConfiguration,
+    carrier_simulation,
     dyknow_processes,
     formula_markers,
     formula_monitor,
@@ -30,7 +31,8 @@ def test_the_seven_nodes_are_installed() -> None:
 
 def test_the_nodes_of_the_demonstration_are_installed() -> None:
     for process in (
-        uav_simulation(Path('a.yaml'), 3), formula_monitor(Path('b.yaml')), formula_markers(),
+        uav_simulation(Path('a.yaml'), 3), carrier_simulation('carrier1', 2.0),
+        formula_monitor(Path('b.yaml')), formula_markers(),
     ):  # fmt: skip
         assert executable_path(process.package, process.executable).is_file()
 

@@ -23,6 +23,7 @@ from dyknow_dashboard.model.formulas import FormulaTable, MonitoredEvaluation
 from dyknow_dashboard.model.health import HealthTable
 from dyknow_dashboard.model.history import FailureHistory
 from dyknow_dashboard.model.live_signals import LiveSignals
+from dyknow_dashboard.model.peers import PeerTable
 from dyknow_dashboard.model.requests import Interest
 from dyknow_dashboard.model.streams import StreamTable, graph
 from dyknow_dashboard.model.verdict_events import EventCounts, VerdictEvent, VerdictWatch
@@ -156,6 +157,7 @@ class Board:
         self.formulas = FormulaTable()
         self.streams = StreamTable()
         self.health = HealthTable()
+        self.peers = PeerTable()
         self.concepts = ConceptTable()
         self.counts = EventCounts()
         self.history = FailureHistory(history, clock, self.counts)
@@ -232,6 +234,8 @@ class Board:
             yield 'streams', both, lambda: streams.document(formulas.running())
         elif view == 'graph':
             yield 'graph', both, lambda: graph(streams.reports, formulas.running())
+        elif view == 'nodes':
+            yield 'peers', self.peers.version, self.peers.document
         elif view == 'ontology':
             yield 'ontology', self.concepts.version, self.concepts.document
 

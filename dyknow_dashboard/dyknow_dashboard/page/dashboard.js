@@ -40,6 +40,7 @@ const HANDLERS = {
   points: (message) => list.get(message.id)?.extend(message),
   streams: (message) => tables.showStreams(message),
   nodes: (message) => tables.showNodes(message),
+  peers: (message) => tables.showPeers(message),
   ontology: (message) => tables.showOntology(message),
   graph: (message) => graphView.show(message),
 };

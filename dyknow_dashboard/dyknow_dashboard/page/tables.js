@@ -2,6 +2,8 @@
 // The tables of streams, nodes and the ontology.
 
 const LEVELS = {ok: 'true', warning: 'undecided warning', error: 'false', stale: 'undecided'};
+const LINKS = {linked: 'true', stale: 'undecided warning', left: 'false'};
+const PEER_HEADS = ['peer', 'link', 'heard', 'delay', 'clock', 'sent', 'received', 'lost', 'asked for', 'given', 'fault'];
 const STATES = {flowing: 'true', waiting: 'undecided warning', failed: 'false', registered: 'undecided'};
 
 class Tables {
@@ -13,6 +15,7 @@ class Tables {
     this.nodes = new KeyedTable($('nodes-table'), ['node', 'health', 'message'], 'No node is known.');
     this.diagnoses = new KeyedTable($('diagnoses-table'), ['name', 'level', 'message'],
       'Nobody else publishes on /diagnostics.');
+    this.peers = new KeyedTable($('peers-table'), PEER_HEADS, 'No peer is known yet.');
     this.sorts = new KeyedTable($('sorts-table'), ['sort', 'below', 'objects'], 'There is no sort.');
     this.features = new KeyedTable($('features-table'), ['feature', 'below', 'streams'], 'There is no feature.');
     this.annotations = new KeyedTable($('annotations-table'), ['annotation', 'fault'], 'There is no annotation.');
@@ -74,6 +77,16 @@ class Tables {
     setText(health, missing.length ? `${missing.length} of ${message.nodes.length} nodes missing`
       : bad.length ? `${bad.length} of ${message.nodes.length} nodes warn` : `${message.nodes.length} nodes ok`);
     setClass(health, `chip ${missing.length ? 'bad' : bad.length ? 'warn' : 'good'}`);
+  }
+
+  showPeers(message) {
+    $('federation').hidden = !message.shares;
+    setText($('shares'), `${message.shares}${message.hidden ? `; ${message.hidden} more peers are not shown` : ''}`);
+    setText($('federation-faults'), message.faults.join('\n'));
+    this.peers.update(message.peers.map((each) => ({
+      key: each.peer,
+      cells: PEER_HEADS.map((head) => head === 'link' ? {text: each.link, kind: `word ${LINKS[each.link]}`} : each[head]),
+    })));
   }
 
   showOntology(message) {

@@ -27,6 +27,7 @@ STREAM_MANAGER: Final = 'stream_manager'
 ONTOLOGY_MANAGER: Final = 'ontology_manager'
 SEMANTICS_MANAGER: Final = 'stream_semantics_manager'
 RECORDER: Final = 'black_box_recorder'
+FEDERATION: Final = 'federation'
 
 NEEDED: Final = (
     COORDINATOR,
@@ -87,8 +88,8 @@ class GuardReports:
 class SystemNodes:
     """Watches the nodes of a system until `release`.
 
-    Beside the needed ones, these are the engines, the guards and the recorder of black boxes that
-    were ever found.
+    Beside the needed ones, these are the engines, the guards, the recorder of black boxes and the
+    federation node that were ever found.
 
     Args:
         adapter: of the node that watches.
@@ -120,7 +121,7 @@ class SystemNodes:
             self._watch(name)
 
     def find_reactions(self) -> None:
-        """Watch the guards of the namespace, and the recorder, from when they are found."""
+        """Watch the optional nodes of the namespace from when they are found."""
         for topic, types in self._adapter.node.get_topic_names_and_types():
             name, _, last = topic.rpartition('/')
             if name in self._watched:
@@ -130,8 +131,8 @@ class SystemNodes:
                 if is_near and len(self._guards) < MAX_GUARDS:
                     self._guards[name] = GuardReports(self._adapter, name)
                     self._watched.add(name, RemoteNode(self._adapter, name))
-            elif last == '_status' and name == self.absolute(RECORDER):
-                self._watch(RECORDER)
+            elif last == '_status' and name in map(self.absolute, (RECORDER, FEDERATION)):
+                self._watch(name)
 
     def health(self) -> Iterator[NodeHealth]:
         """Yield the health of each node."""

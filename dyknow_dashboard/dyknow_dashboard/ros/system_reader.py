@@ -7,6 +7,7 @@ fields, take five times as long.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from dyknow_interfaces.msg import EvaluationStatusArray, Sample, StreamStatusArr
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
 from rclpy.callback_groups import CallbackGroup
 from rclpy.qos import QoSProfile
+from std_msgs.msg import String
 
 from dyknow_common import DyKnowError
 from dyknow_common.ros import (
@@ -33,11 +35,13 @@ from dyknow_dashboard.model.board import Board, State
 from dyknow_dashboard.model.health import DiagnosedPart
 from dyknow_dashboard.ros.nodes_of_system import (
     COORDINATOR,
+    FEDERATION,
     ONTOLOGY_MANAGER,
     SEMANTICS_MANAGER,
     STREAM_MANAGER,
     SystemNodes,
 )
+from dyknow_federation.report import FederationReport
 from dyknow_semantics import ALL_TRIPLES, Matcher, bridged
 from dyknow_semantics.ros.mirrors import annotations_by_text, faults_of, triples_of
 from dyknow_stream_processing.ros import SampleReader, take_waiting
@@ -167,6 +171,7 @@ class SystemReader:
             self._subscribe(
                 DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=10)
             ),
+            self._subscribe(String, f'{FEDERATION}/federation', self._on_federation),
         ]
         self._timer = self._adapter.create_timer(
             PERIOD_S, self._update, clock=self._adapter.wall_clock
@@ -211,6 +216,12 @@ class SystemReader:
             for each in message.status[:_MAX_ENTRIES]
         ]
         self._deliver(partial(self._board.health.diagnose, parts, self._now()))
+
+    def _on_federation(self, message: Any) -> None:
+        # Another node may publish there, too: there is nothing to show of it.
+        with suppress(ValueError, KeyError, TypeError):
+            report = FederationReport.of(json.loads(message.data))
+            self._deliver(partial(self._board.peers.update, report))
 
     def _update(self) -> None:
         """Report the health of nodes, and read the ontology if it has changed."""

@@ -1,0 +1,71 @@
+"""The table of peers: what a page gets, and what its code makes of it, run by node."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dyknow_common import SECOND_NS
+from dyknow_dashboard.model.board import Board, PageState
+from dyknow_dashboard.model.peers import MAX_PEERS_SHOWN
+from dyknow_dashboard.model.requests import Interest
+from dyknow_federation.report import FederationReport, LinkState, PeerReport
+
+NODE = shutil.which('node')
+CARRIER = PeerReport(
+    'carrier1',
+    LinkState.STALE,
+    4 * SECOND_NS,
+    delay=2_000_000,
+    offset=-1_200_000_000,
+    uncertainty=1_000_000,
+    bytes_sent=1234,
+    bytes_received=99,
+    lost=2,
+    asked=('Charge_carrier1',),
+    fault='it has another version',
+)
+TEXTS = [
+    'carrier1', 'stale', '4 s ago', '2 ms', '-1.2 s \u00b1 1 ms', '1,234 B', '99 B', '2',
+    'Charge_carrier1', '', 'it has another version',
+]  # fmt: skip
+
+
+def shown(*reports: FederationReport) -> dict[str, Any]:
+    """Return the message for a page that shows the nodes."""
+    board, page = Board(lambda: 0), PageState(Interest('nodes'))
+    for each in reports:
+        board.peers.update(each)
+    (found,) = (each for each in board.changes(page) if each['type'] == 'peers')
+    assert list(board.changes(page)) == [], 'it has changed nothing since then'
+    return found
+
+
+def test_a_page_has_the_table_of_the_command() -> None:
+    message = shown(FederationReport('base', (CARRIER,), ('X',), ('nobody carries Y',)))
+    assert message['shares'] == 'base shares X'
+    assert message['faults'] == ['nobody carries Y']
+    assert [list(each.values()) for each in message['peers']] == [TEXTS]
+
+
+def test_the_number_of_peers_is_limited() -> None:
+    message = shown(FederationReport('base', (CARRIER,) * (MAX_PEERS_SHOWN + 3)))
+    assert (len(message['peers']), message['hidden']) == (MAX_PEERS_SHOWN, 3)
+
+
+@pytest.mark.skipif(NODE is None, reason='node is not installed')
+def test_the_page_folds_the_table_away_without_a_federation() -> None:
+    page = resources.files('dyknow_dashboard.page')
+    script = Path(__file__).with_name('peers_page.js')
+    messages = [shown(), shown(FederationReport('base', (CARRIER,)))]
+    line = [str(NODE), str(script), str(page), json.dumps(messages)]
+    done = subprocess.run(line, capture_output=True, text=True, check=True, timeout=120)
+    alone, joined = (json.loads(each) for each in done.stdout.splitlines())
+    assert alone == {'hidden': True, 'shares': '', 'rows': []}
+    assert joined == {'hidden': False, 'shares': 'base shares nothing', 'rows': [TEXTS]}
