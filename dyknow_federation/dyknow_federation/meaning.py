@@ -150,8 +150,8 @@ def _imported(
         stream=topic,
         is_topic=True,
         contents=(replace(content, feature=term),),
-        # A peer's watermarks say how far its samples are known, so a delay needs no bound.
-        constraints=StreamConstraints(max_gap=feature.max_gap or None),
+        # Watermarks say how far the samples are known, and violations at the peer are told.
+        constraints=StreamConstraints(),
     )
     sorts = tuple(_most_specific(known[each]) for each in arguments)
     value_type = dict(feature.columns)[content.field]

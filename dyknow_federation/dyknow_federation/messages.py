@@ -97,14 +97,12 @@ class SharedFeature:
         stream: the stream that carries it; requests name it.
         annotation: what the stream contains, a statement in SSL.
         columns: the names of the fields of its samples, and their types in the stream language.
-        max_gap: the longest time between samples; 0 if nothing is stated.
     """
 
     name: str
     stream: str
     annotation: str
     columns: tuple[tuple[str, str], ...]
-    max_gap: int = 0
 
 
 @dataclass(frozen=True, slots=True)

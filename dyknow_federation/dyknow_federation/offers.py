@@ -31,7 +31,6 @@ from dyknow_stream_processing import (
     StreamDeclaration,
     parse_specification,
     references,
-    subterms,
 )
 
 ANY_SORT: Final = 'Object'
@@ -52,13 +51,11 @@ class Offer:
         feature: that it carries.
         ground: the feature with its objects.
         specification: how it is made here.
-        max_gap: the longest time between its samples, in nanoseconds; 0 if nothing is stated.
     """
 
     feature: FeatureSignature
     ground: FeatureTerm
     specification: str
-    max_gap: int
 
     def shared(self, name: str) -> SharedFeature:
         """Return what peers are told of it, given the name of the stream."""
@@ -68,7 +65,6 @@ class Offer:
             name,
             str(Annotation(name, (content,))),
             ((VALUE, self.feature.value_type.value),),
-            max_gap=self.max_gap,
         )
 
 
@@ -95,13 +91,8 @@ def offers(feature: FeatureSignature, texts: Iterable[str], imported: str) -> It
         selection = replace(stream.selections[0], renaming=VALUE)
         renamed = replace(declaration, stream=replace(stream, selections=(selection,)))
         others = (each for each in parsed.declarations if each is not declaration)
-        distances = (each.constraints.longest_distance for each in subterms(stream))
-        yield Offer(
-            feature,
-            parse_concept(ground).feature,
-            str(Specification((*others, renamed))),
-            min(filter(None, distances), default=0),
-        )
+        specification = str(Specification((*others, renamed)))
+        yield Offer(feature, parse_concept(ground).feature, specification)
 
 
 def shares(

@@ -29,7 +29,7 @@ def topic(peer: str, stream: str) -> str:
 def feature(name: str) -> SharedFeature:
     stream = f'Charge_{name}'
     annotation = f'stream {stream} contains Charge[{name}] = value [V]'
-    return SharedFeature('Charge', stream, annotation, (('value', 'float'),), max_gap=10**9)
+    return SharedFeature('Charge', stream, annotation, (('value', 'float'),))
 
 
 def shared(*objects: str) -> Shares:
@@ -61,7 +61,7 @@ def test_a_stream_of_a_peer_is_a_topic_here() -> None:
     found = imports({'p': shared('a')}, (), (), topic)
     assert found.objects == {'a': ('Robot',)}
     assert found.streams['p', 'Charge_a'].annotation == (
-        'stream "/dyknow/federation/p/Charge_a" contains Charge[a] = value [V] with max_gap = 1 s;'
+        'stream "/dyknow/federation/p/Charge_a" contains Charge[a] = value [V];'
     )
 
 
@@ -99,7 +99,7 @@ def test_peers_that_share_one_sensor_are_alternatives() -> None:
     given_ = {each: replace(shared('part'), features=(feature('part'), wind)) for each in 'pq'}
     found = imports(given_, (), ('part',), topic)
     carried = sorted(each.annotation.partition(' contains ')[2] for each in found.streams.values())
-    charge = 'Charge[part] = value [V] with max_gap = 1 s;'
+    charge = 'Charge[part] = value [V];'
     assert carried == [charge, charge, 'Wind = value;', 'Wind = value;']
     assert found.objects == {'part': ('Robot',)}
     assert not found.faults

@@ -77,7 +77,6 @@ def test_each_ground_feature_is_a_stream(robot: tuple[Knowledge, Matcher]) -> No
     charge = given.features[0]
     assert charge.annotation == 'stream Charge_r1 contains Charge[r1] = value [V];'
     assert charge.columns == (('value', 'float'),)
-    assert charge.max_gap == 10**9
     assert given.features[-1].columns == (('value', 'boolean'),)
 
 
