@@ -68,7 +68,7 @@ from dyknow_reasoning.progression.sizes import (
 from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.results import FormulaResult, NamedFormula
 from dyknow_reasoning.standing import NONE_OMITTED, StandingFormula, StandingFormulas, merged
-from dyknow_reasoning.uncertain import UncertainFormulas
+from dyknow_reasoning.uncertain import WatchedFormulas
 
 _MAX_NODES = 10_000
 
@@ -100,7 +100,7 @@ class FormulaGroup:
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
         self._possible = PossibleFormulas(limits)
-        self._uncertain = UncertainFormulas(limits.node_limit)
+        self._watched = WatchedFormulas()
         self._undecided: set[int] = set()
         # The verdicts of formulas that need no state, until they are reported.
         self._known: dict[int, Verdict] = {}
@@ -272,30 +272,31 @@ class FormulaGroup:
             valid_time: the valid time of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
-        if self._uncertain.formulas or Alternatives.are_among(values.values()):
-            return self._progress_uncertain(valid_time, values)
-        return self._progress(valid_time, values)
+        if Alternatives.are_among(values.values()):
+            return self._progress_alternatives(valid_time, values)
+        return self._progress(valid_time, values, values)
 
-    def _progress_uncertain(self, valid_time: int, values: Values) -> list[FormulaResult]:
-        """Progress over values that have alternatives, or have had them."""
-        monitor, uncertain = self._monitor or self._begun(), self._uncertain
-        met = uncertain.meet(values, monitor, self._possible.formulas)
+    def _progress_alternatives(self, valid_time: int, values: Values) -> list[FormulaResult]:
+        """Progress over values that have alternatives."""
+        monitor, met = self._monitor or self._begun(), self._watched.meet(values)
         for formula_id in met.dependent:
             self._margins.forget(formula_id)
             self.standing.forget_margins(formula_id)
-        for formula_id in met.taken:
-            self._possible.remove(formula_id)
+        differing = met.differing.keys() - self._possible.formulas.keys()
+        met.fail(self._take_as_possible(sorted(differing), monitor))
+        monitor.remove(met.failures)
         results = self._results_of(met.failures, valid_time, {})
-        results += self._progress(valid_time, earliest(values), met.omitted)
-        for formula_id, (outcome, chosen) in uncertain.progress(valid_time, values).items():
-            results += self._results_of({formula_id: outcome}, valid_time, chosen)
-        return results
+        return results + self._progress(valid_time, earliest(values), values, met.omitted)
 
     def _progress(
-        self, valid_time: int, values: Values, omitted: Mapping[int, str] = NONE_OMITTED
+        self,
+        valid_time: int,
+        values: Values,
+        given: Values,
+        omitted: Mapping[int, str] = NONE_OMITTED,
     ) -> list[FormulaResult]:
-        """Progress over known values all formulas but some that are asked at every state."""
-        monitor, given, possible = self._monitor or self._begun(), values, self._possible
+        """Progress over values without alternatives, and those that met some over the `given`."""
+        monitor, possible = self._monitor or self._begun(), self._possible
         if possible.waiting and (met := possible.met(values)):
             self._take_as_possible(met, monitor)
         if self._margins.running:
@@ -329,7 +330,7 @@ class FormulaGroup:
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
-        if self._uncertain.formulas or not self._possible.are_known(recording.columns):
+        if not self._possible.are_known(recording.columns):
             return [
                 result
                 for time, values in recording.rows(recording.columns.keys())
@@ -365,7 +366,6 @@ class FormulaGroup:
         """
         self._begun().gap()
         self._possible.gap()
-        self._uncertain.gap()
         self._margins.gap()
         self.standing.gap()
 
@@ -392,8 +392,6 @@ class FormulaGroup:
             return self._ends[formula_id]
         if possible := self._possible.formulas.get(formula_id):
             return possible_text(possible, self._begun().latest or 0)
-        if uncertain := self._uncertain.formulas.get(formula_id):
-            return uncertain.text(self._begun().latest or 0)
         if wants := self.wants(formula_id):
             return f'{formula} ({want_text(wants)})'
         if self._remainders is None or formula_id in self._known or formula.every_state:
@@ -401,10 +399,10 @@ class FormulaGroup:
         return self._remainders.text(formula_id) or str(formula)
 
     def wants(self, formula_id: int) -> Mapping[str, int]:
-        """Return since when each unknown feature makes a difference to a formula, in nanoseconds.
+        """Return since when each open feature makes a difference to a formula, in nanoseconds.
 
-        For one that is asked at every state, return those that make it possible that it is violated
-        at present.
+        Its value is unknown, or one of `Alternatives`. For a formula that is asked at every state,
+        return those that make it possible that it is violated at present.
         """
         self._find(formula_id)
         if formula_id in self.standing.formulas:
@@ -432,8 +430,7 @@ class FormulaGroup:
             return self._ends[formula_id] == 'false'
         if formula_id in self.standing.formulas:
             return self.standing.formulas[formula_id].monitor.is_violated
-        met = self._possible.formulas.get(formula_id) or self._uncertain.formulas.get(formula_id)
-        if met is not None:
+        if met := self._possible.formulas.get(formula_id):
             return not met.holds_at_the_end()
         if formula_id in self._known or self._remainders is None:
             return self._known.get(formula_id) is Verdict.FALSE
@@ -487,7 +484,7 @@ class FormulaGroup:
         instances = histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
-        self._uncertain.watch(formula_id, named, instances, self._domains)
+        self._watched.watch(formula_id, named, instances, self._domains)
         if named.every_state:
             given = formula_id, named, self._counts, instances, histories, self._limits
             standing = StandingFormula(*given, self._margins.standing(formula_id))
@@ -506,8 +503,12 @@ class FormulaGroup:
         is_over_links = any(isinstance(each, Over) for each in walk(formula))
         return not is_over_links and self._possible.watch(formula_id, instances)
 
-    def _take_as_possible(self, formulas: Iterable[int], monitor: InstanceMonitor) -> None:
-        """Take formulas that meet unknown values from the monitor, before the state."""
+    def _take_as_possible(self, formulas: Iterable[int], monitor: InstanceMonitor) -> list[int]:
+        """Take formulas that meet open values from the monitor, before the state.
+
+        Return those that cannot be taken.
+        """
+        left = []
         states, registers = list(monitor.states()), monitor.histories.registers
         for formula_id in formulas:
             if standing := self.standing.formulas.get(formula_id):
@@ -520,6 +521,9 @@ class FormulaGroup:
             if self._possible.take(formula_id, own, registers, monitor.latest, after_gap=gap):
                 monitor.remove([formula_id])
                 monitor.histories.release([formula_id])
+            else:
+                left.append(formula_id)
+        return left
 
     def _results_of_known(self) -> list[FormulaResult]:
         """Return the results of formulas that need no state, and forget that they were known."""
@@ -583,7 +587,7 @@ class FormulaGroup:
     def _release(self, formula_id: int) -> None:
         self._undecided.discard(formula_id)
         self._possible.remove(formula_id)
-        self._uncertain.remove(formula_id)
+        self._watched.remove(formula_id)
         if self._monitor:
             self._monitor.histories.release([formula_id])
 

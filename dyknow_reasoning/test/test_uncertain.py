@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from itertools import accumulate, product
@@ -13,7 +14,7 @@ from reasoning_reference import LEAVES, NAMES, Trace, holds, intervals
 from reasoning_reference import formulas as reference_formulas
 
 from dyknow_common import Alternatives, Margin, Value, Verdict, choices
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, UnknownFeatures
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -49,6 +50,7 @@ def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
 FORMULAS = deeper(deeper(deeper(LEAVES) | LEAVES) | LEAVES)
 
 
+NAME = st.sampled_from(NAMES)
 BOOLEANS = st.sampled_from([False, True, False, True, either(False, True), either(True, False)])
 
 
@@ -109,6 +111,38 @@ def test_all_choices_are_evaluated(formula: Formula, trace: Uncertain) -> None:
             expected = possible.pop(), state
             break
     assert (told, number) == expected, str(formula)
+
+
+@given(reference_formulas(), uncertain_traces(), st.lists(st.tuples(st.integers(0, 6), NAME)))
+def test_choices_and_unknown_values_are_all_evaluated(
+    formula: Formula, trace: Uncertain, missing: list[tuple[int, str]]
+) -> None:
+    """Values of the past, too, may be unknown or have alternatives."""
+    unknown = {(number % len(trace), name) for number, name in missing[:4]}
+    group = FormulaGroup()
+    group.add_formula('', str(formula))
+    group.begin({}, UnknownFeatures({'p': (0, 1)}, all_may_be=True))
+    given_states = [
+        (time, {n: math.nan if (i, n) in unknown else each for n, each in values.items()})
+        for i, (time, values) in enumerate(trace)
+    ]
+    told, number = outcome(group, given_states)
+    possible = [
+        (time, {n: either(True, False) if (i, n) in unknown else v for n, v in values.items()})
+        for i, (time, values) in enumerate(trace)
+    ]
+    found = [verdicts(formula, each) for each in chosen(possible)]
+    for state in range(len(trace)):
+        truths = {each[state] for each in found}
+        if truths in ({Verdict.TRUE}, {Verdict.FALSE}):
+            assert (told, number) == (truths.pop(), state), str(formula)
+            return
+        if truths >= {Verdict.TRUE, Verdict.FALSE}:
+            assert told in {None, Verdict.UNDECIDED}, str(formula)
+            assert number in range(NEVER, len(trace)), str(formula)
+            assert number == NEVER or number >= state, str(formula)
+            return
+    assert told is Verdict.UNDECIDED, str(formula)
 
 
 @given(FORMULAS, uncertain_traces(), st.integers(0, 6))
@@ -185,7 +219,8 @@ def test_a_doubt_is_told_while_the_formula_goes_on() -> None:
     group = begun('always p')
     group.progress(0, {'p': True})
     assert not group.progress(1, {'p': either(True, False)})
-    assert group.residual(1) == f'always p ({REASON}: too much for this formula)'
+    want = f'undecided for want of p since 0.000000001 s: {REASON}'
+    assert group.residual(1) == f'always p (in one of 2 cases; {want})'
     assert group.presumably_false(1)
     (result,) = group.progress(2, {'p': False})
     assert result.verdict is Verdict.FALSE
@@ -193,20 +228,35 @@ def test_a_doubt_is_told_while_the_formula_goes_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ('formula', 'reason'),
+    ('formula', 'every_state', 'reason'),
     [
-        ('always (q -> once p)', "'once p' looks into the past"),
-        ('always (x > 0 or x < prev(x))', 'looks into the past'),
-        ('always (over (L[a, b] for a, b in R) from x to s: P[s])', 'looks over links'),
+        ('always (q -> once p)', True, "'once p' looks into the past of every state"),
+        ('x > 0 or x < prev(x)', True, 'looks into the past of every state'),
+        ('always (over (L[a, b] for a, b in R) from x to s: P[s])', False, 'looks over links'),
     ],
 )
-def test_what_needs_known_times_is_refused(formula: str, reason: str) -> None:
-    group = begun(formula, {'R': ['x']})
+def test_what_needs_known_times_is_refused(formula: str, *, every_state: bool, reason: str) -> None:
+    group = begun(formula, {'R': ['x']}, every_state=every_state)
     assert not group.progress(0, {'p': True, 'q': True, 'x': 1.0, 'L[x, x]': True, 'P[x]': True})
     values = {'p': either(True, False), 'q': True, 'x': either(1.0, 2.0)}
     (result,) = group.progress(1, {**values, 'L[x, x]': True, 'P[x]': either(True, False)})
     assert REASON in str(result.error)
     assert reason in str(result.error)
+
+
+def test_objects_share_what_is_open() -> None:
+    """One of them fails in each case, and it is not known which one."""
+    group = begun('forall x in S: (x = a and p) or (x = b and not p)', {'S': ['a', 'b']})
+    (result,) = group.progress(0, {'p': either(True, False)})
+    assert result.verdict is Verdict.FALSE
+
+
+def test_an_unknown_number_is_compared_with_each_alternative() -> None:
+    group = FormulaGroup()
+    group.add_formula('', 'x < y or x > y or x = y and y > 1')
+    group.begin({}, UnknownFeatures({'x': (0, 9)}))
+    (result,) = group.progress(0, {'x': math.nan, 'y': either(2.0, 3.0)})
+    assert result.verdict is Verdict.TRUE
 
 
 def test_the_past_may_be_known() -> None:

@@ -9,10 +9,9 @@ ways to progress give identical results; the monitor chooses the fastest one:
 - `block_progression`: individual instances over many states of a recording.
 - `recorded_symbols`: the atoms of many states at once.
 - `past`: the registers of past operators, whose values are atoms of the states.
-- `uncertain_instance`: individual instances, over states of which several may be the true ones.
 - `probability`: probabilities of formulas over uncertain numbers; they are registers, too.
 - `standing`: formulas that are asked at every state.
-- `unknown`: formulas that have met unknown values.
+- `unknown`: formulas that have met values that are unknown, or one of several.
 """
 
 from dyknow_reasoning.execution.aggregation import Outcome, Outcomes
@@ -33,10 +32,6 @@ from dyknow_reasoning.execution.probability.formula_probability import (
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
 from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
-from dyknow_reasoning.execution.uncertain_instance import (
-    UncertainInstance,
-    UncertainVerdict,
-)
 from dyknow_reasoning.execution.unknown.possible_formulas import (
     PossibleFormula,
     PossibleFormulas,
@@ -64,8 +59,6 @@ __all__ = [
     'SpatialTruths',
     'StandingMonitor',
     'StartCounts',
-    'UncertainInstance',
-    'UncertainVerdict',
     'VerdictLog',
     'past_terms',
     'probability_of',

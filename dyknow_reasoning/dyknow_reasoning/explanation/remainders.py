@@ -110,14 +110,14 @@ def possible_text(formula: PossibleFormula, latest: int) -> str:
     """Return what remains in one case, and for want of which values there are others.
 
     Args:
-        formula: has met unknown values.
+        formula: has met open values.
         latest: the valid time of the latest state, in nanoseconds.
     """
     states = formula.states()
     text = text_of(states, latest) if states else ''
     if not (wants := formula.wants):
         return text
-    want = want_text(wants)
+    want = want_text(wants) + (f': {formula.reason}' if formula.reason else '')
     return f'{text} (in one of {amount(formula.cases)} cases; {want})' if text else want
 
 

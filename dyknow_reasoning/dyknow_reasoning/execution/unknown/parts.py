@@ -1,4 +1,4 @@
-"""Instances of one formula, and what those that share unknown values depend on."""
+"""Instances of one formula, and what those that share open values depend on."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
+from dyknow_common import Alternatives
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
 from dyknow_reasoning.execution.past.histories import PastRegister
@@ -63,9 +64,12 @@ class Instances:
             self._parts[key] = FormulaPart(self, {each: self.instances[each] for each in numbers})
         return self._parts[key]
 
-    def unknown_at(self, values: Values) -> list[str]:
-        """Return the ground features that are unknown at a state."""
-        return self.unknown.among(self._features, values)
+    def open_at(self, values: Values) -> list[str]:
+        """Return the ground features that are unknown at a state, or have alternatives."""
+        found = self.unknown.among(self._features, values)
+        if Alternatives.are_among(values.values()):
+            found += [x for x in self._features if isinstance(values.get(x), Alternatives)]
+        return found
 
     @cached_property
     def _features(self) -> list[str]:

@@ -1,7 +1,9 @@
-"""What may remain of instances that share unknown values: one possibility for each case.
+"""What may remain of instances that share open values: one possibility for each case.
+
+An *open* value is unknown, or one of `Alternatives`, as the clocks of hosts leave the order open.
 
 A *possibility* is where each instance is in its automaton, and what the past operators remember. At
-a state with unknown values, each possibility leads to one for each case of these values (see
+a state with open values, each possibility leads to one for each case of these values (see
 `completions`); equal ones are kept once, so a value that makes no difference leaves no trace. Where
 an atom calculates with an unknown value, it is taken to be either true or false: then there may be
 possibilities that no values lead to, and a formula may stay undecided that need not, but no verdict
@@ -20,7 +22,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final, TypeAlias
 
-from dyknow_common import ExitCode, amount
+from dyknow_common import Alternatives, ExitCode, amount, round_duration
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Times
 from dyknow_reasoning.execution.past.histories import PastRegister
@@ -29,8 +31,9 @@ from dyknow_reasoning.execution.unknown.choices import Choices, all_runs
 from dyknow_reasoning.execution.unknown.parts import FormulaPart
 from dyknow_reasoning.language.formula import Atom
 from dyknow_reasoning.progression.atoms import Values
-from dyknow_reasoning.progression.nodes import slots
-from dyknow_reasoning.progression.residual import growth_error
+from dyknow_reasoning.progression.gaps import UnknowableError
+from dyknow_reasoning.progression.nodes import Window, descendants, slots
+from dyknow_reasoning.progression.residual import growth_error, interval_of
 from dyknow_reasoning.progression.unknown_features import UnknownValueError
 
 Place: TypeAlias = tuple[Location, Times]
@@ -65,13 +68,18 @@ class Possibilities:
     Args:
         part: the instances.
         found: their possibilities, as no instance is decided.
-        wants: since when each unknown feature makes a difference, in nanoseconds.
+        wants: since when each open feature makes a difference, in nanoseconds.
+        reason: why values with alternatives make one; empty if none do.
     """
 
     def __init__(
-        self, part: FormulaPart, found: Sequence[Possibility], wants: Mapping[str, int]
+        self,
+        part: FormulaPart,
+        found: Sequence[Possibility],
+        wants: Mapping[str, int],
+        reason: str = '',
     ) -> None:
-        self.part, self.found, self.wants = part, found, dict(wants)
+        self.part, self.found, self.wants, self.reason = part, found, dict(wants), reason
         self.may_hold = self.may_fail = False
         """True if the instances hold in some case, or one of them fails."""
 
@@ -109,7 +117,8 @@ class Possibilities:
             )
         ]
         undecided = [each for each in found if each.places]
-        joined = Possibilities(part, undecided, {**self.wants, **other.wants})
+        wants, reason = {**self.wants, **other.wants}, self.reason or other.reason
+        joined = Possibilities(part, undecided, wants, reason)
         joined.may_hold = len(undecided) < len(found)
         joined.may_fail = self.may_fail or other.may_fail
         return joined
@@ -127,69 +136,102 @@ class Possibilities:
 
     def copy(self) -> Possibilities:
         """Return the same possibilities, to be progressed apart."""
-        copied = Possibilities(self.part, self.found, self.wants)
+        copied = Possibilities(self.part, self.found, self.wants, self.reason)
         copied.may_hold, copied.may_fail = self.may_hold, self.may_fail
         return copied
 
     def step(
-        self, time: int, values: Values, unknown: Collection[str], *, begins_later: bool = False
+        self, time: int, values: Values, opened: Collection[str], *, begins_later: bool = False
     ) -> None:
         """Progress all possibilities over a state.
 
         Args:
             time: its valid time, in nanoseconds.
             values: of the features.
-            unknown: the features whose values are not known.
+            opened: the features whose values are open.
             begins_later: True if the state is in the past of the instances.
 
         Raises:
             ReasoningError: for too many possibilities, a possibility that is too large, or a value
                 that is unusable.
         """
-        part = self.part
-        named = (name for name in part.features if name in values and name not in unknown)
-        known = {name: values[name] for name in named}
-        errors = {name: UnknownValueError(name) for name in unknown if name in part.features}
-        limit = part.of.limits.possibility_limit
+        state, limit = (
+            _OpenState.of(self.part, values, opened),
+            self.part.of.limits.possibility_limit,
+        )
         found: dict[Hashable, Possibility] = {}
         asked: set[str] = set()
         runs = 0
         for before in self.found:
-            for run in all_runs(lambda choices: _Run(part, choices, known, errors)):
+            for run in all_runs(lambda choices: _Run(self.part, choices, state)):
                 after = (run.remember if begins_later else run.step)(before, time)
                 runs += 1
                 if runs > limit:
-                    raise too_many(limit, {**self.wants, **errors})
+                    if reason := self.reason or state.reason():
+                        raise self.too_much(reason)
+                    raise too_many(limit, {**self.wants, **state.errors})
                 asked |= run.asked
                 if isinstance(after, Possibility):
                     found[after.key] = after
                 else:
-                    self.may_hold, self.may_fail = (
-                        self.may_hold | after,
-                        self.may_fail | (not after),
-                    )
+                    self.may_hold |= after
+                    self.may_fail |= not after
         self.found = [] if self.may_hold and self.may_fail else list(found.values())
         is_single = len(self.found) + self.may_hold + self.may_fail == 1
         self.wants = {} if is_single else dict.fromkeys(sorted(asked), time) | self.wants
+        self.reason = '' if is_single else state.reason(asked) or self.reason
+
+    def too_much(self, reason: str) -> UnknowableError:
+        """Return the error of alternatives that leave more open than the formula can bear."""
+        nodes = descendants([each.node for each in self.part.instances.values()])
+        windows = [interval_of(each) for each in nodes if type(each) is Window]
+        lengths = [each.end - each.start for each in windows if each.end is not None]
+        limit = f'a window of {round_duration(min(lengths))}' if lengths else 'this formula'
+        return UnknowableError(f'{reason}: too much for {limit}', ExitCode.CONSTRAINT_VIOLATION)
+
+
+@dataclass(frozen=True, slots=True)
+class _OpenState:
+    """The values of a state, by the features of some instances.
+
+    Args:
+        known: those that are known.
+        errors: of those that are unknown.
+        either: those with alternatives.
+    """
+
+    known: Mapping[str, Any]
+    errors: Mapping[str, UnknownValueError]
+    either: Mapping[str, Alternatives]
+
+    @classmethod
+    def of(cls, part: FormulaPart, values: Values, opened: Collection[str]) -> _OpenState:
+        """Return the values of a part, some of which are open."""
+        own = {name: values.get(name) for name in opened if name in part.features}
+        either = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
+        errors = {name: UnknownValueError(name) for name in own if name not in either}
+        named = (name for name in part.features if name in values and name not in own)
+        return cls({name: values[name] for name in named}, errors, either)
+
+    def reason(self, names: Collection[str] | None = None) -> str:
+        """Return why some values have alternatives; empty if they have none."""
+        either = self.either.items()
+        found = (each.reason for name, each in either if names is None or name in names)
+        return next(found, '')
 
 
 class _Run:
-    """One case of the unknown values of a state, which are chosen as they are asked for."""
+    """One case of the open values of a state, which are chosen as they are asked for."""
 
-    def __init__(
-        self,
-        of: FormulaPart,
-        choices: Choices,
-        known: Mapping[str, Any],
-        errors: Mapping[str, UnknownValueError],
-    ) -> None:
-        self._of, self._choices, self._errors = of, choices, errors
-        self._values = _Completed(known, self._chosen)
+    def __init__(self, of: FormulaPart, choices: Choices, state: _OpenState) -> None:
+        self._of, self._choices, self._state = of, choices, state
+        self._values = _Completed(state.known, self._chosen)
         # For what representatives do not tell.
-        self._incomplete: dict[str, Any] = {**known, **errors}
+        incomplete = {**state.known, **state.errors}
+        self._incomplete = _Completed(incomplete, self._values.__getitem__)
         self._truths: dict[Atom, bool] = {}
         self.asked: set[str] = set()
-        """The unknown features whose values were chosen."""
+        """The open features whose values were chosen."""
 
     def step(self, before: Possibility, time: int) -> Possibility | bool:
         """Return what remains of a possibility after a state; its verdict if it is decided."""
@@ -279,16 +321,21 @@ class _Run:
         return chosen
 
     def _chosen(self, name: str) -> Any:
-        if name not in self._errors:
+        if alternatives := self._state.either.get(name):
+            options: Sequence[Any] = alternatives.values
+        elif name in self._state.errors:
+            for each in self._state.either:
+                self._values[each]  # Representatives lie between what it is compared with.
+            options = self._of.options(name, self._values)
+        else:
             raise KeyError(name)
-        options = self._of.options(name, self._values)
         if len(options) > 1:
             self.asked.add(name)
         return self._choices.choose(options)
 
 
 class _Completed(dict[str, Any]):
-    """Values of a state; those that are unknown are chosen when they are read."""
+    """Values of a state; those that are open are chosen when they are read."""
 
     def __init__(self, known: Mapping[str, Any], choose: Any) -> None:
         super().__init__(known)

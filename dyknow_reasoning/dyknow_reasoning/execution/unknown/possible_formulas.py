@@ -1,4 +1,8 @@
-"""Formulas that have met unknown values, progressed over all that these may be."""
+"""Formulas that have met open values, progressed over all that these may be.
+
+A value is open that is unknown, or one of `Alternatives`. A formula that can become neither true
+nor false stays undecided for want of unknown values; because of alternatives, it fails.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from dyknow_common import format_time, listed
+from dyknow_common import earliest, format_time, listed
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.aggregation import Outcome
 from dyknow_reasoning.execution.automata.automaton import Location
@@ -38,17 +42,17 @@ from dyknow_reasoning.progression.unknown_features import (
 )
 
 _MAX_NAMES: Final = 3
-"""The unknown features that a text names."""
+"""The features that a text names."""
 
 
 @dataclass(frozen=True, slots=True)
 class PossibleVerdict:
-    """A verdict that holds whatever the unknown values were.
+    """A verdict that holds whatever the open values were.
 
     Args:
         instance: that decides the formula.
         holds: the verdict.
-        wants: since when each unknown feature made a difference before, in nanoseconds.
+        wants: since when each open feature made a difference before, in nanoseconds.
     """
 
     instance: FormulaInstance
@@ -65,7 +69,7 @@ class PossibleVerdict:
 class PossibleFormula:
     """An undecided formula and what may remain of it.
 
-    Instances that no unknown value has connected are progressed apart: the formula holds if all of
+    Instances that no open value has connected are progressed apart: the formula holds if all of
     them do for all values, and is false if those that are connected fail for all values.
 
     Args:
@@ -91,16 +95,16 @@ class PossibleFormula:
         if self._gap_follows and self._latest is not None:
             raise unknowable(Gap(self._latest, time))
         previous, self._latest = self._latest, time
-        unknown = self._of.unknown_at(values)
-        for name in unknown:
+        opened = self._of.open_at(values)
+        for name in opened:
             self._join(name, lambda each: each.features)
         parts: list[Possibilities] = []
         for part in self._parts:
-            wants, before = part.wants, part.found
+            before = part.copy()
             if part.is_open:
-                part.step(time, values, unknown)
+                part.step(time, values, opened)
             if part.verdict is not None:
-                decided = part, wants, before
+                decided = part, before
             if part.verdict is False:
                 parts = []
                 break
@@ -108,7 +112,8 @@ class PossibleFormula:
                 parts += part.parts()
         self._parts = parts
         if not parts:
-            return self._verdict(*decided, time, previous, values, unknown)
+            return self._verdict(*decided, time, previous, values)
+        self._check_alternatives()
         return None
 
     def remember(self, time: int, values: Values) -> None:
@@ -116,12 +121,12 @@ class PossibleFormula:
         self._latest = time
         if not any(each.part.has_past for each in self._parts):
             return
-        unknown = self._of.unknown_at(values)
-        for name in unknown:
+        opened = self._of.open_at(values)
+        for name in opened:
             self._join(name, lambda each: each.past_features)
         for part in self._parts:
             if part.part.has_past:
-                part.step(time, values, unknown, begins_later=True)
+                part.step(time, values, opened, begins_later=True)
         self._parts = [one for part in self._parts for one in part.parts()]
 
     def copy(self) -> PossibleFormula:
@@ -150,12 +155,17 @@ class PossibleFormula:
 
     @property
     def wants(self) -> Mapping[str, int]:
-        """Since when each unknown feature makes a difference, in nanoseconds."""
+        """Since when each open feature makes a difference, in nanoseconds."""
         found: dict[str, int] = {}
         for part in self._parts:
             for name, since in part.wants.items():
                 found[name] = min(since, found.get(name, since))
         return dict(sorted(found.items(), key=lambda each: each[1]))
+
+    @property
+    def reason(self) -> str:
+        """Why alternatives of values make a difference; empty if none do."""
+        return next((each.reason for each in self._parts if each.reason), '')
 
     @property
     def possibilities(self) -> int:
@@ -164,7 +174,7 @@ class PossibleFormula:
 
     @property
     def cases(self) -> int:
-        """The number of cases of the unknown values that make a difference."""
+        """The number of cases of the open values that make a difference."""
         return prod(len(part.found) + part.may_hold + part.may_fail for part in self._parts)
 
     def states(self) -> list[InstanceState]:
@@ -186,21 +196,29 @@ class PossibleFormula:
             for location, _ in possibility.places.values()
         )
 
+    def _check_alternatives(self) -> None:
+        """Check that alternatives have not led to different verdicts, if nothing else is open."""
+        for part in () if self.is_open else self._parts:
+            if part.reason:
+                raise part.too_much(part.reason)
+
     def _verdict(
         self,
         part: Possibilities,
-        wants: Mapping[str, int],
-        before: Sequence[Possibility],
+        before: Possibilities,
         time: int,
         previous: int | None,
         values: Values,
-        unknown: Sequence[str],
     ) -> PossibleVerdict | InstanceVerdict:
-        """Return the verdict of a part; with its moment if no unknown value had a part in it."""
-        holds = part.verdict is True
-        depends = part.part
-        if not (wants or depends.registers) and depends.features.keys().isdisjoint(unknown):
-            for number, place in before[0].places.items():
+        """Return the verdict of a part; with its moment if no unknown value had a part in it.
+
+        Of alternatives, it is the moment of one case: each of them leads to the verdict.
+        """
+        holds, depends = part.verdict is True, part.part
+        values, wants = earliest(values), before.wants
+        is_known = depends.features.keys().isdisjoint(self._of.open_at(values))
+        if is_known and not depends.registers and (before.reason or not wants):
+            for number, place in before.found[0].places.items():
                 instance, template = self._of.instances[number], self._of.templates[number]
                 state = InstanceState(instance, template, *place, {})
                 read = quick_reader(instance.atoms, instance.kinds, state.node.mask)
@@ -214,7 +232,7 @@ class PossibleFormula:
         return PossibleVerdict(instance, holds, wants)
 
     def _join(self, name: str, features: Callable[[FormulaPart], Collection[str]]) -> None:
-        """Join the parts that depend on an unknown feature, if they do not become too many."""
+        """Join the parts that depend on an open feature, if they do not become too many."""
         joined: Possibilities | None = None
         others: list[Possibilities] = []
         for part in self._parts:
@@ -253,7 +271,7 @@ class PossibleFormula:
 def possible_formula(
     of: Instances, states: Iterable[InstanceState], latest: int | None
 ) -> PossibleFormula:
-    """Return what remains of a formula that has met no unknown value.
+    """Return what remains of a formula that has met no open value.
 
     Args:
         of: its instances.
@@ -271,7 +289,7 @@ def possible_formula(
 
 
 class PossibleFormulas:
-    """The formulas of a group that have met unknown values, by their ids.
+    """The formulas of a group that have met open values, by their ids.
 
     Args:
         limits: of formulas.
@@ -401,7 +419,7 @@ def want_text(wants: Mapping[str, int]) -> str:
 
 
 def wants_text(wants: Mapping[str, int]) -> str:
-    """Return some unknown features and since when they are so: `Charge[r2] since 12.4 s`."""
+    """Return some open features and since when they are so: `Charge[r2] since 12.4 s`."""
     found = [f'{name} since {format_time(since)}' for name, since in wants.items()]
     more = [f'{len(found) - _MAX_NAMES} more'] if len(found) > _MAX_NAMES else []
     return listed([*found[:_MAX_NAMES], *more])
