@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple, TypeAlias, cast
 
 from dyknow_common import Symbol, Verdict, listed, shortened
@@ -129,8 +129,12 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
     return list(instances.values())
 
 
+@lru_cache(maxsize=128)
 def wording_of(instance: Instance) -> Wording:
-    """Return the parts of an instance as its formula says them."""
+    """Return the parts of an instance as its formula says them.
+
+    They stay the same, while what remains is told at many states.
+    """
     if instance.source is None:
         return Wording()
     formula, domains = instance.source
