@@ -32,7 +32,7 @@ CARRIER = PeerReport(
     fault='it has another version',
 )
 TEXTS = [
-    'carrier1', 'stale', '4 s ago', '2 ms', '-1.2 s \u00b1 1 ms', '1,234 B', '99 B', '2',
+    'carrier1', 'stale', '4 s', '2 ms', '-1.2 s \u00b1 1 ms', '1.2 kB', '0.1 kB', '2',
     'Charge_carrier1', '', 'it has another version',
 ]  # fmt: skip
 

@@ -11,7 +11,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from dyknow_common import round_duration
-from dyknow_common.tables import Cell, ReportTable, figure, fixed, folded, named
+from dyknow_common.tables import Cell, ReportTable, figure, fixed, named
 from dyknow_federation.clocks import Offset
 
 
@@ -94,25 +94,28 @@ _STYLES = {LinkState.LINKED: 'green', LinkState.STALE: 'yellow', LinkState.LEFT:
 _COLUMNS = (
     named('peer'),
     fixed('link'),
-    *map(figure, ('heard', 'delay', 'clock', 'sent', 'received', 'lost')),
-    folded('asked for'),
-    folded('given'),
-    folded(),
+    *map(figure, ('silent', 'delay', 'clock', 'sent', 'received', 'lost')),
 )
+_BELOW = ('asked for', 'given', 'fault')
+"""What has a line of its own below the table, which would not fit into 80 columns with it."""
 
 
 def federation_table(report: FederationReport) -> RenderableType:
-    """Return a table with a line for each peer, and what this host shares."""
-    caption = shares_text(report)
+    """Return a table with a line for each peer, and below, what is shared with whom."""
     rows: list[list[Cell]] = []
+    lines = []
     for each in report.peers:
-        name, link, *others = peer_texts(each).values()
+        texts = peer_texts(each)
+        below = [f'{name} {texts[name]}' for name in _BELOW if texts[name]]
+        lines += [f'{each.name}: {"; ".join(below)}'] * bool(below)
+        name, link, *others = (text for name, text in texts.items() if name not in _BELOW)
         rows.append([name, Text(link, _STYLES[each.state]), *others])
+    lines.append(shares_text(report))
     faults = [Text(each, 'yellow') for each in report.faults]
     if not rows:
-        text = 'No peer is known yet: see "connect" and "listen" of the key federation.\n'
-        return Group(Text(text + caption), *faults)
-    return Group(ReportTable(_COLUMNS, rows, caption=caption), *faults)
+        lines.insert(0, 'No peer is known yet: see "connect" and "listen" of the key federation.')
+        return Group(Text('\n'.join(lines)), *faults)
+    return Group(ReportTable(_COLUMNS, rows), Text('\n'.join(lines)), *faults)
 
 
 def shares_text(report: FederationReport) -> str:
@@ -125,11 +128,11 @@ def peer_texts(report: PeerReport) -> dict[str, str]:
     return {
         'peer': report.name,
         'link': report.state.value,
-        'heard': f'{round_duration(report.silent_for)} ago',
+        'silent': round_duration(report.silent_for),
         'delay': '' if report.delay is None else round_duration(report.delay),
         'clock': _clock(report),
-        'sent': f'{report.bytes_sent:,} B',
-        'received': f'{report.bytes_received:,} B',
+        'sent': f'{report.bytes_sent / 1e3:,.1f} kB',
+        'received': f'{report.bytes_received / 1e3:,.1f} kB',
         'lost': str(report.lost),
         'asked for': ', '.join(report.asked),
         'given': ', '.join(report.given),
