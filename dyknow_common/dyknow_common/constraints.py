@@ -42,6 +42,8 @@ class StreamConstraints:
         max_gap: the valid times of two consecutive samples are at most this far apart.
         reorder: True if samples are put in order within `max_delay`, False if they come in order;
             `None`: in order from a topic with one publisher.
+        expires: True if the values of a sample are unknown from `max_gap` after it until the next
+            one; otherwise a longer distance breaks the constraint.
     """
 
     start_time: int | None = _constraint(ConstraintKind.TIME, stricter=max)
@@ -52,6 +54,7 @@ class StreamConstraints:
     max_lead: int | None = _constraint(ConstraintKind.DURATION)
     max_gap: int | None = _constraint(ConstraintKind.DURATION)
     reorder: bool | None = _constraint(ConstraintKind.SWITCH, stricter=max)
+    expires: bool | None = _constraint(ConstraintKind.SWITCH)
 
     @property
     def is_empty(self) -> bool:
@@ -74,8 +77,9 @@ class StreamConstraints:
 
     @property
     def longest_distance(self) -> int | None:
-        """The greatest distance that both `sample_period` and `max_gap` allow."""
-        given = [each for each in (self.longest_period, self.max_gap) if each is not None]
+        """The greatest distance that breaks neither `sample_period` nor `max_gap`."""
+        max_gap = None if self.expires else self.max_gap
+        given = [each for each in (self.longest_period, max_gap) if each is not None]
         return min(given, default=None)
 
     def given(self) -> dict[str, int]:
@@ -109,8 +113,9 @@ class StreamConstraints:
 
         Raises:
             DyKnowError: if the stream ends before it starts, a duration is negative, a deviation
-                has no period or is greater than it, each period is a gap that is too long, or
-                samples are put in order without a bound of their delay.
+                has no period or is greater than it, each period is a gap that is too long,
+                samples are put in order without a bound of their delay, or values expire at no
+                certain time.
         """
         given, text = self.given(), self.texts()
         if {'start_time', 'end_time'} <= given.keys() and given['end_time'] < given['start_time']:
@@ -125,6 +130,13 @@ class StreamConstraints:
                 raise DyKnowError(f'{name} is {text[name]}; it must not be negative')
         if self.reorder and self.max_delay is None:
             raise DyKnowError('reorder needs a max_delay beside it')
+        if self.expires and (self.max_gap is None or self.max_delay is None):
+            raise DyKnowError(
+                'expires needs a max_gap beside it, after which a value is unknown, and a '
+                'max_delay, after which that is certain'
+            )
+        if self.expires and self.sample_period is not None:
+            raise DyKnowError('a sample_period allows no value to expire; remove one of the two')
         self._check_distances(given, text)
 
     def _check_distances(self, given: Mapping[str, int], text: Mapping[str, str]) -> None:

@@ -52,10 +52,11 @@ def constraints_to_message(constraints: StreamConstraints) -> Any:
     """Return a StreamConstraints message.
 
     Raises:
-        DyKnowError: for `reorder`, which no message has.
+        DyKnowError: for a switch, which no message has.
     """
-    if constraints.reorder is not None:
-        raise DyKnowError('no message has reorder; give it in the text of the specification')
+    for name in constraints.given():
+        if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
+            raise DyKnowError(f'no message has {name}; give it in the text of the specification')
     convert = {
         ConstraintKind.TIME: nanoseconds_to_time,
         ConstraintKind.DURATION: nanoseconds_to_duration,

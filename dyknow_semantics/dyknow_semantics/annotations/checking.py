@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import partial
 
-from dyknow_common import Language, ValueType, check_unit
+from dyknow_common import Language, StreamConstraints, ValueType, check_unit
 from dyknow_semantics.annotations.annotation import (
     ANNOTATION,
     CONCEPT,
@@ -34,7 +34,7 @@ def check_annotation(annotation: Annotation, knowledge: Knowledge) -> None:
         feature = checker.feature(content.feature)
         checker.check_arguments(content.feature, feature, sorts)
         checker.check_unit(content, feature)
-        checker.check_unless(content, feature)
+        checker.check_unknown(content, feature, annotation.constraints)
 
 
 def check_concept(concept: Concept, knowledge: Knowledge) -> None:
@@ -88,14 +88,17 @@ class _AnnotationChecker:
                 else:
                     self._check_object(argument.name, sort)
 
-    def check_unless(self, content: Content, feature: FeatureSignature) -> None:
-        """Check that the value of a field may be unknown in some samples."""
-        is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
-        if content.unless is not None and not is_number:
+    def check_unknown(
+        self, content: Content, feature: FeatureSignature, constraints: StreamConstraints
+    ) -> None:
+        """Check that the value of a field may be unknown in some samples, or after a gap."""
+        cause = "have 'unless'" if content.unless is not None else 'expire'
+        may_be_unknown = content.unless is not None or constraints.expires
+        if may_be_unknown and feature.value_type not in {ValueType.INT, ValueType.FLOAT}:
             with self._at(content.feature.position):
                 raise SemanticsError(
                     f"feature '{feature.name}' has values of the type {feature.value_type}; "
-                    "only numbers may have 'unless'"
+                    f'only numbers may {cause}'
                 )
 
     def check_unit(self, content: Content, feature: FeatureSignature) -> None:

@@ -133,7 +133,7 @@ class DistanceOperator(Operator):
             latest = self._latest_after(last)
         if latest is not None:
             certain = source.certain_at(latest)
-            if source.watermark > latest or (certain is not None and certain <= end):
+            if source.watermark >= latest or (certain is not None and certain <= end):
                 refuse(Refusal.DISTANCE)
 
         def adopt() -> None:

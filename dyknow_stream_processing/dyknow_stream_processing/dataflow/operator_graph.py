@@ -28,6 +28,7 @@ from dyknow_stream_processing.dataflow.constraint_checks import (
     ReorderOperator,
 )
 from dyknow_stream_processing.dataflow.distances import DistanceOperator, Distances
+from dyknow_stream_processing.dataflow.expiry import ExpiryOperator
 from dyknow_stream_processing.dataflow.operators import (
     DelayLimits,
     MergeOperator,
@@ -216,6 +217,9 @@ class OperatorGraph:
             operator = self._operator(DistanceOperator, label, [operator], allowed)
         if demands.max_gap is not None:
             allowed = Distances.of_gap(demands)
+            if demands.expires and isinstance(term, Select):
+                names = tuple(each.name for each in term.selections)
+                return self._operator(ExpiryOperator, label, [operator], allowed, names)
             operator = self._operator(DistanceOperator, label, [operator], allowed)
         return operator
 

@@ -153,7 +153,7 @@ class SelectOperator(Operator):
             selected = {name: columns[field] for name, field in self._constant_names.items()}
             for name, unless in self._doubted:
                 is_unknown = satisfied(unless, columns[unless.field])
-                selected[name] = np.where(is_unknown, np.nan, _floats(selected[name]))
+                selected[name] = np.where(is_unknown, np.nan, as_floats(selected[name]))
         except KeyError:
             refuse(Refusal.FIELDS)
         except StreamError:
@@ -218,20 +218,26 @@ def _reader(selection: Selection) -> Callable[[Mapping[str, Value]], Value]:
     if unless is None:
         return lambda fields: fields[field]
     test, tested = condition_test(unless), unless.field
-    return lambda fields: math.nan if test(fields[tested]) else _float(fields[field])
+    return lambda fields: math.nan if test(fields[tested]) else as_float(fields[field])
 
 
-def _float(value: Value) -> float:
+def as_float(value: Value) -> float:
+    """Return a number that may be unknown, as a float.
+
+    Raises:
+        StreamError: if it is no number.
+    """
     if isinstance(value, bool | str):
         found = f'{value_text(value)} ({ValueType.of(value)})'
-        raise StreamError(f"{found} is not a number, and only numbers may have 'unless'")
+        raise StreamError(f"{found} is not a number, and only numbers may be unknown")
     return float(value)
 
 
-def _floats(column: NDArray[np.generic]) -> NDArray[np.float64]:
+def as_floats(column: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Return numbers that may be unknown, as floats; see `as_float`."""
     if column.dtype.kind in 'if':
         return column.astype(np.float64)
-    return np.array(list(map(_float, column.tolist())), np.float64)
+    return np.array(list(map(as_float, column.tolist())), np.float64)
 
 
 def condition_test(condition: Condition) -> Callable[[Value], bool]:

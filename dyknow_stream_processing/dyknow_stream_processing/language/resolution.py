@@ -112,7 +112,8 @@ def resolve(
         resolver.stream(each)
     term, fields = resolver.made(made(specification))
     merged = term.constraints.merged(constraints)
-    return Resolved(replace(term, constraints=merged), fields, resolver.names)
+    term, fields = resolver.expiring(replace(term, constraints=merged), fields, term.position)
+    return Resolved(term, fields, resolver.names)
 
 
 class _Resolver:
@@ -171,6 +172,29 @@ class _Resolver:
 
     def term(self, term: Term) -> _TypedTerm:
         """Return a term, resolved, and its fields."""
+        return self.expiring(*self._term(term), term.position)
+
+    def expiring(self, term: Term, fields: Fields | None, position: TextPosition) -> _TypedTerm:
+        """Return a stream with its fields; these are floats if its values expire."""
+        if not term.constraints.expires:
+            return term, fields
+        if not isinstance(term, syntax.Select):
+            message = (
+                'only the values of a select expire; select the numbers, and write these '
+                'constraints at its end'
+            )
+            raise self._error(message, position)
+        for each in term.selections:
+            found = None if fields is None else fields.get(each.name)
+            if found not in {None, ValueType.INT, ValueType.FLOAT}:
+                message = f"a value that expires is NaN, but '{each.field}' is "
+                raise self._error(f'{message}{with_article(found)}; leave it out', position)
+            if each.embedded_fields:
+                message = f"'{each.renaming}' has the values of several objects, which expire "
+                raise self._error(f'{message}one by one; select each object by itself', position)
+        return term, dict.fromkeys((each.name for each in term.selections), ValueType.FLOAT)
+
+    def _term(self, term: Term) -> _TypedTerm:
         match term:
             case syntax.StreamReference():
                 return self._reference(term)
