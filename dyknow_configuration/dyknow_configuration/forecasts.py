@@ -138,6 +138,9 @@ class _ForecastReader:
             raise self._value.error(
                 'a forecast needs a topic of one object; one of many objects, with where, has none'
             )
+        if 'expires' in self._carrier.stated:
+            message = 'a forecast is made of known values; remove expires, or the forecast'
+            raise self._carrier.stated['expires'].error(message)
 
     def read(self, *, calibrated: bool) -> FeatureForecast:
         """Return the forecast, with its widening if there is a table."""

@@ -61,12 +61,15 @@ _TIMES: Final = ('since', 'until')
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 
-_MOVING_KEYS: Final = ('field', 'header', *CONSTRAINT_KINDS)
+_CONSTRAINTS: Final = tuple(name for name in CONSTRAINT_KINDS if name != 'expires')
+"""The constraints of a position or an outline, which cannot be unknown."""
+
+_MOVING_KEYS: Final = ('field', 'header', *_CONSTRAINTS)
 
 REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES, *_MOVING_KEYS)
 
 POSITION_KEYS: Final = (
-    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'axes', 'header', 'moves', *CONSTRAINT_KINDS
+    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'axes', 'header', 'moves', *_CONSTRAINTS
 )  # fmt: skip
 
 DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}

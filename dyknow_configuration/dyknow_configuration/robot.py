@@ -224,6 +224,12 @@ class RobotVocabulary:
     def __bool__(self) -> bool:
         return bool(self.sorts or self.features)
 
+    def may_be_unknown(self, feature: RobotFeature) -> bool:
+        """Return True if a feature may be unknown at a state, or one that it is below."""
+        while feature.unknown is None and feature.below:
+            feature = self.features[feature.below]
+        return feature.unknown is not None
+
     def with_objects(self, objects: Mapping[str, Sequence[str]]) -> RobotVocabulary:
         """Return the same vocabulary with other objects of some sorts."""
         sorts = (

@@ -93,11 +93,18 @@ class FeatureCarrier:
                 message = 'the uncertainty is in the unit of the field; give that to the feature'
                 raise self.stated['unit'].error(message)
             self.stated = {**self.stated, 'field': uncertainty}
+            if self._expires():
+                # The last uncertainty stays, as nothing depends on it without a value.
+                del self.stated['expires'], self.stated['max_gap']
         if ('topic' in self.stated) == ('stream' in self.stated):
             raise value.error("give either 'topic' or 'stream'")
         self._stream = self.stated['topic' if 'topic' in self.stated else 'stream']
         self._keys = self._read_keys()
         self.unit = self._read_unit()
+        if self._expires() and not vocabulary.may_be_unknown(feature):
+            raise self.stated['expires'].error(
+                f"a value that expires is unknown; add 'missing: unknown' to '{feature.name}'"
+            )
         self._constraints = self._read_constraints()
         self._objects = self._read_objects(vocabulary)
 
@@ -191,6 +198,9 @@ class FeatureCarrier:
         except DyKnowError as error:
             raise value.error(error.message) from None
         return unit
+
+    def _expires(self) -> bool:
+        return 'expires' in self.stated and self.stated['expires'].truth()
 
     def _read_constraints(self) -> dict[str, str]:
         given = {name: value for name, value in self.stated.items() if name in CONSTRAINT_KINDS}

@@ -301,6 +301,57 @@ def test_messages_are_put_in_order_within_a_delay_only(tmp_path: Path) -> None:
         read_robot(file)
 
 
+EXPIRING = 'topic: /battery, field: percentage, max_delay: 1 s, max_gap: 2 s, expires: true'
+
+
+@pytest.mark.parametrize(
+    'features',
+    [
+        f'{{Charge: {{missing: unknown, from: {{{EXPIRING}}}}}}}',
+        f"{{Charge: {{unknown: 'percentage < 0', from: {{{EXPIRING}}}}}}}",
+        f'{{Energy: {{missing: unknown}}, Charge: {{below: Energy, from: {{{EXPIRING}}}}}}}',
+    ],
+)
+def test_a_value_expires(features: str, tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    file.write_text(f'features: {features}\n')
+    (made,) = (each.text for each in read_robot(file).annotations if isinstance(each, InlineText))
+    (annotation,) = parse_annotations(made)
+    assert str(annotation.constraints) == 'max_delay = 1 s, max_gap = 2 s, expires = true'
+
+
+@pytest.mark.parametrize(
+    ('features', 'message'),
+    [
+        (f'{{Charge: {{from: {{{EXPIRING}}}}}}}', "add 'missing: unknown' to 'Charge'"),
+        (
+            '{Charge: {missing: unknown, from: {topic: /a, field: b, expires: true}}}',
+            'expires needs a max_gap',
+        ),
+        (
+            '{Charge: {missing: unknown, forecast: {by: constant_velocity, horizons: 1 s, '
+            f'fields: {{rate: r}}}}, from: {{{EXPIRING}}}}}}}',
+            'remove expires, or the forecast',
+        ),
+    ],
+)
+def test_a_value_that_cannot_expire(features: str, message: str, tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    file.write_text(f'features: {features}\n')
+    with pytest.raises(ConfigurationError, match=message):
+        read_robot(file)
+
+
+def test_an_uncertainty_does_not_expire_with_its_value(tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    uncertainty = 'missing: unknown, uncertainty: {variance: error}'
+    file.write_text(f'features: {{Charge: {{{uncertainty}, from: {{{EXPIRING}}}}}}}\n')
+    texts = [each.text for each in read_robot(file).annotations if isinstance(each, InlineText)]
+    assert texts[1] == (
+        'stream "/battery" contains Charge_variance = error with max_delay = 1 s;'
+    )
+
+
 def test_guards(tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     path.write_text(

@@ -162,7 +162,7 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert properties['share'] == {*SHARE_KEYS}
     assert properties['guard'] == {*GUARD_KEYS}
     assert properties['region'] == {*REGION_KEYS}
-    assert properties['position'] == {*POSITION_KEYS} >= {*CONSTRAINT_KINDS}
+    assert properties['position'] == {*POSITION_KEYS} >= {*CONSTRAINT_KINDS} - {'expires'}
     assert properties['expectation'] == {*EXPECTATION_KEYS}
     assert properties['trigger'] == {*TRIGGER_KEYS}
     assert {*DEFINITIONS['formula']['properties']['on']['properties']} == {*TriggerEvent}

@@ -105,6 +105,31 @@ def test_what_cannot_expire_says_so(flow: Flow, text: str, message: str) -> None
         flow.create(text)
 
 
+@pytest.mark.parametrize(
+    'text',
+    [
+        f'select x from (select x from "a" {GAP}) where x > 3',
+        f'compunit x: float minimum(x: float); stream s = minimum(select x from "a" {GAP})',
+        f'compunit x: float mean(x: float); stream a = select x from "a" {GAP}; '
+        'stream b = sync(a); stream s = mean(b)',
+    ],
+)
+def test_nothing_hides_that_a_value_has_expired(flow: Flow, text: str) -> None:
+    with pytest.raises(DyKnowError, match='hide that a value has expired; let its own values'):
+        flow.create(text)
+
+
+def test_what_is_made_of_a_value_expires_with_it(flow: Flow) -> None:
+    flow.create(
+        f'compunit x: float convert(x: float); stream a = select x from "a" where x > 3 {GAP}; '
+        'stream b = convert(a, given = "m", wanted = "cm"); stream s = select x as y from b'
+    )
+    flow.push('a', 0, 1, x=7)
+    flow.push('a', 4, 5, x=1)
+    flow.advance(20)
+    assert values(flow, 'y') == [(0, 700.0), (10, None)]
+
+
 def test_a_value_of_another_type_is_refused_when_it_comes(flow: Flow) -> None:
     flow.create(f'select x from "a" {GAP}')
     flow.push('a', 0, x='text')

@@ -51,6 +51,12 @@ PLANNED = {
     'gap, delayed': 'select v from "a" with max_delay = 60 ms, max_gap = 300 ms',
     'gap, received': 'select v from "c" where w > 0 with max_gap = 300 ms',
     'gap, sent': 'select v from "e" with max_gap = 300 ms',
+    'expiring': 'select v, w from "a" with max_delay = 60 ms, max_gap = 120 ms, expires = true',
+    'sync of expiring': (
+        'sync(select v from "c" where w > 0 with max_delay = 60 ms, max_gap = 90 ms, '
+        'expires = true, select w from "b" with max_delay = 60 ms, max_gap = 300 ms, '
+        'expires = true)'
+    ),
     'unit': 'electrical_power(select v as voltage, w as current from "a" where w > 0)',
     'unit with constraints': (
         'convert(select v as value from "b", given = "m", wanted = "ft") '

@@ -176,6 +176,9 @@ class _Resolver:
 
     def expiring(self, term: Term, fields: Fields | None, position: TextPosition) -> _TypedTerm:
         """Return a stream with its fields; these are floats if its values expire."""
+        if _hides_nan(term) and any(map(self._sizes.expires, term.inputs)):
+            message = f"{_title(term)} may hide that a value has expired; let its own values expire"
+            raise self._error(message, position)
         if not term.constraints.expires:
             return term, fields
         if not isinstance(term, syntax.Select):
@@ -421,6 +424,12 @@ class _Resolver:
         # The operators below the constraints have the same name.
         for text in (str(term), str(replace(term, constraints=NO_CONSTRAINTS))):
             self.names.setdefault(text, name)
+
+
+def _hides_nan(term: Term) -> bool:
+    """Return True if NaN in an input may give no sample, or one with other values."""
+    is_filter = isinstance(term, syntax.Select) and bool(term.conditions)
+    return is_filter or (isinstance(term, syntax.Call) and term.unit != 'convert')
 
 
 def _title(term: Term) -> str:

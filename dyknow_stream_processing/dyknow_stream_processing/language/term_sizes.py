@@ -51,13 +51,17 @@ MAX_VALUE_RATE: Final = 100_000
 
 @dataclass(frozen=True, slots=True)
 class _Extent:
-    """The size of a term: its terms, the most inputs of one, and the samples for each origin."""
+    """The size of a term: its terms, the most inputs of one, and the samples for each origin.
+
+    `expires` is True if values of one of its terms expire.
+    """
 
     term: Term
     depth: int
     parts: int
     inputs: int
     copies: Mapping[Hashable, int]
+    expires: bool
 
 
 def check_rates(specification: Specification, constraints: StreamConstraints) -> None:
@@ -120,6 +124,10 @@ class TermSizes:
             return f'the streams that it is made of have more than {MAX_STREAM_PARTS} parts'
         return ''
 
+    def expires(self, term: Term) -> bool:
+        """Return True if values expire in a resolved stream, or in one that it is made of."""
+        return self._extent(term).expires
+
     def _extent(self, term: Term) -> _Extent:
         if id(term) not in self._known:
             extents = [self._extent(each) for each in term.inputs]
@@ -138,5 +146,6 @@ class TermSizes:
                         counter.update(each.copies)
                     copies = counter
                 # A sync and a unit emit once for each valid time.
-            self._known[id(term)] = _Extent(term, depth, parts, inputs, copies)
+            expires = bool(term.constraints.expires) or any(each.expires for each in extents)
+            self._known[id(term)] = _Extent(term, depth, parts, inputs, copies, expires)
         return self._known[id(term)]
