@@ -255,6 +255,58 @@ def test_recordings_with_faults(
     compare(made(drawn), batch, formulas, start, FILES, publishers)
 
 
+EXPIRING = """
+stream fading = select v from "/b" where v < 3
+    with max_delay = 60 ms, max_gap = 300 ms, expires = true;
+sink fading;
+stream fresh = select v, w from "/c" with max_delay = 60 ms, max_gap = 500 ms, expires = true;
+sink fresh
+"""
+EXPIRING_FORMULAS = (
+    'always (fading.v < 2 or "/a".v < 4)',
+    'always fresh.v < 4',
+    'always (fresh.w > 1 -> eventually[0 s, 1 s] fading.v < 2)',
+    'always (fresh.v < 4 and fading.v < 3)',
+)
+
+
+@settings(max_examples=min(25, settings.default.max_examples))
+@given(MESSAGES, st.data(), BATCHES, st.sampled_from(STARTS[:3]), PUBLISHERS)
+def test_values_that_expire(
+    drawn: Drawn, data: st.DataObject, batch: int, start: EpisodeStart, publishers: int | None
+) -> None:
+    for _ in range(data.draw(st.integers(0, 3))):
+        row = data.draw(st.integers(0, len(drawn) - 1))
+        drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
+    texts = (InlineText('e.streams', EXPIRING),)
+    is_unknown = data.draw(st.booleans())
+    files = MonitoringFiles(streams=texts, missing_is_unknown=is_unknown)
+    compare(made(drawn), batch, EXPIRING_FORMULAS, start, files, publishers)
+
+
+@pytest.mark.parametrize('expires', [True, False])
+def test_the_silence_of_a_topic_whose_values_expire_is_no_fault(*, expires: bool) -> None:
+    messages = [sample('/a', time, v=1.0) for time in (0, 1, 2, 20, 21)]
+    messages += [sample('/b', time, v=1.0) for time in range(22)]
+    messages.sort(key=lambda each: each.log_time)
+    text = (
+        'stream fresh = select v from "/a" with max_delay = 60 ms, max_gap = 2 s'
+        f'{", expires = true" if expires else ""}; sink fresh'
+    )
+    streams = (InlineText('e.streams', text),)
+    files = MonitoringFiles(streams=streams, missing_is_unknown=True)
+    formulas = ['always[0 s, 20 s] fresh.v > 2', 'eventually[0 s, 20 s] fresh.v > 2 or "/b".v > 2']
+    formulas += ['always[0 s, 20 s] (fresh.v > 2 or eventually[0 s, 18 s] fresh.v = 1)']
+    requested = [RequestedFormula(each) for each in formulas]
+    report = evaluate_recording(recording(messages, 1), requested, files)
+    if not expires:
+        assert all('max_gap' in str(each.error) for each in report.formulas[1:])
+        return
+    assert not any(each.error for each in report.formulas)
+    verdicts = [each.episodes[0].verdict for each in report.formulas]
+    assert verdicts == [Verdict.FALSE, Verdict.UNDECIDED, Verdict.TRUE]
+
+
 class TwoStreams(NoVocabulary):
     """A vocabulary in which two streams carry Power."""
 
