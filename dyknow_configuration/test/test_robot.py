@@ -347,9 +347,7 @@ def test_an_uncertainty_does_not_expire_with_its_value(tmp_path: Path) -> None:
     uncertainty = 'missing: unknown, uncertainty: {variance: error}'
     file.write_text(f'features: {{Charge: {{{uncertainty}, from: {{{EXPIRING}}}}}}}\n')
     texts = [each.text for each in read_robot(file).annotations if isinstance(each, InlineText)]
-    assert texts[1] == (
-        'stream "/battery" contains Charge_variance = error with max_delay = 1 s;'
-    )
+    assert texts[1] == ('stream "/battery" contains Charge_variance = error with max_delay = 1 s;')
 
 
 def test_guards(tmp_path: Path) -> None:

@@ -170,7 +170,11 @@ PERIODIC = 'with sample_period = 2 s, sample_period_deviation = 1 s'
         ('select z from ticks', {'/a': 9, '/b': 9}, False),
         ('select z from "/a" with max_gap = 3 s', {'/a': 4}, True),
         ('select z from "/a" with max_gap = 3 s', {'/a': 3}, False),
-        ('select z from "/a" with max_gap = 3 s, max_delay = 1 s, expires = true', {'/a': 9}, False),
+        (
+            'select z from "/a" with max_gap = 3 s, max_delay = 1 s, expires = true',
+            {'/a': 9},
+            False,
+        ),
         ('sync("/a", "/b") with max_gap = 1 s', {'/a': 9, '/b': 9}, True),
         ('sync("/a", "/b") with max_gap = 2 s, sample_period = 1 s', {'/a': 9, '/b': 9}, False),
     ],

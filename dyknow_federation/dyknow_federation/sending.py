@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping
 from itertools import groupby, islice
+from math import isnan
 from typing import Final, NamedTuple
 
 from dyknow_common import Value, format_time
@@ -42,6 +43,31 @@ class StreamKey(NamedTuple):
 
     stream: str
     every: int
+
+
+class Thinning:
+    """Decides which samples of a stream are passed on.
+
+    The first sample that holds an unknown value always is, so that no peer takes the last one for
+    known.
+
+    Args:
+        every: the least time between two others, in nanoseconds.
+    """
+
+    def __init__(self, every: int) -> None:
+        self._every = every
+        self._latest: int | None = None
+        self._is_unknown = False
+
+    def passes(self, valid_time: int, fields: Mapping[str, Value]) -> bool:
+        """Return False for a sample that follows the last one that was passed on too soon."""
+        is_unknown = any(isinstance(each, float) and isnan(each) for each in fields.values())
+        is_soon = self._latest is not None and valid_time - self._latest < self._every
+        if is_soon and (self._is_unknown or not is_unknown):
+            return False
+        self._latest, self._is_unknown = valid_time, is_unknown
+        return True
 
 
 class _Kept(NamedTuple):
@@ -79,6 +105,7 @@ class Rendition:
         self._history = history
         self._kept: deque[_Kept] = deque(maxlen=MAX_HISTORY)
         self._number = 1
+        self._thinning = Thinning(key.every)
         self._latest = self._promised = BEGINNING
         self._subscriptions: dict[str, _Subscription] = {}
         self.used_until = BEGINNING
@@ -101,7 +128,7 @@ class Rendition:
                 f'after {format_time(self._promised)}, as was promised'
             )
         self._promised = valid_time
-        if valid_time - self._latest < self._key.every and self._latest != BEGINNING:
+        if not self._thinning.passes(valid_time, fields):
             return False
         self._latest = valid_time
         self._keep(_Kept(valid_time, fields))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -155,6 +157,14 @@ def test_samples_at_a_rate() -> None:
     rendition = Rendition(StreamKey('level', 10), 1, 10**9)
     taken = [time for time in range(0, 40, 4) if rendition.publish(time, {})]
     assert taken == [0, 12, 24, 36]
+
+
+def test_an_unknown_value_is_not_left_out_for_the_rate() -> None:
+    rendition = Rendition(StreamKey('level', 10), 1, 10**9)
+    samples = [(0, 1.0), (4, math.nan), (8, math.nan), (12, 2.0), (16, 1.0), (20, math.nan)]
+    samples += [(29, 1.0), (30, 2.0)]
+    taken = [time for time, x in samples if rendition.publish(time, {'x': x})]
+    assert taken == [0, 4, 16, 20, 30]
 
 
 def test_samples_with_other_fields_are_other_batches() -> None:

@@ -189,7 +189,9 @@ def test_states_know_a_value_exactly_while_it_is_fresh(
     flow.advance(200)
     kept = {
         now - late: float(number)
-        for number, (now, late) in sorted(enumerate(arrivals), key=lambda each: (each[1][0], each[0]))
+        for number, (now, late) in sorted(
+            enumerate(arrivals), key=lambda each: (each[1][0], each[0])
+        )
         if late <= max_delay
         and not (condition and number == 7)
         and (end is None or now - late <= end)

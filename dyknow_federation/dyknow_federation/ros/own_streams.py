@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 from dyknow_interfaces.msg import Sample as SampleMessage
@@ -15,6 +15,7 @@ from dyknow_common.ros import STREAM, DyKnowNode, LogOnce, RemoteNode, time_to_n
 from dyknow_federation.messages import MAX_REASON, StreamFault
 from dyknow_federation.offers import Offer
 from dyknow_federation.peer import Peer
+from dyknow_federation.sending import Thinning
 from dyknow_stream_processing import Violation, ViolationKind
 from dyknow_stream_processing.ros import NodeTopics, sample_fields, sample_valid_time
 
@@ -30,18 +31,17 @@ class OwnStream:
         node: the node.
         peer: this host among its peers.
         name: of the stream, as peers know it.
-        every: the least time between two samples, in nanoseconds.
+        thinning: decides which samples are passed on.
         changed: is called after each sample and promise.
     """
 
     node: DyKnowNode
     peer: Peer
     name: str
-    every: int
+    thinning: Thinning
     changed: Callable[[], None]
     fault: str = ''
     """Why no sample is passed on any more."""
-    _latest: int | None = field(default=None)
 
     def on_type(self, class_: Any) -> None:
         """Do nothing: the samples name their fields."""
@@ -66,8 +66,7 @@ class OwnStream:
             self._tell(StreamFault(valid_time, ViolationKind.SOURCE, self.fault), now)
         if self.fault:
             return
-        if self._latest is None or valid_time - self._latest >= self.every:
-            self._latest = valid_time
+        if self.thinning.passes(valid_time, values):
             self.peer.publish(self.name, valid_time, values, now)
         else:
             self.peer.promise(self.name, valid_time, now)
@@ -183,7 +182,7 @@ class OwnStreams:
             await self._manager.call(StreamDestroy, stream_name=spec.name)
             created = await self._manager.call(StreamCreateFromSpec, spec=spec)
         every = self._rates[offer.feature.name]
-        listener = OwnStream(self._node, self._peer, name, every, self._changed)
+        listener = OwnStream(self._node, self._peer, name, Thinning(every), self._changed)
         remove = self._topics.listen(created.stream_topic, listener, STREAM, SampleMessage)
         self._topics.refresh()
         self._made[name] = offer, remove

@@ -229,7 +229,7 @@ def as_float(value: Value) -> float:
     """
     if isinstance(value, bool | str):
         found = f'{value_text(value)} ({ValueType.of(value)})'
-        raise StreamError(f"{found} is not a number, and only numbers may be unknown")
+        raise StreamError(f'{found} is not a number, and only numbers may be unknown')
     return float(value)
 
 

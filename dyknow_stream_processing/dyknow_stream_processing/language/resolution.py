@@ -177,7 +177,7 @@ class _Resolver:
     def expiring(self, term: Term, fields: Fields | None, position: TextPosition) -> _TypedTerm:
         """Return a stream with its fields; these are floats if its values expire."""
         if _hides_nan(term) and any(map(self._sizes.expires, term.inputs)):
-            message = f"{_title(term)} may hide that a value has expired; let its own values expire"
+            message = f'{_title(term)} may hide that a value has expired; let its own values expire'
             raise self._error(message, position)
         if not term.constraints.expires:
             return term, fields
