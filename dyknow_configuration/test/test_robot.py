@@ -302,6 +302,7 @@ def test_messages_are_put_in_order_within_a_delay_only(tmp_path: Path) -> None:
 
 
 EXPIRING = 'topic: /battery, field: percentage, max_delay: 1 s, max_gap: 2 s, expires: true'
+FORECAST = '{by: constant_velocity, horizons: 1 s}'
 
 
 @pytest.mark.parametrize(
@@ -329,8 +330,7 @@ def test_a_value_expires(features: str, tmp_path: Path) -> None:
             'expires needs a max_gap',
         ),
         (
-            '{Charge: {missing: unknown, forecast: {by: constant_velocity, horizons: 1 s, '
-            f'fields: {{rate: r}}}}, from: {{{EXPIRING}}}}}}}',
+            f'{{Charge: {{missing: unknown, forecast: {FORECAST}, from: {{{EXPIRING}}}}}}}',
             'remove expires, or the forecast',
         ),
     ],

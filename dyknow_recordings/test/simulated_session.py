@@ -35,7 +35,7 @@ from dyknow_coordinator import EvaluationPhase, KnownStream, KnownStreams
 from dyknow_coordinator.ros.evaluation import silence_monitor, standby, state_stream
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
 from dyknow_coordinator.ros.evaluation.state_supervisor import StateSupervisor
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, UnknownFeatures
 from dyknow_reasoning.ros import group_evaluation, state_subscription
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 from dyknow_reasoning.ros.stream_reasoning_engine import SUPERVISION_PERIOD_S
@@ -248,7 +248,8 @@ class _Clients:
                     domains, topic, result_topic, gap=gap, doubtful_from=doubtful_from
                 )
             else:
-                await group.begin(domains, topic, result_topic)
+                unknown = UnknownFeatures(self._system.inputs.unknown)
+                await group.begin(domains, topic, result_topic, unknown)
 
         await self._system.call('evaluate', evaluate)
 
@@ -515,7 +516,7 @@ class SimulatedSystem:
 class _Observer:
     """The formula's evaluation at the coordinator."""
 
-    titles = 'it'
+    titles, logger = 'it', mock.MagicMock()
 
     def __init__(self, system: SimulatedSystem) -> None:
         self._outcome = system.outcome

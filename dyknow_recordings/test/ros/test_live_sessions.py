@@ -272,6 +272,40 @@ def test_silence_has_the_same_limit(limit_s: float, verdict: Verdict) -> None:
             assert (found.verdict, found.error) == (verdict, None)
 
 
+class ExpiringHeight(Carriers):
+    """A vocabulary in which the height may be unknown, and is while its only topic is silent."""
+
+    def matching_streams(self, concept: str) -> tuple[str, ...]:
+        if concept != 'Height':
+            return super().matching_streams(concept)
+        timing = 'max_gap = 400 ms, max_delay = 60 ms, expires = true'
+        return (f'stream s = select v as Height from "/b" with {timing}',)
+
+    def query(self, sparql: str) -> Sequence[tuple[str, ...]]:
+        return [('x:Height', 'x:Height', '-inf inf')] if '#unknown' in sparql else ()
+
+
+@settings(max_examples=10, deadline=None, derandomize=True)
+@given(
+    st.lists(st.tuples(LATER, st.sampled_from([700, 2000, 9000])), max_size=2),
+    EDGES,
+    st.sampled_from([each for each in sorted(FORMULAS) if 'Height' in each]),
+)
+def test_a_topic_whose_values_expire_may_be_silent(
+    silences: list[tuple[int, int]], edges: dict[str, tuple[int, ...]], formula: str
+) -> None:
+    world = World(REGULAR | {'b': Published(100, silences=silences)}, edges)
+    messages, vocabulary = world.messages(), ExpiringHeight({})
+    found = SimulatedSystem(messages, formula, vocabulary).run()
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=vocabulary):
+        (report,) = evaluate_recording(messages, [RequestedFormula(formula)]).formulas
+    offline = of_report(report)
+    check(world, formula, found)
+    assert (found.verdict, found.decided_at) == (offline.verdict, offline.decided_at)
+    assert found.error is offline.error is None
+    assert found.events == offline.events == []
+
+
 @pytest.mark.parametrize('world', HAND_OVERS)
 def test_a_stream_that_is_left_harms_no_other(world: World) -> None:
     formula = 'always Power < 4'
