@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recorded_flow import Flow
+from recorded_flow import MILLISECOND, Flow
 
 from dyknow_common import DyKnowError, ValueType
 
@@ -205,3 +205,46 @@ def test_states_know_a_value_exactly_while_it_is_fresh(
         time: expected[max(each for each in expected if each <= time)] for time in times
     }
     assert 'max_gap' not in [constraint for constraint, _ in flow.broken()]
+
+
+@given(
+    samples=st.lists(st.tuples(*[st.integers(1, 20)] * 3), min_size=1, max_size=9),
+    others=st.lists(st.integers(0, 300), max_size=20),
+    gap=st.integers(1, 12),
+)
+def test_values_of_another_engine_expire_by_its_watermarks(
+    flow_class: type[Flow], samples: list[tuple[int, int, int]], others: list[int], gap: int
+) -> None:
+    flow = flow_class()
+    flow.receipt_topics.add('b')
+    timing = f'max_gap = {gap} ms, max_delay = 1 s, expires = true'
+    flow.create(f'sync(select x from "a" with {timing}, select y from "b")')
+    kept = list(accumulate(distance for distance, *_ in samples))
+    arrivals = accumulate(
+        zip(kept, samples, strict=True),
+        lambda now, each: max(now, each[0]) + each[1][2],
+        initial=0,
+    )
+    nexts = [*kept[1:], math.inf]
+    events = [(each, 'b', each, each) for each in others]
+    for valid_time, (_, promised, _), later, now in zip(
+        kept, samples, nexts, list(arrivals)[1:], strict=True
+    ):
+        events.append((now, 'a', valid_time, min(valid_time + promised, later - 1)))
+    for now, topic, valid_time, watermark in sorted(events):
+        if topic == 'a':
+            flow.push('a', valid_time, now, watermark=watermark, x=valid_time)
+        else:
+            flow.push('b', valid_time, now, y=valid_time)
+    flow.advance(1000)
+    flow.dataflow.vouch('a', 500 * MILLISECOND, 1_000 * MILLISECOND)
+    expected: dict[float, float | None] = {each: float(each) for each in kept}
+    for last, later in pairwise([*kept, math.inf]):
+        if later > last + gap:
+            expected[last + gap] = None
+    begin = max(min(kept, default=math.inf), min(others, default=math.inf))
+    times = sorted({each for each in [*expected, *others] if each >= begin})
+    assert dict(values(flow)) == {
+        time: expected[max(each for each in expected if each <= time)] for time in times
+    }
+    assert flow.broken() == []

@@ -267,7 +267,8 @@ def _broken_intervals(
     intervals: NDArray[np.int64], stated: StreamConstraints, proposed: StreamConstraints
 ) -> Iterator[str]:
     measured = f'{round_duration(int(intervals.min()))} to {round_duration(int(intervals.max()))}'
-    shortest, longest, gap = stated.shortest_period, stated.longest_period, stated.max_gap
+    shortest, longest = stated.shortest_period, stated.longest_period
+    gap = None if stated.expires else stated.max_gap
     if shortest is not None and longest is not None:
         broken = int(((intervals < shortest) | (intervals > longest)).sum())
         if broken:
