@@ -236,6 +236,22 @@ def test_expected_topics_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFi
     assert 'error: /uav2' not in shown
 
 
+@pytest.mark.parametrize('expires', [True, False])
+def test_a_gap_after_which_a_value_expires_is_no_fault(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], *, expires: bool
+) -> None:
+    robot = tmp_path / 'robot.yaml'
+    source = f'max_delay: 1 s, max_gap: 100 ms, expires: {str(expires).lower()}'
+    robot.write_text(
+        'features: {Voltage: {missing: unknown, '
+        f'from: {{topic: /uav1/battery, field: voltage, {source}}}}}}}\n'
+        "formulas: [{name: charged, formula: 'always Voltage > 3'}]\n"
+    )
+    recording = ROOT / 'dyknow_bringup' / 'recordings' / 'nominal'
+    _, shown = lint(capsys, robot, '--recording', recording)
+    assert ('intervals break max_gap = 100 ms' in shown) is not expires
+
+
 def test_texts_that_lack_quotes_get_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -95,7 +95,8 @@ class FeatureCarrier:
             self.stated = {**self.stated, 'field': uncertainty}
             if self._expires():
                 # The last uncertainty stays, as nothing depends on it without a value.
-                del self.stated['expires'], self.stated['max_gap']
+                dropped = {'expires', 'max_gap'}
+                self.stated = {key: each for key, each in self.stated.items() if key not in dropped}
         if ('topic' in self.stated) == ('stream' in self.stated):
             raise value.error("give either 'topic' or 'stream'")
         self._stream = self.stated['topic' if 'topic' in self.stated else 'stream']
