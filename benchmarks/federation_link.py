@@ -5,9 +5,10 @@
 Both ways cross zenoh on loopback at the same time, as for the fleet of examples/fleet: each robot
 publishes odometry and its battery 20 times a second. A bridge, such as zenoh-bridge-ros2dds, sends
 each message as it is serialised; the federation sends the features X, Y and Charge, which the base
-station asks for: X and Y at 20 Hz, or at `--every`, and Charge each second. Prints JSON: payload
-bytes for a robot and a second in both directions, and the time from a sample to its arrival at the
-base station, in milliseconds.
+station asks for: the robots share X and Y at 20 Hz, or at `--every`, and Charge each second. Prints
+JSON: payload bytes for a robot and a second in both directions, the time from a sample to its
+arrival at the base station, in milliseconds, and the share of a core for a robot, its messages and
+its part of the base station.
 """
 
 from __future__ import annotations
@@ -147,8 +148,7 @@ def drive(base: Host, hosts: dict[str, Host], seconds: float, every: int) -> int
             host.peer.share((), [feature(name, each) for each in FEATURES], time.time_ns())
         with base.lock:
             for each in FEATURES:
-                rate = SECOND_NS if each == 'Charge' else every
-                base.peer.request(name, f'{each}_{name}', rate, time.time_ns())
+                base.peer.request(name, f'{each}_{name}', time.time_ns())
     base.wake()
     time.sleep(2)  # Until all are joined.
     base.latencies.clear()
@@ -166,7 +166,11 @@ def drive(base: Host, hosts: dict[str, Host], seconds: float, every: int) -> int
                 raw += len(data)
             with host.lock:
                 for each, value in values.items():
-                    host.peer.publish(f'{each}_{name}', now, {'value': value}, now)
+                    rate = SECOND_NS if each == 'Charge' else every
+                    if step % max(rate // PERIOD_NS, 1):
+                        host.peer.promise(f'{each}_{name}', now, now)
+                    else:
+                        host.peer.publish(f'{each}_{name}', now, {'value': value}, now)
             host.wake()
     for host in (base, *hosts.values()):
         host.transport.sent[''] -= before if host is base else 0

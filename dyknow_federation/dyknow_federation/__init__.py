@@ -32,7 +32,6 @@ from dyknow_federation.messages import (
 from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.possible_values import PossibleValues
 from dyknow_federation.remote import RemotePeer
-from dyknow_federation.sending import StreamKey
 from dyknow_federation.settings import PeerSettings
 
 __all__ = [
@@ -61,7 +60,6 @@ __all__ = [
     'Shares',
     'SharesChanged',
     'StreamFault',
-    'StreamKey',
     'StreamRefused',
     'StreamUnwanted',
     'StreamViolated',

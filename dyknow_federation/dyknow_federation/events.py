@@ -76,7 +76,6 @@ class StreamRefused:
 
     peer: str
     stream: str
-    every: int
     reason: str
 
 
@@ -111,7 +110,6 @@ class SamplesArrived:
 
     peer: str
     stream: str
-    every: int
     samples: tuple[RemoteSample, ...]
 
 
@@ -121,7 +119,6 @@ class SamplesLost:
 
     peer: str
     stream: str
-    every: int
     count: int
     reason: str
 
@@ -135,7 +132,6 @@ class StreamViolated:
 
     peer: str
     stream: str
-    every: int
     fault: StreamFault
 
 
@@ -145,7 +141,6 @@ class WatermarkArrived:
 
     peer: str
     stream: str
-    every: int
     time: int
 
 

@@ -128,21 +128,17 @@ class Request:
 
     Args:
         stream: the name of the stream.
-        every: the least time between samples that are of use; 0 for all samples.
         epoch: the epoch of the numbers below; 0 if no sample has been received yet.
         number: all samples before this number have been received, or are lost.
         missing: the first and the last number of each range that is missing after it.
     """
 
     stream: str
-    every: int = 0
     epoch: int = 0
     number: int = 0
     missing: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
-        if self.every < 0:
-            raise FederationError(f'every is {self.every} ns; it must not be negative')
         if len(self.missing) > MAX_RANGES:
             raise FederationError(f'{len(self.missing)} ranges are missing; name {MAX_RANGES}')
 
@@ -152,7 +148,6 @@ class Release:
     """The end of a request."""
 
     stream: str
-    every: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,12 +156,10 @@ class RequestRefusal:
 
     Args:
         stream: the name of the stream.
-        every: as in the request.
         reason: why, with the remedy.
     """
 
     stream: str
-    every: int
     reason: str
 
 
@@ -176,7 +169,6 @@ class Samples:
 
     Args:
         stream: the name of the stream.
-        every: as in the request.
         epoch: numbers of different epochs have nothing to do with each other.
         first: the number of the first sample.
         valid_times: of each sample, strictly increasing, in the clock of the sender.
@@ -185,7 +177,6 @@ class Samples:
     """
 
     stream: str
-    every: int
     epoch: int
     first: int
     valid_times: tuple[int, ...]
@@ -231,14 +222,12 @@ class ViolationNotice:
 
     Args:
         stream: the name of the stream.
-        every: as in the request.
         epoch: of the number.
         number: its own; the next sample has the next one.
         fault: what has happened, in the clock of the sender.
     """
 
     stream: str
-    every: int
     epoch: int
     number: int
     fault: StreamFault
@@ -253,7 +242,6 @@ class Watermark:
 
     Args:
         stream: the name of the stream.
-        every: as in the request.
         epoch: of the numbers.
         number: of the next sample.
         oldest: the least number that can still be asked for; earlier ones are lost.
@@ -261,7 +249,6 @@ class Watermark:
     """
 
     stream: str
-    every: int
     epoch: int
     number: int
     oldest: int

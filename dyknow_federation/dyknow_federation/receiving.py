@@ -28,7 +28,6 @@ from dyknow_federation.messages import (
     ViolationNotice,
     Watermark,
 )
-from dyknow_federation.sending import StreamKey
 
 MAX_HELD: Final = 10_000
 """The number of samples of a stream that wait for earlier ones; later ones are asked for again."""
@@ -67,11 +66,11 @@ class ReceivedStream:
     """A stream that was requested of a peer.
 
     Args:
-        key: the stream and its rate.
+        name: of the stream.
     """
 
-    def __init__(self, key: StreamKey) -> None:
-        self._key = key
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._epoch = 0
         self._held: dict[int, Received | StreamFault] = {}
         self._end = self._number = 0
@@ -93,8 +92,7 @@ class ReceivedStream:
 
     def request(self) -> Request:
         """Return the request that subscribes, acknowledges, and asks for what is missing."""
-        stream, every = self._key
-        return Request(stream, every, self._epoch, self._number, tuple(self._missing()))
+        return Request(self._name, self._epoch, self._number, tuple(self._missing()))
 
     def _interrupt(self) -> None:
         """Note that the peer numbers its samples anew: what was not received is lost."""

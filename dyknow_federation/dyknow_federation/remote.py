@@ -40,7 +40,6 @@ from dyknow_federation.messages import (
     Watermark,
 )
 from dyknow_federation.receiving import Delivery, Lost, Promise, ReceivedStream
-from dyknow_federation.sending import StreamKey
 from dyknow_federation.settings import PeerSettings
 
 MAX_FORMER: Final = 16
@@ -87,13 +86,13 @@ class RemotePeer:
         self._former: deque[int] = deque(maxlen=MAX_FORMER)
         self._probes: dict[int, int] = {}
         self._probe_at = at
-        self._streams: dict[StreamKey, ReceivedStream] = {}
-        self._request_at: dict[StreamKey, int] = {}
-        self._refused: set[StreamKey] = set()
+        self._streams: dict[str, ReceivedStream] = {}
+        self._request_at: dict[str, int] = {}
+        self._refused: set[str] = set()
 
     @property
-    def requested(self) -> list[StreamKey]:
-        """The streams that were requested of it."""
+    def requested(self) -> list[str]:
+        """The names of the streams that were requested of it."""
         return list(self._streams)
 
     def next_deadline(self) -> int | None:
@@ -125,11 +124,11 @@ class RemotePeer:
         events: list[Event] = []
         if self._incarnation is not None:
             self._former.append(self._incarnation)
-            for key, stream in self._streams.items():
+            for name, stream in self._streams.items():
                 if stream.is_subscribed:
                     reason = 'the peer has started again'
-                    events.append(SamplesLost(self.name, *key, 0, reason))
-                self._streams[key] = ReceivedStream(key)
+                    events.append(SamplesLost(self.name, name, 0, reason))
+                self._streams[name] = ReceivedStream(name)
         self._incarnation, self.shares = incarnation, None
         self.clock = PairClock(self._settings.max_drift_ppm)
         self._probes.clear()
@@ -163,9 +162,9 @@ class RemotePeer:
             events.append(LinkStale(self.name, self.heard_at))
         if at >= self._probe_at:
             self._send_probe(at)
-        for key, due in self._request_at.items():
+        for name, due in self._request_at.items():
             if at >= due:
-                self._send_request(key, at)
+                self._send_request(name, at)
         return events
 
     def _leave(self, silence: int) -> list[Event]:
@@ -173,18 +172,18 @@ class RemotePeer:
         reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
         return [PeerLeft(self.name, reason)]
 
-    def request(self, key: StreamKey, at: int) -> None:
+    def request(self, name: str, at: int) -> None:
         """Ask for a stream until it is released."""
-        if key not in self._streams:
-            self._streams[key] = ReceivedStream(key)
-            self._request_at[key] = self._probe_at = at
+        if name not in self._streams:
+            self._streams[name] = ReceivedStream(name)
+            self._request_at[name] = self._probe_at = at
 
-    def release(self, key: StreamKey) -> None:
+    def release(self, name: str) -> None:
         """Ask for a stream no more."""
-        if self._streams.pop(key, None) is not None:
-            self._request_at.pop(key, None)
-            self._refused.discard(key)
-            self.send(Release(*key))
+        if self._streams.pop(name, None) is not None:
+            self._request_at.pop(name, None)
+            self._refused.discard(name)
+            self.send(Release(name))
 
     def take(self, message: Message, at: int) -> list[Event]:
         """Take a message that answers what the own host has asked."""
@@ -199,8 +198,8 @@ class RemotePeer:
                     return [SharesChanged(self.name, message)]
             case Samples() | ViolationNotice() | Watermark():
                 return self._take_samples(message, at)
-            case RequestRefusal(stream, every, reason):
-                return self._take_refusal(StreamKey(stream, every), reason)
+            case RequestRefusal(stream, reason):
+                return self._take_refusal(stream, reason)
             case ProbeReply():
                 return self._take_reply(message, at)
         return []
@@ -216,22 +215,22 @@ class RemotePeer:
         return [ClockJumped(self.name, excess, since)]
 
     def _take_samples(self, message: StreamMessage, at: int) -> list[Event]:
-        key = StreamKey(message.stream, message.every)
-        stream = self._streams.get(key)
+        name = message.stream
+        stream = self._streams.get(name)
         if stream is None:
-            self.send(Release(*key))
+            self.send(Release(name))
             return []
         stream.take(message)
-        events = self._deliver(key, at)
+        events = self._deliver(name, at)
         if not stream.is_complete:
-            self._request_at[key] = min(self._request_at[key], at + self._retry)
+            self._request_at[name] = min(self._request_at[name], at + self._retry)
         return events
 
-    def _take_refusal(self, key: StreamKey, reason: str) -> list[Event]:
-        if key not in self._streams or key in self._refused:
+    def _take_refusal(self, name: str, reason: str) -> list[Event]:
+        if name not in self._streams or name in self._refused:
             return []
-        self._refused.add(key)
-        return [StreamRefused(self.name, *key, reason)]
+        self._refused.add(name)
+        return [StreamRefused(self.name, name, reason)]
 
     def _take_reply(self, reply: ProbeReply, at: int) -> list[Event]:
         sent = self._probes.pop(reply.number, None)
@@ -245,32 +244,32 @@ class RemotePeer:
         period = self._settings.probe_period
         self._probe_at = at + (period if self._streams else UNUSED * period)
         if not was_known or jump is not None:
-            for key in self._streams:
-                events += self._deliver(key, at)
+            for name in self._streams:
+                events += self._deliver(name, at)
         return events
 
-    def _deliver(self, key: StreamKey, at: int) -> list[Event]:
+    def _deliver(self, name: str, at: int) -> list[Event]:
         """Return what is due of a stream; nothing while its times cannot be translated."""
         if not self.clock.is_known:
             return []
         events: list[Event] = []
         samples: list[RemoteSample] = []
-        for found in self._translated(self._streams[key].deliveries(), at):
+        for found in self._translated(self._streams[name].deliveries(), at):
             if isinstance(found, RemoteSample):
                 samples.append(found)
                 continue
             if samples:
-                events.append(SamplesArrived(self.name, *key, tuple(samples)))
+                events.append(SamplesArrived(self.name, name, tuple(samples)))
                 samples = []
             match found:
                 case Lost():
-                    events.append(SamplesLost(self.name, *key, *found))
+                    events.append(SamplesLost(self.name, name, *found))
                 case StreamFault():
-                    events.append(StreamViolated(self.name, *key, found))
+                    events.append(StreamViolated(self.name, name, found))
                 case Promise(time):
-                    events.append(WatermarkArrived(self.name, *key, time))
+                    events.append(WatermarkArrived(self.name, name, time))
         if samples:
-            events.append(SamplesArrived(self.name, *key, tuple(samples)))
+            events.append(SamplesArrived(self.name, name, tuple(samples)))
         return events
 
     def _translated(
@@ -312,9 +311,9 @@ class RemotePeer:
         self._probe_at = at + min(self._retry, self._settings.probe_period)
         self.send(Probe(number, at))
 
-    def _send_request(self, key: StreamKey, at: int) -> None:
-        stream = self._streams[key]
-        is_urgent = not (stream.is_subscribed and stream.is_complete) and key not in self._refused
+    def _send_request(self, name: str, at: int) -> None:
+        stream = self._streams[name]
+        is_urgent = not (stream.is_subscribed and stream.is_complete) and name not in self._refused
         period = self._retry if is_urgent else self._settings.hello_period
-        self._request_at[key] = at + period
+        self._request_at[name] = at + period
         self.send(stream.request())

@@ -1,8 +1,8 @@
 """The streams that others have asked for: their numbers, history and subscribers.
 
-A stream that is asked for at two rates is two renditions, each with numbers of its own, so that
-who receives one notices what is missing. A rendition keeps its last samples, and stays for as long
-after its last request: a peer that was cut off can still ask for what it missed.
+Samples are numbered, so that who receives them notices what is missing. A stream keeps its last
+samples, and stays for as long after its last request: a peer that was cut off can still ask for
+what it missed.
 """
 
 from __future__ import annotations
@@ -26,22 +26,10 @@ from dyknow_federation.messages import (
 )
 
 MAX_HISTORY: Final = 20_000
-"""The number of samples of a rendition that are kept for back-fill."""
+"""The number of samples of a stream that are kept for back-fill."""
 
 MAX_RESENT: Final = 2_000
 """The number of samples that one request can ask for again."""
-
-
-class StreamKey(NamedTuple):
-    """A stream at a rate.
-
-    Args:
-        stream: the name of the stream.
-        every: the least time between its samples in nanoseconds; 0 for all of them.
-    """
-
-    stream: str
-    every: int
 
 
 class _Kept(NamedTuple):
@@ -52,7 +40,7 @@ class _Kept(NamedTuple):
 
 
 class _Subscription:
-    """A peer that receives a rendition.
+    """A peer that receives a stream.
 
     Args:
         number: the next sample that it is sent.
@@ -64,17 +52,17 @@ class _Subscription:
         self.expires = expires
 
 
-class Rendition:
-    """A stream at a rate, for all that have asked for it.
+class SentStream:
+    """An own stream, for all that have asked for it.
 
     Args:
-        key: the stream and its rate.
+        name: of the stream.
         epoch: of its numbers.
         history: how long samples are kept, in nanoseconds.
     """
 
-    def __init__(self, key: StreamKey, epoch: int, history: int) -> None:
-        self._key = key
+    def __init__(self, name: str, epoch: int, history: int) -> None:
+        self._name = name
         self._epoch = epoch
         self._history = history
         self._kept: deque[_Kept] = deque(maxlen=MAX_HISTORY)
@@ -89,23 +77,19 @@ class Rendition:
         """The names of the peers that receive it."""
         return list(self._subscriptions)
 
-    def publish(self, valid_time: int, fields: Mapping[str, Value]) -> bool:
-        """Number and keep a sample; return False if it is too early for the rate.
+    def publish(self, valid_time: int, fields: Mapping[str, Value]) -> None:
+        """Number and keep a sample.
 
         Raises:
             FederationError: if it is not valid later than what was promised.
         """
         if valid_time <= self._promised:
             raise FederationError(
-                f"a sample of '{self._key.stream}' is valid at {format_time(valid_time)}, not "
+                f"a sample of '{self._name}' is valid at {format_time(valid_time)}, not "
                 f'after {format_time(self._promised)}, as was promised'
             )
-        self._promised = valid_time
-        if valid_time - self._latest < self._key.every and self._latest != BEGINNING:
-            return False
-        self._latest = valid_time
+        self._promised = self._latest = valid_time
         self._keep(_Kept(valid_time, fields))
-        return True
 
     def violate(self, fault: StreamFault) -> None:
         """Number and keep a violation."""
@@ -147,9 +131,9 @@ class Rendition:
                 left -= max(0, last - first + 1)
         return [*found, self.watermark()]
 
-    def continued(self, epoch: int) -> Rendition:
+    def continued(self, epoch: int) -> SentStream:
         """Return a new one for its subscribers, as the clock has jumped."""
-        found = Rendition(self._key, epoch, self._history)
+        found = SentStream(self._name, epoch, self._history)
         found.used_until = self.used_until
         for peer, each in self._subscriptions.items():
             found._subscriptions[peer] = _Subscription(found._number, each.expires)
@@ -177,9 +161,7 @@ class Rendition:
 
     def watermark(self) -> Watermark:
         """Return what is promised about the samples to come."""
-        stream, every = self._key
-        time = self._promised
-        return Watermark(stream, every, self._epoch, self._number, self._oldest, time)
+        return Watermark(self._name, self._epoch, self._number, self._oldest, self._promised)
 
     @property
     def _oldest(self) -> int:
@@ -192,10 +174,10 @@ class Rendition:
         for (fault, names), group in groupby(rows, lambda each: (each.fault, tuple(each.fields))):
             while found := list(islice(group, 1 if fault else MAX_BATCH)):
                 if fault:
-                    yield ViolationNotice(*self._key, self._epoch, number, fault)
+                    yield ViolationNotice(self._name, self._epoch, number, fault)
                     number += 1
                     continue
                 times = tuple(each.valid_time for each in found)
                 columns = tuple(tuple(each.fields[name] for each in found) for name in names)
-                yield Samples(*self._key, self._epoch, number, times, names, columns)
+                yield Samples(self._name, self._epoch, number, times, names, columns)
                 number += len(found)

@@ -215,7 +215,7 @@ class Simulation:
         self.error = ''
         for each in self.hosts:
             if each is not own:
-                own.peer.request(each.name, STREAM, 0, own.clock.read(0))
+                own.peer.request(each.name, STREAM, own.clock.read(0))
 
     def _share(self, host: Host) -> None:
         ssl = f'stream {STREAM} contains Level[{host.name}] = level'
@@ -265,7 +265,7 @@ class Simulation:
     def _violate(self) -> None:
         """A sensor of a host other than the first one fails: nothing follows but the violation."""
         host = self.random.choice(self.hosts[1:])
-        if host.is_down or not host.peer.renditions:  # The stream is made when it is asked for.
+        if host.is_down or not host.peer.sent:  # The stream is made when it is asked for.
             self._at(self._now + host.period, self._violate)
             return
         host.is_silent, reading = True, host.clock.read(self._now)
@@ -329,19 +329,19 @@ class Simulation:
     def _take(self, events: Iterable[Event]) -> None:
         for event in events:
             match event:
-                case SamplesArrived(peer, _, _, samples):
+                case SamplesArrived(peer, _, samples):
                     for sample in samples:
                         self.uncertainty = max(self.uncertainty, sample.uncertainty)
                         self.values[peer].put(sample)
                         self.most_held = max(self.most_held, self.values[peer].held)
                         self._pass_on(peer)
-                case SamplesLost(peer, _, _, _, reason):
+                case SamplesLost(peer, _, _, reason):
                     if self.values[peer].held:
                         self.error = f'samples of {peer} are lost: {reason}'
                     self.values[peer].lose()
-                case StreamViolated(peer, _, _, fault):
+                case StreamViolated(peer, _, fault):
                     self.error = fault.reason
-                case WatermarkArrived(peer, _, _, time):
+                case WatermarkArrived(peer, _, time):
                     self.values[peer].promise(time)
                     self._pass_on(peer)
 

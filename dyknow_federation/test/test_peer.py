@@ -32,7 +32,6 @@ from dyknow_federation import (
     encode,
 )
 from dyknow_federation.messages import MAX_BATCH, VERSION, Hello, Message, Request, Samples
-from dyknow_federation.peer import MAX_RATES
 
 MS = NANOSECONDS['ms']
 LEVEL = SharedFeature('Level', 'level', 'stream level contains Level[r1] = x', (('x', 'float'),))
@@ -101,7 +100,7 @@ def sharing(*, offset: int = 0) -> Net:
     net = Net('a', 'b')
     net.offsets['a'] = offset
     net.peers['a'].share([], [LEVEL], net.time('a'))
-    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.peers['b'].request('a', 'level', net.time('b'))
     net.run(0.5)
     return net
 
@@ -135,7 +134,7 @@ def test_changed_shares_are_told() -> None:
 
 def test_what_is_not_shared_is_refused_once() -> None:
     net = Net('a', 'b')
-    net.peers['b'].request('a', 'secret', 0, net.time('b'))
+    net.peers['b'].request('a', 'secret', net.time('b'))
     net.run(3)
     (refused,) = net.take('b', StreamRefused)
     assert refused.reason == "peer 'a' does not share it: name it in share there"
@@ -162,13 +161,13 @@ def test_a_violation_is_told_though_nothing_follows() -> None:
     assert (told.fault.constraint, told.fault.reason) == ('max_gap', 'no sample for 2 s')
     assert at - 4 * MS <= told.fault.valid_time <= at
     # Who asks later does not wait for what has failed.
-    net.peers['b'].release('a', 'level', 0)
-    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.peers['b'].release('a', 'level')
+    net.peers['b'].request('a', 'level', net.time('b'))
     net.run(1)
     assert net.take('b', StreamViolated)
     net.publish('a', 2)
-    net.peers['b'].release('a', 'level', 0)
-    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.peers['b'].release('a', 'level')
+    net.peers['b'].request('a', 'level', net.time('b'))
     net.run(1)
     assert not net.take('b', StreamViolated)
 
@@ -220,7 +219,7 @@ def test_a_restart_loses_what_was_not_sent() -> None:
     (arrived,) = net.take('b', SamplesArrived)
     assert abs(arrived.samples[0].valid_time - at) <= arrived.samples[0].uncertainty
     # A late packet of the former run changes nothing.
-    late = encode(Packet('a', 1, 'b', Samples('level', 0, 1, 2, (1,), ('x',), ((5.0,),))))
+    late = encode(Packet('a', 1, 'b', Samples('level', 1, 2, (1,), ('x',), ((5.0,),))))
     assert net.peers['b'].receive(late, net.time('b')) == ([], [])
 
 
@@ -267,15 +266,15 @@ def test_what_peers_make_us_keep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> 
     (fault,) = net.send('b', 'one more', Hello(1))
     assert 'more than 20 peers' in fault.message
     net.peers['b'].share([], [LEVEL], net.now)
-    for every in range(MAX_RATES + 5):
-        net.send('b', 'p1', Request('level', every))
-    assert len(net.peers['b'].renditions) == MAX_RATES
+    net.send('b', 'p1', Request('level'))
+    net.send('b', 'p1', Request('never shared'))
+    assert [*net.peers['b'].sent] == ['level']
     times = tuple(range(MAX_BATCH))
-    net.send('b', 'p1', Samples('never asked', 0, 1, 1, times, (), ()))
+    net.send('b', 'p1', Samples('never asked', 1, 1, times, (), ()))
     net.run(30)
     assert net.peers['b'].remotes == {}
     net.run(80)
-    assert net.peers['b'].renditions == {}
+    assert net.peers['b'].sent == {}
 
 
 def test_a_jump_of_a_clock_is_told() -> None:
@@ -323,10 +322,9 @@ def test_samples_are_published_in_order() -> None:
 
 def test_a_released_stream_is_sent_no_more() -> None:
     net = sharing()
-    net.peers['b'].release('a', 'level', 0)
+    net.peers['b'].release('a', 'level')
     net.run(0.1)
-    (rendition,) = net.peers['a'].renditions.values()
-    assert rendition.subscribers == []
+    assert net.peers['a'].sent['level'].subscribers == []
 
 
 def test_a_packet_in_the_name_of_another_peer_is_refused() -> None:

@@ -43,13 +43,13 @@ EXAMPLES: list[Message] = [
         (SharedObject('r1', ('Robot', 'Carrier')),),
         (SharedFeature('Charge', 'c', 'stream c contains Charge[r1] = x', (('x', 'float'),)),),
     ),
-    Request('c', 100, 2, 5, ((5, 6), (8, 8))),
-    Release('c', 0),
-    RequestRefusal('c', 0, 'it is not shared'),
-    Samples('c', 0, 1, 7, (10, 20), ('x', 'mode'), ((1.5, 2), ('a', 'ü'))),
-    Samples('c', 0, 1, 7, tuple(range(MAX_BATCH)), ('x',), (tuple([True] * MAX_BATCH),)),
-    ViolationNotice('c', 0, 1, 8, StreamFault(5, 'max_gap', 'no sample')),
-    Watermark('c', 0, 1, 9, 1, -5),
+    Request('c', 2, 5, ((5, 6), (8, 8))),
+    Release('c'),
+    RequestRefusal('c', 'it is not shared'),
+    Samples('c', 1, 7, (10, 20), ('x', 'mode'), ((1.5, 2), ('a', 'ü'))),
+    Samples('c', 1, 7, tuple(range(MAX_BATCH)), ('x',), (tuple([True] * MAX_BATCH),)),
+    ViolationNotice('c', 1, 8, StreamFault(5, 'max_gap', 'no sample')),
+    Watermark('c', 1, 9, 1, -5),
     Probe(1, 2),
     ProbeReply(1, 2, 3, 4),
 ]
@@ -83,27 +83,27 @@ BAD = {
     'too few values': (json.dumps([VERSION, 'a', 1, '', 'Hello', []]).encode(), '1 values, not 0'),
     'a bool as int': (json.dumps([VERSION, 'a', 1, '', 'Hello', [True]]).encode(), 'is no int'),
     'a long text': (
-        json.dumps([VERSION, 'a', 1, '', 'Release', ['x' * (MAX_TEXT + 1), 0]]).encode(),
+        json.dumps([VERSION, 'a', 1, '', 'Release', ['x' * (MAX_TEXT + 1)]]).encode(),
         'characters',
     ),
     '65 bits': (json.dumps([VERSION, 'a', 1, '', 'Hello', [2**63]]).encode(), '64 bits'),
     'a list as value': (
-        json.dumps([VERSION, 'a', 1, '', 'Samples', ['c', 0, 1, 1, [1], ['x'], [[[]]]]]).encode(),
+        json.dumps([VERSION, 'a', 1, '', 'Samples', ['c', 1, 1, [1], ['x'], [[[]]]]]).encode(),
         'is no list',
     ),
     'times that do not increase': (
-        json.dumps([VERSION, 'a', 1, '', 'Samples', ['c', 0, 1, 1, [2, 2], [], []]]).encode(),
+        json.dumps([VERSION, 'a', 1, '', 'Samples', ['c', 1, 1, [2, 2], [], []]]).encode(),
         'do not increase',
     ),
     'a long reason': (
         json.dumps(
-            [VERSION, 'a', 1, '', 'ViolationNotice', ['c', 0, 1, 1, [5, 'lost', 'x' * 1001]]]
+            [VERSION, 'a', 1, '', 'ViolationNotice', ['c', 1, 1, [5, 'lost', 'x' * 1001]]]
         ).encode(),
         'cut it',
     ),
     'a long constraint': (
         json.dumps(
-            [VERSION, 'a', 1, '', 'ViolationNotice', ['c', 0, 1, 1, [5, 'x' * 1001, '']]]
+            [VERSION, 'a', 1, '', 'ViolationNotice', ['c', 1, 1, [5, 'x' * 1001, '']]]
         ).encode(),
         'shorten it',
     ),

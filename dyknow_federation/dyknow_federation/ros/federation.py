@@ -165,21 +165,21 @@ class Federation(DyKnowNode):
     def _handle(self, event: Event) -> None:
         """Act on an event of a stream, or of a peer."""
         match event:
-            case SamplesArrived(peer, stream, _, samples):
+            case SamplesArrived(peer, stream, samples):
                 self._check_times(peer, stream, samples)
                 reason = self._peer.difference(peer)
                 self._remote.publish(StreamName(peer, stream), samples, reason)
-            case WatermarkArrived(peer, stream, _, time):
+            case WatermarkArrived(peer, stream, time):
                 reason = self._peer.difference(peer)
                 self._remote.pass_watermark(StreamName(peer, stream), time, reason)
-            case SamplesLost(peer, stream, _, count, reason):
+            case SamplesLost(peer, stream, count, reason):
                 self._lost[peer] += count
                 text = f"samples of peer '{peer}' are lost: {reason}"
                 self._remote.lose(StreamName(peer, stream), text)
-            case StreamViolated(peer, stream, _, fault):
+            case StreamViolated(peer, stream, fault):
                 text = f"peer '{peer}' reports: {fault.reason}"
                 self._remote.violate(peer, fault.constraint, text, stream, fault.valid_time)
-            case StreamRefused(peer, stream, _, reason):
+            case StreamRefused(peer, stream, reason):
                 text = f"peer '{peer}' refuses it: {reason}"
                 self._remote.violate(peer, ViolationKind.MESSAGE, text, stream)
             case StreamWanted(stream):
@@ -224,9 +224,9 @@ class Federation(DyKnowNode):
         now = self.now()
         begun, ended = self._remote.demand()
         for peer, stream in begun:
-            self._peer.request(peer, stream, 0, now)
+            self._peer.request(peer, stream, now)
         for peer, stream in ended:
-            self._peer.release(peer, stream, 0)
+            self._peer.release(peer, stream)
         self._own.reconcile()
         self._withdraw()
         version = self._vocabulary.version
@@ -311,14 +311,8 @@ class Federation(DyKnowNode):
             self._transport.received[name],
             self._lost[name],
             tuple(each.stream for each in remote.shares.features) if remote.shares else (),
-            tuple(sorted(each.stream for each in remote.requested)),
-            tuple(
-                sorted(
-                    key.stream
-                    for key, each in self._peer.renditions.items()
-                    if name in each.subscribers
-                )
-            ),
+            tuple(sorted(remote.requested)),
+            tuple(sorted(key for key, each in self._peer.sent.items() if name in each.subscribers)),
             self._faults.get(name, ''),
         )
 
