@@ -31,7 +31,7 @@ from sensor_msgs.msg import BatteryState
 
 from dyknow_common import SECOND_NS, parse_duration
 from dyknow_configuration import RequestedFederation
-from dyknow_federation import Peer, PeerSettings, SamplesArrived, SharedFeature, encode
+from dyknow_federation import Peer, PeerSettings, SampleArrived, SharedFeature, encode
 from dyknow_federation.ros.transport import ZenohTransport
 
 PERIOD_NS = SECOND_NS // 20
@@ -41,9 +41,7 @@ FEATURES = ('X', 'Y', 'Charge')
 
 def feature(robot: str, name: str) -> SharedFeature:
     """Return a shared feature of a robot."""
-    stream = f'{name}_{robot}'
-    annotation = f'stream {stream} contains {name}[{robot}] = value'
-    return SharedFeature(name, stream, annotation, (('value', 'float'),))
+    return SharedFeature(name, (robot,), f'{name}_{robot}', 'float')
 
 
 class Host:
@@ -89,8 +87,8 @@ class Host:
         for packet in effects.packets:
             self.transport.send(packet.receiver, encode(packet), is_urgent=False)
         for event in effects.events:
-            if isinstance(event, SamplesArrived):
-                self.latencies += [now - each.valid_time for each in event.samples]
+            if isinstance(event, SampleArrived):
+                self.latencies.append(now - event.sample.valid_time)
 
 
 def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:
@@ -170,7 +168,7 @@ def drive(base: Host, hosts: dict[str, Host], seconds: float, every: int) -> int
                     if step % max(rate // PERIOD_NS, 1):
                         host.peer.promise(f'{each}_{name}', now, now)
                     else:
-                        host.peer.publish(f'{each}_{name}', now, {'value': value}, now)
+                        host.peer.publish(f'{each}_{name}', now, value, now)
             host.wake()
     for host in (base, *hosts.values()):
         host.transport.sent[''] -= before if host is base else 0

@@ -1,17 +1,15 @@
 """Several hosts: their clocks, links, and what they share."""
 
 from dyknow_federation.clocks import Offset, OwnTime, PairClock
-from dyknow_federation.errors import FederationError, VersionError
+from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     ClockJumped,
     Event,
-    LinkRestored,
-    LinkStale,
     PeerFault,
     PeerJoined,
     PeerLeft,
     RemoteSample,
-    SamplesArrived,
+    SampleArrived,
     SamplesLost,
     SharesChanged,
     StreamRefused,
@@ -39,8 +37,6 @@ __all__ = [
     'Effects',
     'Event',
     'FederationError',
-    'LinkRestored',
-    'LinkStale',
     'Offset',
     'OwnTime',
     'Packet',
@@ -53,7 +49,7 @@ __all__ = [
     'PossibleValues',
     'RemotePeer',
     'RemoteSample',
-    'SamplesArrived',
+    'SampleArrived',
     'SamplesLost',
     'SharedFeature',
     'SharedObject',
@@ -64,7 +60,6 @@ __all__ = [
     'StreamUnwanted',
     'StreamViolated',
     'StreamWanted',
-    'VersionError',
     'WatermarkArrived',
     'decode',
     'encode',

@@ -131,17 +131,14 @@ class PairClock:
         self._measures.clear()
         self.since = at
 
-    def exceeds(self, stamp: int, at: int) -> int | None:
-        """Return by how much a stamp of a message is later than it can be; None if it is not.
+    def exceeds(self, stamp: int, at: int) -> bool:
+        """Return True if a stamp of a message is later than it can be.
 
         Args:
             stamp: a past time of the other clock.
             at: the own time of the receipt.
         """
-        if not self._measures:
-            return None
-        excess = stamp - at - self._at(at).most
-        return excess if excess > 0 else None
+        return bool(self._measures) and stamp - at > self._at(at).most
 
     def offset(self, at: int) -> Offset | None:
         """Return the offset at an own time, in nanoseconds; None if it is not known."""

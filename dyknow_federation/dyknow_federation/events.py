@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dyknow_common import Value
@@ -14,7 +13,6 @@ class PeerJoined:
     """A peer is heard for the first time, again after it had left, or in a new run."""
 
     peer: str
-    incarnation: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,21 +29,6 @@ class PeerFault:
 
     peer: str
     message: str
-
-
-@dataclass(frozen=True, slots=True)
-class LinkStale:
-    """A peer has not been heard for `stale_after`; `LinkRestored` or `PeerLeft` follows."""
-
-    peer: str
-    since: int
-
-
-@dataclass(frozen=True, slots=True)
-class LinkRestored:
-    """A peer is heard again."""
-
-    peer: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,12 +69,12 @@ class RemoteSample:
     Args:
         valid_time: the middle of what is possible.
         uncertainty: the valid time is at most this far from the middle.
-        fields: a value for each field name.
+        value: the value of the feature.
     """
 
     valid_time: int
     uncertainty: int
-    fields: Mapping[str, Value]
+    value: Value
 
     @property
     def earliest(self) -> int:
@@ -105,12 +88,12 @@ class RemoteSample:
 
 
 @dataclass(frozen=True, slots=True)
-class SamplesArrived:
-    """The next samples of a stream; their order is that of their true valid times."""
+class SampleArrived:
+    """The next sample of a stream; their order is that of their true valid times."""
 
     peer: str
     stream: str
-    samples: tuple[RemoteSample, ...]
+    sample: RemoteSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,12 +133,10 @@ class ClockJumped:
 
     Args:
         peer: whose samples may have wrong times.
-        difference: by how much, about.
         since: the last time at which the clocks agreed with what was known; None without one.
     """
 
     peer: str
-    difference: int
     since: int | None
 
 
@@ -163,13 +144,11 @@ Event = (
     PeerJoined
     | PeerLeft
     | PeerFault
-    | LinkStale
-    | LinkRestored
     | SharesChanged
     | StreamWanted
     | StreamUnwanted
     | StreamRefused
-    | SamplesArrived
+    | SampleArrived
     | SamplesLost
     | StreamViolated
     | WatermarkArrived

@@ -21,7 +21,7 @@ from itertools import pairwise
 from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 from dyknow_common import Value, check_name, shortened
-from dyknow_federation.errors import FederationError, VersionError
+from dyknow_federation.errors import FederationError
 
 VERSION: Final = 1
 """The version of the protocol; peers of different versions refuse each other, and say so."""
@@ -30,16 +30,13 @@ MAX_PACKET: Final = 1024 * 1024
 """The number of bytes of a packet, before and after compression."""
 
 MAX_TEXT: Final = 10_000
-"""The length of a text in a message, as of an annotation."""
+"""The length of a text in a message, as of a value."""
 
 MAX_ITEMS: Final = 10_000
 """The number of items of a list in a message."""
 
 MAX_BATCH: Final = 500
 """The number of samples of a batch."""
-
-MAX_COLUMNS: Final = 100
-"""The number of fields of a sample."""
 
 MAX_REASON: Final = 1_000
 """The length of the description of a violation; longer ones are cut."""
@@ -54,7 +51,7 @@ _COMPRESSES: Final = 64
 
 COMMON: Final = (
     b'"SharesRequest",["Shares",["RequestRefusal",["Request",["Release",["ProbeReply",["Probe",['
-    b'"Hello",[false,true],"Watermark",["Samples",[],["value"],[[0.'
+    b'"Hello",[false,true],"Watermark",["Samples",[],[[0.'
 )
 """What packets have in common: with it, one of a sample has three quarters of its length."""
 
@@ -94,15 +91,17 @@ class SharedFeature:
 
     Args:
         name: the feature in the ontology.
+        objects: that it is about.
         stream: the stream that carries it; requests name it.
-        annotation: what the stream contains, a statement in SSL.
-        columns: the names of the fields of its samples, and their types in the stream language.
+        value_type: of its values, in the stream language.
+        unit: of its values; empty for none.
     """
 
     name: str
+    objects: tuple[str, ...]
     stream: str
-    annotation: str
-    columns: tuple[tuple[str, str], ...]
+    value_type: str
+    unit: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,25 +171,21 @@ class Samples:
         epoch: numbers of different epochs have nothing to do with each other.
         first: the number of the first sample.
         valid_times: of each sample, strictly increasing, in the clock of the sender.
-        names: the names of the fields.
-        columns: for each field, the values of all samples.
+        values: of each sample.
     """
 
     stream: str
     epoch: int
     first: int
     valid_times: tuple[int, ...]
-    names: tuple[str, ...]
-    columns: tuple[tuple[Value, ...], ...]
+    values: tuple[Value, ...]
 
     def __post_init__(self) -> None:
         count = len(self.valid_times)
         if not 0 < count <= MAX_BATCH:
             raise FederationError(f'a batch has {count} samples; send 1 to {MAX_BATCH}')
-        if len(self.names) != len(self.columns) or len(self.names) > MAX_COLUMNS:
-            raise FederationError(f'{len(self.names)} names for {len(self.columns)} columns')
-        if any(len(each) != count for each in self.columns):
-            raise FederationError(f'a column has not {count} values, as there are samples')
+        if len(self.values) != count:
+            raise FederationError(f'a batch has {count} samples, but {len(self.values)} values')
         if any(later <= former for former, later in pairwise(self.valid_times)):
             raise FederationError('the valid times of a batch do not increase')
         _check_numbers(self.epoch, self.first)
@@ -349,8 +344,7 @@ def decode(data: bytes) -> Packet:
     """Return the packet that another peer has encoded.
 
     Raises:
-        VersionError: for another version of the protocol.
-        FederationError: for anything else that is not as it must be.
+        FederationError: for another version of the protocol, or what is not as it must be.
     """
     try:
         content = json.loads(_plain(data))
@@ -360,9 +354,7 @@ def decode(data: bytes) -> Packet:
         raise FederationError('it is no packet')
     version, sender = _checked(int, content[0]), _checked(str, content[1])
     if version != VERSION:
-        raise VersionError(
-            sender,
-            version,
+        raise FederationError(
             f"peer '{sender}' speaks version {version} of the protocol, this one {VERSION}; "
             'install the same version of DyKnow on both',
         )

@@ -20,7 +20,7 @@ from itertools import count
 from typing import Final, NamedTuple
 
 from dyknow_common import Value, check_name
-from dyknow_federation.errors import FederationError, VersionError
+from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     Event,
     PeerFault,
@@ -132,14 +132,14 @@ class Peer:
             self._remove(name)
         self._hello_at = at
 
-    def publish(self, stream: str, valid_time: int, fields: Mapping[str, Value], at: int) -> None:
+    def publish(self, stream: str, valid_time: int, value: Value, at: int) -> None:
         """Send a sample of an own stream to all that have asked for it.
 
         Raises:
             FederationError: if its valid time does not increase, or was excluded by `promise`.
         """
         if stream in self._sent:
-            self._sent[stream].publish(valid_time, fields)
+            self._sent[stream].publish(valid_time, value)
             self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
 
     def violate(self, stream: str, fault: StreamFault, at: int) -> None:
@@ -183,8 +183,6 @@ class Peer:
                 self._check_own(packet)
             elif packet.receiver in {'', self._settings.name}:
                 self._take(packet, at)
-        except VersionError as error:
-            self._report(error.sender, error.message, at)
         except FederationError as error:
             self._report(sender, f'a message is refused: {error}', at)
         return self._effects()

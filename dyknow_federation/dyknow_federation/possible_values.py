@@ -16,14 +16,12 @@ The value at a time is known once no later sample can be valid until then.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
 from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.events import RemoteSample
-
-Fields = Mapping[str, Value]
 
 TOO_CLOSE: Final = (
     f'more than {MAX_ALTERNATIVES} samples may be valid at one time, as {{}}; share it at most '
@@ -37,7 +35,7 @@ class _Dated(NamedTuple):
 
     earliest: int
     latest: int
-    fields: Fields
+    value: Value
 
 
 class PossibleValues:
@@ -47,7 +45,7 @@ class PossibleValues:
         self.settled = BEGINNING
         """No later sample is valid until this time."""
         self._told = BEGINNING
-        self._values: Fields | None = None
+        self._value: Value | None = None
         # The one that is valid for certain, if any is, and those that may be.
         self._samples: deque[_Dated] = deque()
 
@@ -63,11 +61,11 @@ class PossibleValues:
         one is certain.
         """
         earliest = max(sample.earliest, self.settled + 1)
-        self._samples.append(_Dated(earliest, max(earliest, sample.latest), sample.fields))
+        self._samples.append(_Dated(earliest, max(earliest, sample.latest), sample.value))
         self.settled = earliest
         is_known = len(self._samples) <= MAX_ALTERNATIVES
         if not is_known:
-            self._samples, self._values = deque([self._samples[-1]]), None
+            self._samples, self._value = deque([self._samples[-1]]), None
         return is_known
 
     def promise(self, time: int) -> None:
@@ -77,9 +75,9 @@ class PossibleValues:
     def lose(self) -> None:
         """Note that samples are lost between the last one and the next one."""
         self._samples.clear()
-        self._values = None
+        self._value = None
 
-    def take(self, reason: str) -> Iterator[tuple[int, Fields]]:
+    def take(self, reason: str) -> Iterator[tuple[int, Value]]:
         """Yield the values that have become known, each with the own time since which it holds.
 
         Args:
@@ -95,11 +93,7 @@ class PossibleValues:
                 continue
             for _ in range(certain[-1]):
                 self._samples.popleft()
-            possible = [each.fields for each in begun[certain[-1] :]]
-            values = {
-                name: Alternatives.of((each[name] for each in possible), reason)
-                for name in possible[0]
-            }
-            if values != self._values or begun[-1].earliest == time:
-                yield time, values
-            self._values = values
+            value = Alternatives.of((each.value for each in begun[certain[-1] :]), reason)
+            if value != self._value or begun[-1].earliest == time:
+                yield time, value
+            self._value = value

@@ -14,7 +14,7 @@ Samples have numbers, so what is lost, late or doubled shows:
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from dyknow_common import Value
@@ -37,7 +37,7 @@ class Received(NamedTuple):
     """A sample in the clock of its sender."""
 
     valid_time: int
-    fields: Mapping[str, Value]
+    value: Value
 
 
 class Lost(NamedTuple):
@@ -117,9 +117,9 @@ class ReceivedStream:
         if not self._is_current(batch.epoch, batch.first):
             return
         self._end = max(self._end, batch.first + len(batch.valid_times))
-        rows = zip(batch.valid_times, *batch.columns, strict=True)
-        for number, (valid_time, *values) in enumerate(rows, batch.first):
-            self._hold(number, Received(valid_time, dict(zip(batch.names, values, strict=True))))
+        rows = zip(batch.valid_times, batch.values, strict=True)
+        for number, row in enumerate(rows, batch.first):
+            self._hold(number, Received(*row))
 
     def _hold(self, number: int, content: Received | StreamFault) -> None:
         """Keep what a number stands for until it is delivered."""

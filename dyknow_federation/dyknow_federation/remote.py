@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -12,12 +12,10 @@ from dyknow_federation.clocks import OwnTime, PairClock
 from dyknow_federation.events import (
     ClockJumped,
     Event,
-    LinkRestored,
-    LinkStale,
     PeerJoined,
     PeerLeft,
     RemoteSample,
-    SamplesArrived,
+    SampleArrived,
     SamplesLost,
     SharesChanged,
     StreamRefused,
@@ -110,10 +108,8 @@ class RemotePeer:
         is_new = incarnation != self._incarnation
         if is_new:
             events += self._restart(incarnation)
-        elif self.is_stale:
-            events.append(LinkRestored(self.name))
         if is_new or not self.is_present:
-            events.append(PeerJoined(self.name, incarnation))
+            events.append(PeerJoined(self.name))
         if is_new or not self.is_present or self.is_stale:
             self._begin(at)
         self.is_present, self.is_stale, self.heard_at = True, False, at
@@ -147,7 +143,7 @@ class RemotePeer:
         self.heard_at = at
         self._probes.clear()
         self._begin(at)
-        return [ClockJumped(self.name, 0, since)]
+        return [ClockJumped(self.name, since)]
 
     def advance(self, at: int) -> list[Event]:
         """Do what is due: requests, probes, and the end of a link."""
@@ -156,16 +152,13 @@ class RemotePeer:
         silence = at - self.heard_at
         if silence >= self._settings.peer_timeout:
             return self._leave(silence)
-        events: list[Event] = []
-        if silence >= self._settings.stale_after and not self.is_stale:
-            self.is_stale = True
-            events.append(LinkStale(self.name, self.heard_at))
+        self.is_stale = silence >= self._settings.stale_after
         if at >= self._probe_at:
             self._send_probe(at)
         for name, due in self._request_at.items():
             if at >= due:
                 self._send_request(name, at)
-        return events
+        return []
 
     def _leave(self, silence: int) -> list[Event]:
         self.is_present = self.is_stale = False
@@ -206,13 +199,12 @@ class RemotePeer:
 
     def check_stamp(self, stamp: int, at: int) -> list[Event]:
         """Notice a clock that has jumped ahead, by a stamp that is later than it can be."""
-        excess = self.clock.exceeds(stamp, at)
-        if excess is None:
+        if not self.clock.exceeds(stamp, at):
             return []
         since = self.clock.latest
         self.clock.begin_anew(at)
         self._probe_at = at
-        return [ClockJumped(self.name, excess, since)]
+        return [ClockJumped(self.name, since)]
 
     def _take_samples(self, message: StreamMessage, at: int) -> list[Event]:
         name = message.stream
@@ -240,7 +232,7 @@ class RemotePeer:
         jump = self.clock.measure(sent, reply.received_at, reply.sent_at, at)
         events: list[Event] = []
         if jump is not None:
-            events.append(ClockJumped(self.name, jump, since))
+            events.append(ClockJumped(self.name, since))
         period = self._settings.probe_period
         self._probe_at = at + (period if self._streams else UNUSED * period)
         if not was_known or jump is not None:
@@ -252,46 +244,31 @@ class RemotePeer:
         """Return what is due of a stream; nothing while its times cannot be translated."""
         if not self.clock.is_known:
             return []
-        events: list[Event] = []
-        samples: list[RemoteSample] = []
-        for found in self._translated(self._streams[name].deliveries(), at):
-            if isinstance(found, RemoteSample):
-                samples.append(found)
-                continue
-            if samples:
-                events.append(SamplesArrived(self.name, name, tuple(samples)))
-                samples = []
-            match found:
-                case Lost():
-                    events.append(SamplesLost(self.name, name, *found))
-                case StreamFault():
-                    events.append(StreamViolated(self.name, name, found))
-                case Promise(time):
-                    events.append(WatermarkArrived(self.name, name, time))
-        if samples:
-            events.append(SamplesArrived(self.name, name, tuple(samples)))
-        return events
+        return [*self._events(name, self._streams[name].deliveries(), at)]
 
-    def _translated(
-        self, deliveries: Iterator[Delivery], at: int
-    ) -> Iterator[RemoteSample | StreamFault | Lost | Promise]:
+    def _events(self, stream: str, deliveries: Iterable[Delivery], at: int) -> Iterator[Event]:
+        """Yield what is told of a stream, in times of the own clock."""
         for each in deliveries:
             if isinstance(each, Lost):
-                yield each
+                yield SamplesLost(self.name, stream, *each)
                 continue
             own = self._own_time(each.time if isinstance(each, Promise) else each.valid_time)
             earliest = own.time - own.uncertainty
             if isinstance(each, StreamFault):
-                yield replace(each, valid_time=min(earliest, at))
+                fault = replace(each, valid_time=min(earliest, at))
+                yield StreamViolated(self.name, stream, fault)
             elif isinstance(each, Promise):
                 if earliest > self.clock.since:
-                    yield Promise(earliest)
+                    yield WatermarkArrived(self.name, stream, earliest)
             elif earliest < self.clock.since:
-                yield Lost(1, f"the clock of peer '{self.name}' jumped after it")
+                reason = f"the clock of peer '{self.name}' jumped after it"
+                yield SamplesLost(self.name, stream, 1, reason)
             elif earliest > at:
-                yield Lost(1, f'it is valid at {round_time(own.time)}, which is still to come')
+                reason = f'it is valid at {round_time(own.time)}, which is still to come'
+                yield SamplesLost(self.name, stream, 1, reason)
             else:
-                yield RemoteSample(own.time, own.uncertainty, each.fields)
+                sample = RemoteSample(own.time, own.uncertainty, each.value)
+                yield SampleArrived(self.name, stream, sample)
 
     def _own_time(self, time: int) -> OwnTime:
         found = self.clock.own_time(time)

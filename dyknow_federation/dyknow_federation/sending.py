@@ -8,7 +8,7 @@ what it missed.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import groupby, islice
 from typing import Final, NamedTuple
 
@@ -34,9 +34,7 @@ MAX_RESENT: Final = 2_000
 
 class _Kept(NamedTuple):
     valid_time: int
-    fields: Mapping[str, Value]
-    fault: StreamFault | None = None
-    """A violation, in the place of a sample."""
+    content: Value | StreamFault
 
 
 class _Subscription:
@@ -77,7 +75,7 @@ class SentStream:
         """The names of the peers that receive it."""
         return list(self._subscriptions)
 
-    def publish(self, valid_time: int, fields: Mapping[str, Value]) -> None:
+    def publish(self, valid_time: int, value: Value) -> None:
         """Number and keep a sample.
 
         Raises:
@@ -89,12 +87,12 @@ class SentStream:
                 f'after {format_time(self._promised)}, as was promised'
             )
         self._promised = self._latest = valid_time
-        self._keep(_Kept(valid_time, fields))
+        self._keep(_Kept(valid_time, value))
 
     def violate(self, fault: StreamFault) -> None:
         """Number and keep a violation."""
         time = fault.valid_time if self._latest == BEGINNING else self._latest
-        self._keep(_Kept(time, {}, fault))
+        self._keep(_Kept(time, fault))
 
     def _keep(self, kept: _Kept) -> None:
         self._kept.append(kept)
@@ -168,16 +166,14 @@ class SentStream:
         return self._number - len(self._kept)
 
     def _batches(self, first: int, last: int) -> Iterator[Samples | ViolationNotice]:
-        """Yield what a range of numbers stands for, samples with the same fields in batches."""
+        """Yield what a range of numbers stands for, samples in batches."""
         start, number = first - self._oldest, first
         rows = islice(self._kept, start, max(start, last + 1 - self._oldest))
-        for (fault, names), group in groupby(rows, lambda each: (each.fault, tuple(each.fields))):
-            while found := list(islice(group, 1 if fault else MAX_BATCH)):
-                if fault:
-                    yield ViolationNotice(self._name, self._epoch, number, fault)
-                    number += 1
-                    continue
-                times = tuple(each.valid_time for each in found)
-                columns = tuple(tuple(each.fields[name] for each in found) for name in names)
-                yield Samples(self._name, self._epoch, number, times, names, columns)
+        for is_fault, group in groupby(rows, lambda each: isinstance(each.content, StreamFault)):
+            while found := list(islice(group, 1 if is_fault else MAX_BATCH)):
+                times, contents = zip(*found, strict=True)
+                if is_fault:
+                    yield ViolationNotice(self._name, self._epoch, number, *contents)
+                else:
+                    yield Samples(self._name, self._epoch, number, times, contents)
                 number += len(found)

@@ -21,7 +21,7 @@ from dyknow_federation import (
     Peer,
     PeerSettings,
     PossibleValues,
-    SamplesArrived,
+    SampleArrived,
     SamplesLost,
     SharedFeature,
     StreamFault,
@@ -218,8 +218,7 @@ class Simulation:
                 own.peer.request(each.name, STREAM, own.clock.read(0))
 
     def _share(self, host: Host) -> None:
-        ssl = f'stream {STREAM} contains Level[{host.name}] = level'
-        feature = SharedFeature('Level', STREAM, ssl, (('level', 'float'),))
+        feature = SharedFeature('Level', (host.name,), STREAM, 'float')
         host.peer.share([], [feature], host.clock.read(self._now))
 
     def _at(self, time: int, action: Callable[[], None]) -> None:
@@ -245,9 +244,9 @@ class Simulation:
         self._at(self._now + host.period + random.randint(0, 20 * MS), lambda: self._publish(host))
 
     def _take_sample(self, host: Host, reading: int, level: float) -> None:
-        host.peer.publish(STREAM, reading, {'level': level}, reading)
+        host.peer.publish(STREAM, reading, level, reading)
         if host is self.hosts[0]:
-            self._push(host.name, reading, {'level': level})
+            self._push(host.name, reading, level)
 
     def _own_promise(self, host: Host) -> None:
         if host is self.hosts[0]:
@@ -329,12 +328,11 @@ class Simulation:
     def _take(self, events: Iterable[Event]) -> None:
         for event in events:
             match event:
-                case SamplesArrived(peer, _, samples):
-                    for sample in samples:
-                        self.uncertainty = max(self.uncertainty, sample.uncertainty)
-                        self.values[peer].put(sample)
-                        self.most_held = max(self.most_held, self.values[peer].held)
-                        self._pass_on(peer)
+                case SampleArrived(peer, _, sample):
+                    self.uncertainty = max(self.uncertainty, sample.uncertainty)
+                    self.values[peer].put(sample)
+                    self.most_held = max(self.most_held, self.values[peer].held)
+                    self._pass_on(peer)
                 case SamplesLost(peer, _, _, reason):
                     if self.values[peer].held:
                         self.error = f'samples of {peer} are lost: {reason}'
@@ -347,13 +345,13 @@ class Simulation:
 
     def _pass_on(self, peer: str) -> None:
         own, values = self.hosts[0], self.values[peer]
-        for time, fields in values.take(own.peer.difference(peer)):
-            self._push(peer, time, fields)
+        for time, level in values.take(own.peer.difference(peer)):
+            self._push(peer, time, level)
         self._dataflow.vouch(f'/{peer}', values.settled, own.clock.read(self._now))
 
-    def _push(self, host: str, time: int, fields: Mapping[str, Value]) -> None:
+    def _push(self, host: str, time: int, level: Value) -> None:
         now = self.hosts[0].clock.read(self._now)
-        self._dataflow.push(f'/{host}', Sample(time, now, fields, time))
+        self._dataflow.push(f'/{host}', Sample(time, now, {'level': level}, time))
 
     def _fail(self, violation: Violation) -> None:
         self.error = self.error or violation.message

@@ -14,7 +14,7 @@ REASON = 'the clocks of me and b differ'
 
 
 def sample(time: int, uncertainty: int, value: int) -> RemoteSample:
-    return RemoteSample(time, uncertainty, {'x': value})
+    return RemoteSample(time, uncertainty, value)
 
 
 def either(*values: int) -> Value:
@@ -22,7 +22,7 @@ def either(*values: int) -> Value:
 
 
 def told(stream: PossibleValues) -> list[tuple[int, Value]]:
-    return [(time, fields['x']) for time, fields in stream.take(REASON)]
+    return list(stream.take(REASON))
 
 
 @st.composite
@@ -53,11 +53,11 @@ def test_the_true_value_is_among_those_that_are_told(
     times = [time for time, _ in found]
     assert times == sorted(set(times))
     for now in range(times[0], 201):
-        true = [each.fields['x'] for time, each in known if time <= now][-1]
+        true = [each.value for time, each in known if time <= now][-1]
         value = [value for time, value in found if time <= now][-1]
         assert true in (value.values if isinstance(value, Alternatives) else (value,)), now
     if not any(each.uncertainty for _, each in known):
-        assert found == [(each.valid_time, each.fields['x']) for _, each in known]
+        assert found == [(each.valid_time, each.value) for _, each in known]
 
 
 def test_times_are_told_once_no_later_sample_can_be_valid_before() -> None:

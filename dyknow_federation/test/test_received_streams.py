@@ -42,7 +42,7 @@ def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), max_size=60)):
         if action == 'p':
             published += 1
-            pair.sent.publish(published, {'x': published})
+            pair.sent.publish(published, published)
         elif action == 's':
             on_the_way += [message for _, message in pair.sent.unsent()]
         elif action == 'r':
@@ -67,7 +67,7 @@ def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
 def test_what_the_history_has_no_more_is_lost() -> None:
     pair = Pair(history=10)
     for time in range(1, 31):
-        pair.sent.publish(time, {'x': 0})
+        pair.sent.publish(time, 0)
         list(pair.sent.unsent())
     pair.renew()
     pair.renew()
@@ -77,9 +77,9 @@ def test_what_the_history_has_no_more_is_lost() -> None:
 
 def test_a_new_epoch_ends_the_former_one() -> None:
     pair = Pair()
-    pair.take(Samples('level', 1, 1, (5,), ('x',), ((1,),)))
-    pair.take(Samples('level', 3, 1, (4,), ('x',), ((2,),)))
-    pair.take(Samples('level', 1, 2, (6,), ('x',), ((3,),)))
+    pair.take(Samples('level', 1, 1, (5,), (1,)))
+    pair.take(Samples('level', 3, 1, (4,), (2,)))
+    pair.take(Samples('level', 1, 2, (6,), (3,)))
     reasons = [each.reason for each in pair.told if isinstance(each, Lost)]
     assert reasons == ['the peer has begun to number its samples anew']
     assert pair.times == [5, 4]
@@ -94,7 +94,7 @@ def test_violations_arrive_in_order_and_once(data: st.DataObject) -> None:
     for number, action in enumerate(data.draw(st.text('svfr', max_size=40)), 1):
         messages: list[StreamMessage] = []
         if action == 's':
-            sent.publish(number, {})
+            sent.publish(number, 0)
         elif action == 'v':
             sent.violate(StreamFault(number, 'max_gap', 'none came'))
         elif action == 'r':
@@ -124,9 +124,9 @@ def assert_told(told: list[object], published: list[int]) -> list[int]:
 
 def test_a_peer_that_lies_about_times_is_not_believed() -> None:
     pair = Pair()
-    pair.take(Samples('level', 1, 1, (5,), ('x',), ((1,),)))
+    pair.take(Samples('level', 1, 1, (5,), (1,)))
     pair.take(Watermark('level', 1, 2, 1, 20))
-    pair.take(Samples('level', 1, 2, (10,), ('x',), ((1,),)))
+    pair.take(Samples('level', 1, 2, (10,), (1,)))
     assert pair.told[-1] == Lost(1, 'it is valid at 10 ns, which is too early')
 
 
@@ -134,28 +134,17 @@ def test_memory_is_bounded() -> None:
     pair = Pair()
     for first in range(2, 3 * MAX_HELD, 100):
         times = tuple(range(first, first + 100))
-        pair.take(Samples('level', 1, first, times, ('x',), (times,)))
+        pair.take(Samples('level', 1, first, times, times))
     assert len(pair.stream._held) == MAX_HELD
     assert len(pair.stream.request().missing) == 2
     for time in range(2 * MAX_HISTORY):
-        pair.sent.publish(time, {})
+        pair.sent.publish(time, 0)
     assert len(pair.sent._kept) == MAX_HISTORY
 
 
 def test_a_request_for_what_never_was_is_harmless() -> None:
     pair = Pair()
-    pair.sent.publish(1, {'x': 1})
+    pair.sent.publish(1, 1)
     strange = Request('level', 1, 10**15, ((-(2**62), -5), (3, 2**62)))
     assert [type(each) for each in pair.sent.renew('me', strange, 1)] == [Watermark]
     assert [type(each) for each in pair.sent.renew('other', strange, 1)] == [Watermark]
-
-
-def test_samples_with_other_fields_are_other_batches() -> None:
-    pair = Pair()
-    for time, names in enumerate(['x', 'x', 'xy', 'x'], 1):
-        pair.sent.publish(time, dict.fromkeys(names, 1))
-    for _, message in pair.sent.unsent():
-        pair.take(message)
-    assert pair.times == [1, 2, 3, 4]
-    fields = [dict(each.fields) for each in pair.told if isinstance(each, Received)]
-    assert fields[2] == {'x': 1, 'y': 1}

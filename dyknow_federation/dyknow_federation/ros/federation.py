@@ -16,7 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from std_msgs.msg import String
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_duration
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_duration, format_time
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
 from dyknow_configuration import RequestedFederation, read_robot
 from dyknow_federation.errors import FederationError
@@ -27,7 +27,7 @@ from dyknow_federation.events import (
     PeerJoined,
     PeerLeft,
     RemoteSample,
-    SamplesArrived,
+    SampleArrived,
     SamplesLost,
     SharesChanged,
     StreamRefused,
@@ -165,10 +165,10 @@ class Federation(DyKnowNode):
     def _handle(self, event: Event) -> None:
         """Act on an event of a stream, or of a peer."""
         match event:
-            case SamplesArrived(peer, stream, samples):
-                self._check_times(peer, stream, samples)
+            case SampleArrived(peer, stream, sample):
+                self._check_time(peer, stream, sample)
                 reason = self._peer.difference(peer)
-                self._remote.publish(StreamName(peer, stream), samples, reason)
+                self._remote.publish(StreamName(peer, stream), sample, reason)
             case WatermarkArrived(peer, stream, time):
                 reason = self._peer.difference(peer)
                 self._remote.pass_watermark(StreamName(peer, stream), time, reason)
@@ -201,18 +201,20 @@ class Federation(DyKnowNode):
                 self._left[peer] = _Departure(reason, self.now())
                 self._transport.forget(peer)
                 self._warn([reason])
-            case ClockJumped(peer):
+            case ClockJumped(peer, since):
                 text = f"the clock of peer '{peer}' has jumped, or that of this host"
+                if since is not None:
+                    text += f'; samples may have wrong times since {format_time(since)}'
                 self._remote.begin_anew(peer, text)
             case PeerFault(peer, message):
                 self._faults[peer] = message
                 self._warn([message])
 
-    def _check_times(self, peer: str, stream: str, samples: Iterable[RemoteSample]) -> None:
-        """Report samples whose valid times are less certain than formulas may assume."""
-        limit, now = self._settings.max_uncertainty, self.now()
-        offset = self._peer.remotes[peer].clock.offset(now)
-        if any(each.uncertainty > limit for each in samples):
+    def _check_time(self, peer: str, stream: str, sample: RemoteSample) -> None:
+        """Report a sample whose valid time is less certain than formulas may assume."""
+        limit = self._settings.max_uncertainty
+        if sample.uncertainty > limit:
+            offset = self._peer.remotes[peer].clock.offset(self.now())
             text = (
                 f"the clocks of '{self._settings.name}' and '{peer}' differ by {offset}; more than "
                 f'a max_uncertainty of {format_duration(limit)}'

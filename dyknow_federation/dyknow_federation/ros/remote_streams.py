@@ -9,7 +9,7 @@ subscribes, the peer is not asked.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
 from dyknow_interfaces.msg import (
@@ -21,6 +21,7 @@ from dyknow_interfaces.msg import Sample as SampleMessage
 
 from dyknow_common.ros import STREAM, VIOLATIONS, DyKnowNode, nanoseconds_to_time
 from dyknow_federation.events import RemoteSample
+from dyknow_federation.offers import VALUE
 from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues
 from dyknow_stream_processing import Sample, ViolationKind
 from dyknow_stream_processing.ros import (
@@ -58,17 +59,16 @@ class RemoteStream:
         """True while somebody subscribes."""
         return bool(self._publisher.get_subscription_count())
 
-    def publish(self, samples: Sequence[RemoteSample], reason: str) -> None:
-        """Publish samples, in the order of their true times.
+    def publish(self, sample: RemoteSample, reason: str) -> None:
+        """Publish a sample, in the order of their true times.
 
         Args:
-            samples: the samples.
+            sample: the sample.
             reason: why values have alternatives: the difference of the clocks.
         """
-        for each in samples:
-            if not self._values.put(each):
-                self.violate(ViolationKind.CLOCK, TOO_CLOSE.format(reason))
-            self._publish_known(reason)
+        if not self._values.put(sample):
+            self.violate(ViolationKind.CLOCK, TOO_CLOSE.format(reason))
+        self._publish_known(reason)
 
     def watermark(self, time: int, reason: str) -> Any | None:
         """Publish what a promise makes known, that later samples are valid after a time.
@@ -97,9 +97,9 @@ class RemoteStream:
 
     def _publish_known(self, reason: str) -> None:
         now = self._node.now()
-        for time, fields in self._values.take(reason):
+        for time, value in self._values.take(reason):
             self._latest = time
-            self._publisher.publish(self._writer.write(Sample(time, now, fields, time)))
+            self._publisher.publish(self._writer.write(Sample(time, now, {VALUE: value}, time)))
 
     def violate(self, kind: str, reason: str, valid_time: int | None = None) -> None:
         """Report that samples are missing, or have wrong times.
@@ -180,10 +180,10 @@ class RemoteStreams:
         """The streams that are read."""
         return self._wanted
 
-    def publish(self, name: StreamName, samples: Sequence[RemoteSample], reason: str) -> None:
-        """Publish samples of a stream; values have alternatives for a reason."""
+    def publish(self, name: StreamName, sample: RemoteSample, reason: str) -> None:
+        """Publish a sample of a stream; values have alternatives for a reason."""
         if name in self._streams:
-            self._streams[name].publish(samples, reason)
+            self._streams[name].publish(sample, reason)
 
     def pass_watermark(self, name: StreamName, time: int, reason: str) -> None:
         """Publish that later samples of a stream are valid after a time."""
