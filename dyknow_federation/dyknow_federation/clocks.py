@@ -78,15 +78,11 @@ class PairClock:
         delay: the round trip of the last exchange, in nanoseconds; None before the first.
         since: the own time of the first exchange after the last jump: earlier times of the other
             clock cannot be translated.
-
-    Args:
-        max_drift_ppm: by how much the clocks drift apart, in millionths.
     """
 
-    def __init__(self, max_drift_ppm: int = MAX_DRIFT_PPM) -> None:
+    def __init__(self) -> None:
         self.delay: int | None = None
         self.since = BEGINNING
-        self._max_drift_ppm = max_drift_ppm
         self._measures: deque[_Bounds] = deque(maxlen=MAX_MEASURES)
 
     @property
@@ -165,8 +161,9 @@ class PairClock:
         half = -(-(last - first) // 2)
         return OwnTime(first + half, half)
 
-    def _drift(self, duration: int) -> int:
-        return abs(duration) * self._max_drift_ppm // _MILLION + 1
+    @staticmethod
+    def _drift(duration: int) -> int:
+        return abs(duration) * MAX_DRIFT_PPM // _MILLION + 1
 
     def _at(self, at: int) -> _Bounds:
         """Return the bounds of all exchanges at an own time."""

@@ -19,7 +19,7 @@ from functools import partial
 from itertools import count
 from typing import Final, NamedTuple
 
-from dyknow_common import Value, check_name
+from dyknow_common import NANOSECONDS, Value, check_name
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     Event,
@@ -49,6 +49,12 @@ from dyknow_federation.settings import PeerSettings
 
 MAX_PEERS: Final = 1000
 """The number of other peers."""
+
+BATCH_DELAY: Final = 2 * NANOSECONDS['ms']
+"""How long a sample waits for others to be sent with, in nanoseconds."""
+
+WATERMARK_DELAY: Final = 50 * NANOSECONDS['ms']
+"""How long a watermark without a sample waits, in nanoseconds."""
 
 _NEVER: Final = 2**63
 
@@ -140,19 +146,19 @@ class Peer:
         """
         if stream in self._sent:
             self._sent[stream].publish(valid_time, value)
-            self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
+            self._flush_at = min(self._flush_at, at + BATCH_DELAY)
 
     def violate(self, stream: str, fault: StreamFault, at: int) -> None:
         """Tell all that have asked for an own stream that it has a violation."""
         if stream in self._sent:
             self._sent[stream].violate(fault)
-            self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
+            self._flush_at = min(self._flush_at, at + BATCH_DELAY)
 
     def promise(self, stream: str, time: int, at: int) -> None:
         """Promise that all later samples of an own stream are valid after a time."""
         if stream in self._sent:
             self._sent[stream].promise(time)
-            self._flush_at = min(self._flush_at, at + self._settings.watermark_delay)
+            self._flush_at = min(self._flush_at, at + WATERMARK_DELAY)
 
     def request(self, peer: str, stream: str, at: int) -> None:
         """Ask a peer for a stream until it is released; the peer need not be there yet.

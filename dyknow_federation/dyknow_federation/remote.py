@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Final
 
-from dyknow_common import round_duration, round_time
+from dyknow_common import NANOSECONDS, SECOND_NS, round_duration, round_time
 from dyknow_federation.clocks import OwnTime, PairClock
 from dyknow_federation.events import (
     ClockJumped,
@@ -43,6 +43,12 @@ from dyknow_federation.settings import PeerSettings
 MAX_FORMER: Final = 16
 """The number of former runs of a peer whose late messages are known as such."""
 
+RETRY: Final = 100 * NANOSECONDS['ms']
+"""The least time until an unanswered request is repeated, in nanoseconds."""
+
+PROBE_PERIOD: Final = SECOND_NS
+"""The time between two measures of a clock, in nanoseconds."""
+
 UNUSED: Final = 10
 """The clock of a peer of which nothing is asked is measured this many times more rarely."""
 
@@ -74,7 +80,7 @@ class RemotePeer:
         self, name: str, settings: PeerSettings, send: Callable[[Message], None], at: int
     ) -> None:
         self.name = name
-        self.clock = PairClock(settings.max_drift_ppm)
+        self.clock = PairClock()
         self.shares: Shares | None = None
         self.is_present = self.is_stale = False
         self.heard_at = at
@@ -126,7 +132,7 @@ class RemotePeer:
                     events.append(SamplesLost(self.name, name, 0, reason))
                 self._streams[name] = ReceivedStream(name)
         self._incarnation, self.shares = incarnation, None
-        self.clock = PairClock(self._settings.max_drift_ppm)
+        self.clock = PairClock()
         self._probes.clear()
         self._refused.clear()
         return events
@@ -233,8 +239,7 @@ class RemotePeer:
         events: list[Event] = []
         if jump is not None:
             events.append(ClockJumped(self.name, since))
-        period = self._settings.probe_period
-        self._probe_at = at + (period if self._streams else UNUSED * period)
+        self._probe_at = at + PROBE_PERIOD * (1 if self._streams else UNUSED)
         if not was_known or jump is not None:
             for name in self._streams:
                 events += self._deliver(name, at)
@@ -278,14 +283,14 @@ class RemotePeer:
 
     @property
     def _retry(self) -> int:
-        return max(self._settings.retry, 2 * (self.clock.delay or 0))
+        return max(RETRY, 2 * (self.clock.delay or 0))
 
     def _send_probe(self, at: int) -> None:
         number = (self._settings.incarnation + at) % _NUMBERS
         while len(self._probes) >= MAX_PROBES:
             del self._probes[next(iter(self._probes))]
         self._probes[number] = at
-        self._probe_at = at + min(self._retry, self._settings.probe_period)
+        self._probe_at = at + min(self._retry, PROBE_PERIOD)
         self.send(Probe(number, at))
 
     def _send_request(self, name: str, at: int) -> None:

@@ -56,12 +56,6 @@ REPORT_PERIOD_S: Final = 1.0
 MIN_PERIOD_NS: Final = NANOSECONDS['ms']
 """The least time between two looks for what is due."""
 
-STALE_FRACTION: Final = 3
-"""A link is stale after this part of the time after which its peer has left."""
-
-HELLOS: Final = 10
-"""The number of signs of life in that time, of which some may be lost."""
-
 
 @dataclass(slots=True)
 class _Departure:
@@ -83,7 +77,8 @@ class Federation(DyKnowNode):
         super().__init__('federation')
         path = self.parameter('robot', '', 'robot.yaml with the key federation.')
         settings = self._settings = _federation(path)
-        self._peer = Peer(_peer_settings(settings, self.started_at))
+        name, timeout, history = settings.name, settings.peer_timeout, settings.history
+        self._peer = Peer(PeerSettings(name, self.started_at, timeout, history))
         self._latest = self.now()
         self._remote = RemoteStreams(self)
         rates = {each.name: each.every for each in settings.share}
@@ -327,18 +322,6 @@ def _federation(path: str) -> RequestedFederation:
     if found is None:
         raise FederationError(f"{path} has no key 'federation'; add it")
     return found
-
-
-def _peer_settings(settings: RequestedFederation, incarnation: int) -> PeerSettings:
-    limit = settings.peer_timeout
-    return PeerSettings(
-        settings.name,
-        incarnation,
-        peer_timeout=limit,
-        stale_after=limit // STALE_FRACTION,
-        history=settings.history,
-        hello_period=min(SECOND_NS, limit // HELLOS),
-    )
 
 
 def main() -> int:
