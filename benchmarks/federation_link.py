@@ -31,7 +31,7 @@ from sensor_msgs.msg import BatteryState
 
 from dyknow_common import SECOND_NS, parse_duration
 from dyknow_configuration import RequestedFederation
-from dyknow_federation import Peer, PeerSettings, SampleArrived, SharedFeature, encode
+from dyknow_federation import Peer, PeerSettings, SharedFeature, ValueKnown, encode
 from dyknow_federation.ros.transport import ZenohTransport
 
 PERIOD_NS = SECOND_NS // 20
@@ -87,8 +87,8 @@ class Host:
         for packet in effects.packets:
             self.transport.send(packet.receiver, encode(packet), is_urgent=False)
         for event in effects.events:
-            if isinstance(event, SampleArrived):
-                self.latencies.append(now - event.sample.valid_time)
+            if isinstance(event, ValueKnown):
+                self.latencies.append(now - event.time)
 
 
 def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:

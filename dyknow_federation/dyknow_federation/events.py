@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dyknow_common import Value
-from dyknow_federation.messages import Shares, StreamFault
+from dyknow_federation.messages import Shares
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,46 +54,13 @@ class StreamUnwanted:
 
 
 @dataclass(frozen=True, slots=True)
-class StreamRefused:
-    """A peer does not grant a request."""
+class ValueKnown:
+    """The value of a stream since a time; it has alternatives where the clocks leave it open."""
 
     peer: str
     stream: str
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class RemoteSample:
-    """A sample of a peer.
-
-    Args:
-        valid_time: the middle of what is possible.
-        uncertainty: the valid time is at most this far from the middle.
-        value: the value of the feature.
-    """
-
-    valid_time: int
-    uncertainty: int
+    time: int
     value: Value
-
-    @property
-    def earliest(self) -> int:
-        """The earliest possible valid time."""
-        return self.valid_time - self.uncertainty
-
-    @property
-    def latest(self) -> int:
-        """The latest possible valid time."""
-        return self.valid_time + self.uncertainty
-
-
-@dataclass(frozen=True, slots=True)
-class SampleArrived:
-    """The next sample of a stream; their order is that of their true valid times."""
-
-    peer: str
-    stream: str
-    sample: RemoteSample
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,19 +75,21 @@ class SamplesLost:
 
 @dataclass(frozen=True, slots=True)
 class StreamViolated:
-    """The host of a stream has noticed a violation, after all samples that have arrived.
+    """A violation of a stream, after all values that are known.
 
-    Its valid time is the earliest one that is possible.
+    Its host has noticed it, or refuses the request, or the times of samples are too uncertain.
     """
 
     peer: str
     stream: str
-    fault: StreamFault
+    constraint: str
+    reason: str
+    valid_time: int
 
 
 @dataclass(frozen=True, slots=True)
 class WatermarkArrived:
-    """All later samples of a stream are certainly valid after a time."""
+    """All later values of a stream hold since after a time."""
 
     peer: str
     stream: str
@@ -147,8 +116,7 @@ Event = (
     | SharesChanged
     | StreamWanted
     | StreamUnwanted
-    | StreamRefused
-    | SampleArrived
+    | ValueKnown
     | SamplesLost
     | StreamViolated
     | WatermarkArrived

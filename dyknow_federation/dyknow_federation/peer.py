@@ -20,6 +20,7 @@ from itertools import count
 from typing import Final, NamedTuple
 
 from dyknow_common import NANOSECONDS, Value, check_name
+from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     Event,
@@ -111,14 +112,6 @@ class Peer:
         """The own streams that others have asked for, by their names."""
         return self._sent
 
-    def difference(self, peer: str) -> str:
-        """Return by how much the clock of a peer differs, as the beginning of a sentence."""
-        remote = self._remotes.get(peer)
-        offset = remote.clock.offset(self._now) if remote else None
-        if offset is None:
-            return f"the clock of '{peer}' is not known"
-        return f'the clocks of {self._settings.name} and {peer} differ by {offset}'
-
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
         if self._packets:
@@ -160,13 +153,19 @@ class Peer:
             self._sent[stream].promise(time)
             self._flush_at = min(self._flush_at, at + WATERMARK_DELAY)
 
-    def request(self, peer: str, stream: str, at: int) -> None:
+    def request(self, peer: str, stream: str, at: int, after: int = BEGINNING) -> None:
         """Ask a peer for a stream until it is released; the peer need not be there yet.
+
+        Args:
+            peer: its name.
+            stream: the name of the stream.
+            at: the time.
+            after: values are told after this time.
 
         Raises:
             FederationError: if too many peers are known.
         """
-        self._remote(peer, at).request(stream, at)
+        self._remote(peer, at).request(stream, at, after)
 
     def release(self, peer: str, stream: str) -> None:
         """Ask a peer for a stream no more."""

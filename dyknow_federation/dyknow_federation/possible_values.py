@@ -16,18 +16,17 @@ The value at a time is known once no later sample can be valid until then.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
 from dyknow_federation.clocks import BEGINNING
-from dyknow_federation.events import RemoteSample
 
 TOO_CLOSE: Final = (
-    f'more than {MAX_ALTERNATIVES} samples may be valid at one time, as {{}}; share it at most '
-    "once in some time with 'every'"
+    f'more than {MAX_ALTERNATIVES} samples may be valid at one time; share it at most once in some '
+    "time with 'every'"
 )
-"""Why values are not known; with the difference of the clocks."""
+"""Why values are not known, after the difference of the clocks."""
 
 
 class _Dated(NamedTuple):
@@ -39,29 +38,33 @@ class _Dated(NamedTuple):
 
 
 class PossibleValues:
-    """The values of one stream."""
+    """The values of one stream.
 
-    def __init__(self) -> None:
-        self.settled = BEGINNING
+    Args:
+        after: values are told after this time.
+    """
+
+    def __init__(self, after: int = BEGINNING) -> None:
+        self.settled = after
         """No later sample is valid until this time."""
-        self._told = BEGINNING
+        self._told = after
         self._value: Value | None = None
         # The one that is valid for certain, if any is, and those that may be.
         self._samples: deque[_Dated] = deque()
 
-    @property
-    def held(self) -> int:
-        """The number of samples that are kept."""
-        return len(self._samples)
-
-    def put(self, sample: RemoteSample) -> bool:
+    def put(self, time: int, uncertainty: int, value: Value) -> bool:
         """Take a sample; those of a stream come in the order of their true valid times.
 
         Return False if too many may be valid at one time: then values are unknown until the last
         one is certain.
+
+        Args:
+            time: the middle of what is possible for its valid time.
+            uncertainty: the valid time is at most this far from the middle.
+            value: the value of the feature.
         """
-        earliest = max(sample.earliest, self.settled + 1)
-        self._samples.append(_Dated(earliest, max(earliest, sample.latest), sample.value))
+        earliest = max(time - uncertainty, self.settled + 1)
+        self._samples.append(_Dated(earliest, max(earliest, time + uncertainty), value))
         self.settled = earliest
         is_known = len(self._samples) <= MAX_ALTERNATIVES
         if not is_known:
@@ -77,11 +80,11 @@ class PossibleValues:
         self._samples.clear()
         self._value = None
 
-    def take(self, reason: str) -> Iterator[tuple[int, Value]]:
+    def take(self, reason: Callable[[], str]) -> Iterator[tuple[int, Value]]:
         """Yield the values that have become known, each with the own time since which it holds.
 
         Args:
-            reason: why several values are possible at a time.
+            reason: returns why several values are possible at a time.
         """
         told, self._told = self._told, self.settled
         bounds = ((each.earliest, each.latest) for each in self._samples)
@@ -93,7 +96,8 @@ class PossibleValues:
                 continue
             for _ in range(certain[-1]):
                 self._samples.popleft()
-            value = Alternatives.of((each.value for each in begun[certain[-1] :]), reason)
+            first, *others = (each.value for each in begun[certain[-1] :])
+            value = Alternatives.of((first, *others), reason()) if others else first
             if value != self._value or begun[-1].earliest == time:
                 yield time, value
             self._value = value

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
-from dyknow_common import NANOSECONDS, SECOND_NS, round_duration, round_time
+from dyknow_common import NANOSECONDS, SECOND_NS, format_duration, round_duration, round_time
 from dyknow_federation.clocks import OwnTime, PairClock
 from dyknow_federation.events import (
     ClockJumped,
     Event,
     PeerJoined,
     PeerLeft,
-    RemoteSample,
-    SampleArrived,
     SamplesLost,
     SharesChanged,
-    StreamRefused,
     StreamViolated,
+    ValueKnown,
     WatermarkArrived,
 )
 from dyknow_federation.messages import (
@@ -37,8 +36,10 @@ from dyknow_federation.messages import (
     ViolationNotice,
     Watermark,
 )
-from dyknow_federation.receiving import Delivery, Lost, Promise, ReceivedStream
+from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues
+from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
 from dyknow_federation.settings import PeerSettings
+from dyknow_stream_processing import ViolationKind
 
 MAX_FORMER: Final = 16
 """The number of former runs of a peer whose late messages are known as such."""
@@ -57,6 +58,23 @@ MAX_PROBES: Final = 16
 
 _NUMBERS: Final = 2**62
 """Probes are numbered below this; runs of a host differ in their numbers."""
+
+
+@dataclass(slots=True)
+class _Requested:
+    """A stream that was requested.
+
+    Args:
+        stream: as it is received.
+        values: of it.
+        due: when the request is repeated.
+        is_refused: True if the peer does not grant it.
+    """
+
+    stream: ReceivedStream
+    values: PossibleValues
+    due: int
+    is_refused: bool = False
 
 
 class RemotePeer:
@@ -90,21 +108,25 @@ class RemotePeer:
         self._former: deque[int] = deque(maxlen=MAX_FORMER)
         self._probes: dict[int, int] = {}
         self._probe_at = at
-        self._streams: dict[str, ReceivedStream] = {}
-        self._request_at: dict[str, int] = {}
-        self._refused: set[str] = set()
+        self._requested: dict[str, _Requested] = {}
 
     @property
     def requested(self) -> list[str]:
         """The names of the streams that were requested of it."""
-        return list(self._streams)
+        return list(self._requested)
 
     def next_deadline(self) -> int | None:
         """Return when to call `advance`; None if there is nothing to wait for."""
         if not self.is_present:
             return None
         limit = self._settings.peer_timeout if self.is_stale else self._settings.stale_after
-        return min([self.heard_at + limit, self._probe_at, *self._request_at.values()])
+        return min(
+            [
+                self.heard_at + limit,
+                self._probe_at,
+                *(each.due for each in self._requested.values()),
+            ]
+        )
 
     def hear(self, incarnation: int, at: int) -> list[Event] | None:
         """Take a sign of life; return None if it is a late one of a former run."""
@@ -126,30 +148,35 @@ class RemotePeer:
         events: list[Event] = []
         if self._incarnation is not None:
             self._former.append(self._incarnation)
-            for name, stream in self._streams.items():
-                if stream.is_subscribed:
-                    reason = 'the peer has started again'
-                    events.append(SamplesLost(self.name, name, 0, reason))
-                self._streams[name] = ReceivedStream(name)
+            for name, each in self._requested.items():
+                if each.stream.is_subscribed:
+                    events.append(self._lose(name, 0, 'the peer has started again'))
+                each.stream, each.is_refused = ReceivedStream(name), False
         self._incarnation, self.shares = incarnation, None
         self.clock = PairClock()
         self._probes.clear()
-        self._refused.clear()
         return events
 
     def _begin(self, at: int) -> None:
         """Ask at once for all that is needed."""
         self._probe_at = at
-        self._request_at = dict.fromkeys(self._streams, at)
+        for each in self._requested.values():
+            each.due = at
 
     def restart_times(self, at: int) -> list[Event]:
         """Measure the clock anew, as the own one has jumped; all waits end."""
-        since = self.clock.latest
-        self.clock.begin_anew(at)
+        found = self._begin_times_anew(at)
         self.heard_at = at
         self._probes.clear()
         self._begin(at)
-        return [ClockJumped(self.name, since)]
+        return [found]
+
+    def _begin_times_anew(self, at: int) -> ClockJumped:
+        """Forget the clock, which has jumped, and the samples that are dated by it."""
+        since = self.clock.latest
+        self.clock.begin_anew(at)
+        self._forget_values()
+        return ClockJumped(self.name, since)
 
     def advance(self, at: int) -> list[Event]:
         """Do what is due: requests, probes, and the end of a link."""
@@ -161,9 +188,9 @@ class RemotePeer:
         self.is_stale = silence >= self._settings.stale_after
         if at >= self._probe_at:
             self._send_probe(at)
-        for name, due in self._request_at.items():
-            if at >= due:
-                self._send_request(name, at)
+        for each in self._requested.values():
+            if at >= each.due:
+                self._send_request(each, at)
         return []
 
     def _leave(self, silence: int) -> list[Event]:
@@ -171,17 +198,15 @@ class RemotePeer:
         reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
         return [PeerLeft(self.name, reason)]
 
-    def request(self, name: str, at: int) -> None:
-        """Ask for a stream until it is released."""
-        if name not in self._streams:
-            self._streams[name] = ReceivedStream(name)
-            self._request_at[name] = self._probe_at = at
+    def request(self, name: str, at: int, after: int) -> None:
+        """Ask for a stream until it is released; its values are told after a time."""
+        if name not in self._requested:
+            self._requested[name] = _Requested(ReceivedStream(name), PossibleValues(after), at)
+            self._probe_at = at
 
     def release(self, name: str) -> None:
         """Ask for a stream no more."""
-        if self._streams.pop(name, None) is not None:
-            self._request_at.pop(name, None)
-            self._refused.discard(name)
+        if self._requested.pop(name, None) is not None:
             self.send(Release(name))
 
     def take(self, message: Message, at: int) -> list[Event]:
@@ -193,12 +218,13 @@ class RemotePeer:
             case Shares():
                 if self.shares is None or self.shares.version < message.version:
                     self.shares = message
-                    self._refused.clear()
+                    for each in self._requested.values():
+                        each.is_refused = False
                     return [SharesChanged(self.name, message)]
             case Samples() | ViolationNotice() | Watermark():
-                return self._take_samples(message, at)
+                return [*self._take_samples(message, at)]
             case RequestRefusal(stream, reason):
-                return self._take_refusal(stream, reason)
+                return self._take_refusal(stream, reason, at)
             case ProbeReply():
                 return self._take_reply(message, at)
         return []
@@ -207,28 +233,26 @@ class RemotePeer:
         """Notice a clock that has jumped ahead, by a stamp that is later than it can be."""
         if not self.clock.exceeds(stamp, at):
             return []
-        since = self.clock.latest
-        self.clock.begin_anew(at)
         self._probe_at = at
-        return [ClockJumped(self.name, since)]
+        return [self._begin_times_anew(at)]
 
-    def _take_samples(self, message: StreamMessage, at: int) -> list[Event]:
-        name = message.stream
-        stream = self._streams.get(name)
-        if stream is None:
-            self.send(Release(name))
-            return []
-        stream.take(message)
-        events = self._deliver(name, at)
-        if not stream.is_complete:
-            self._request_at[name] = min(self._request_at[name], at + self._retry)
-        return events
+    def _take_samples(self, message: StreamMessage, at: int) -> Iterator[Event]:
+        requested = self._requested.get(message.stream)
+        if requested is None:
+            self.send(Release(message.stream))
+            return
+        requested.stream.take(message)
+        yield from self._deliver(message.stream, at)
+        if not requested.stream.is_complete:
+            requested.due = min(requested.due, at + self._retry)
 
-    def _take_refusal(self, name: str, reason: str) -> list[Event]:
-        if name not in self._streams or name in self._refused:
+    def _take_refusal(self, name: str, reason: str, at: int) -> list[Event]:
+        requested = self._requested.get(name)
+        if requested is None or requested.is_refused:
             return []
-        self._refused.add(name)
-        return [StreamRefused(self.name, name, reason)]
+        requested.is_refused = True
+        text = f"peer '{self.name}' refuses it: {reason}"
+        return [self._violation(name, ViolationKind.MESSAGE, text, at)]
 
     def _take_reply(self, reply: ProbeReply, at: int) -> list[Event]:
         sent = self._probes.pop(reply.number, None)
@@ -238,42 +262,79 @@ class RemotePeer:
         jump = self.clock.measure(sent, reply.received_at, reply.sent_at, at)
         events: list[Event] = []
         if jump is not None:
+            self._forget_values()
             events.append(ClockJumped(self.name, since))
-        self._probe_at = at + PROBE_PERIOD * (1 if self._streams else UNUSED)
+        self._probe_at = at + PROBE_PERIOD * (1 if self._requested else UNUSED)
         if not was_known or jump is not None:
-            for name in self._streams:
+            for name in self._requested:
                 events += self._deliver(name, at)
         return events
 
-    def _deliver(self, name: str, at: int) -> list[Event]:
-        """Return what is due of a stream; nothing while its times cannot be translated."""
+    def _deliver(self, name: str, at: int) -> Iterator[Event]:
+        """Yield what is due of a stream; nothing while its times cannot be translated."""
         if not self.clock.is_known:
-            return []
-        return [*self._events(name, self._streams[name].deliveries(), at)]
+            return
+        values = self._requested[name].values
+        for each in self._requested[name].stream.deliveries():
+            match each:
+                case Lost():
+                    yield self._lose(name, *each)
+                case StreamFault():
+                    text = f"peer '{self.name}' reports: {each.reason}"
+                    time = min(self._earliest(each.valid_time), at)
+                    yield self._violation(name, each.constraint, text, time)
+                case Received():
+                    yield from self._put(name, each, at)
+                case Promise(time):
+                    if (earliest := self._earliest(time)) > self.clock.since:
+                        values.promise(earliest)
+            for time, value in values.take(partial(self.difference, at)):
+                yield ValueKnown(self.name, name, time, value)
+            if isinstance(each, Promise):
+                yield WatermarkArrived(self.name, name, values.settled)
 
-    def _events(self, stream: str, deliveries: Iterable[Delivery], at: int) -> Iterator[Event]:
-        """Yield what is told of a stream, in times of the own clock."""
-        for each in deliveries:
-            if isinstance(each, Lost):
-                yield SamplesLost(self.name, stream, *each)
-                continue
-            own = self._own_time(each.time if isinstance(each, Promise) else each.valid_time)
-            earliest = own.time - own.uncertainty
-            if isinstance(each, StreamFault):
-                fault = replace(each, valid_time=min(earliest, at))
-                yield StreamViolated(self.name, stream, fault)
-            elif isinstance(each, Promise):
-                if earliest > self.clock.since:
-                    yield WatermarkArrived(self.name, stream, earliest)
-            elif earliest < self.clock.since:
-                reason = f"the clock of peer '{self.name}' jumped after it"
-                yield SamplesLost(self.name, stream, 1, reason)
-            elif earliest > at:
-                reason = f'it is valid at {round_time(own.time)}, which is still to come'
-                yield SamplesLost(self.name, stream, 1, reason)
-            else:
-                sample = RemoteSample(own.time, own.uncertainty, each.value)
-                yield SampleArrived(self.name, stream, sample)
+    def _put(self, name: str, received: Received, at: int) -> Iterator[Event]:
+        """Take a sample, unless it cannot be dated; yield what is wrong with its time."""
+        time, uncertainty = self._own_time(received.valid_time)
+        if time - uncertainty < self.clock.since:
+            yield self._lose(name, 1, f"the clock of peer '{self.name}' jumped after it")
+            return
+        if time - uncertainty > at:
+            reason = f'it is valid at {round_time(time)}, which is still to come'
+            yield self._lose(name, 1, reason)
+            return
+        limit = self._settings.max_uncertainty
+        faults: list[str] = []
+        if uncertainty > limit:
+            faults.append(f'more than a max_uncertainty of {format_duration(limit)}')
+        if not self._requested[name].values.put(time, uncertainty, received.value):
+            faults.append(TOO_CLOSE)
+        for each in faults:
+            text = f'{self.difference(at)}; {each}'
+            yield self._violation(name, ViolationKind.CLOCK, text, time - uncertainty)
+
+    def _lose(self, name: str, count: int, reason: str) -> SamplesLost:
+        self._requested[name].values.lose()
+        text = f"samples of peer '{self.name}' are lost: {reason}"
+        return SamplesLost(self.name, name, count, text)
+
+    def _violation(self, name: str, constraint: str, reason: str, time: int) -> StreamViolated:
+        return StreamViolated(self.name, name, str(constraint), reason, time)
+
+    def _forget_values(self) -> None:
+        for each in self._requested.values():
+            each.values = PossibleValues()
+
+    def difference(self, at: int) -> str:
+        """Return by how much its clock differs, as the beginning of a sentence."""
+        offset = self.clock.offset(at)
+        if offset is None:
+            return f"the clock of '{self.name}' is not known"
+        return f'the clocks of {self._settings.name} and {self.name} differ by {offset}'
+
+    def _earliest(self, time: int) -> int:
+        own = self._own_time(time)
+        return own.time - own.uncertainty
 
     def _own_time(self, time: int) -> OwnTime:
         found = self.clock.own_time(time)
@@ -293,9 +354,8 @@ class RemotePeer:
         self._probe_at = at + min(self._retry, PROBE_PERIOD)
         self.send(Probe(number, at))
 
-    def _send_request(self, name: str, at: int) -> None:
-        stream = self._streams[name]
-        is_urgent = not (stream.is_subscribed and stream.is_complete) and name not in self._refused
-        period = self._retry if is_urgent else self._settings.hello_period
-        self._request_at[name] = at + period
+    def _send_request(self, requested: _Requested, at: int) -> None:
+        stream = requested.stream
+        is_settled = requested.is_refused or (stream.is_subscribed and stream.is_complete)
+        requested.due = at + (self._settings.hello_period if is_settled else self._retry)
         self.send(stream.request())

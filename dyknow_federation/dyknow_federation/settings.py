@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dyknow_common import SECOND_NS
+from dyknow_common import NANOSECONDS, SECOND_NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,12 +16,14 @@ class PeerSettings:
         incarnation: the number of this run, unique among all its runs, as the time of its start.
         peer_timeout: a peer that has not been heard for this long has left.
         history: how long samples are kept for peers that are cut off.
+        max_uncertainty: a sample whose valid time is less certain is a violation.
     """
 
     name: str
     incarnation: int
     peer_timeout: int = 10 * SECOND_NS
     history: int = 60 * SECOND_NS
+    max_uncertainty: int = 100 * NANOSECONDS['ms']
 
     @property
     def stale_after(self) -> int:

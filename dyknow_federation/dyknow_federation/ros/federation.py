@@ -16,7 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from std_msgs.msg import String
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_duration, format_time
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_time
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
 from dyknow_configuration import RequestedFederation, read_robot
 from dyknow_federation.errors import FederationError
@@ -26,14 +26,12 @@ from dyknow_federation.events import (
     PeerFault,
     PeerJoined,
     PeerLeft,
-    RemoteSample,
-    SampleArrived,
     SamplesLost,
     SharesChanged,
-    StreamRefused,
     StreamUnwanted,
     StreamViolated,
     StreamWanted,
+    ValueKnown,
     WatermarkArrived,
 )
 from dyknow_federation.messages import Packet, Probe, ProbeReply, Shares, encode
@@ -77,8 +75,15 @@ class Federation(DyKnowNode):
         super().__init__('federation')
         path = self.parameter('robot', '', 'robot.yaml with the key federation.')
         settings = self._settings = _federation(path)
-        name, timeout, history = settings.name, settings.peer_timeout, settings.history
-        self._peer = Peer(PeerSettings(name, self.started_at, timeout, history))
+        self._peer = Peer(
+            PeerSettings(
+                settings.name,
+                self.started_at,
+                peer_timeout=settings.peer_timeout,
+                history=settings.history,
+                max_uncertainty=settings.max_uncertainty,
+            )
+        )
         self._latest = self.now()
         self._remote = RemoteStreams(self)
         rates = {each.name: each.every for each in settings.share}
@@ -160,23 +165,15 @@ class Federation(DyKnowNode):
     def _handle(self, event: Event) -> None:
         """Act on an event of a stream, or of a peer."""
         match event:
-            case SampleArrived(peer, stream, sample):
-                self._check_time(peer, stream, sample)
-                reason = self._peer.difference(peer)
-                self._remote.publish(StreamName(peer, stream), sample, reason)
+            case ValueKnown(peer, stream, time, value):
+                self._remote.publish(StreamName(peer, stream), time, value)
             case WatermarkArrived(peer, stream, time):
-                reason = self._peer.difference(peer)
-                self._remote.pass_watermark(StreamName(peer, stream), time, reason)
+                self._remote.pass_watermark(StreamName(peer, stream), time)
             case SamplesLost(peer, stream, count, reason):
                 self._lost[peer] += count
-                text = f"samples of peer '{peer}' are lost: {reason}"
-                self._remote.lose(StreamName(peer, stream), text)
-            case StreamViolated(peer, stream, fault):
-                text = f"peer '{peer}' reports: {fault.reason}"
-                self._remote.violate(peer, fault.constraint, text, stream, fault.valid_time)
-            case StreamRefused(peer, stream, reason):
-                text = f"peer '{peer}' refuses it: {reason}"
-                self._remote.violate(peer, ViolationKind.MESSAGE, text, stream)
+                self._remote.violate(peer, ViolationKind.LOST, reason, stream)
+            case StreamViolated(peer, stream, constraint, reason, time):
+                self._remote.violate(peer, constraint, reason, stream, time)
             case StreamWanted(stream):
                 self._own.want(stream)
             case StreamUnwanted(stream):
@@ -200,28 +197,17 @@ class Federation(DyKnowNode):
                 text = f"the clock of peer '{peer}' has jumped, or that of this host"
                 if since is not None:
                     text += f'; samples may have wrong times since {format_time(since)}'
-                self._remote.begin_anew(peer, text)
+                self._remote.violate(peer, ViolationKind.CLOCK, text)
             case PeerFault(peer, message):
                 self._faults[peer] = message
                 self._warn([message])
-
-    def _check_time(self, peer: str, stream: str, sample: RemoteSample) -> None:
-        """Report a sample whose valid time is less certain than formulas may assume."""
-        limit = self._settings.max_uncertainty
-        if sample.uncertainty > limit:
-            offset = self._peer.remotes[peer].clock.offset(self.now())
-            text = (
-                f"the clocks of '{self._settings.name}' and '{peer}' differ by {offset}; more than "
-                f'a max_uncertainty of {format_duration(limit)}'
-            )
-            self._remote.violate(peer, ViolationKind.CLOCK, text, stream)
 
     def _update(self) -> None:
         """Follow what is read here, and what has changed in the meaning."""
         now = self.now()
         begun, ended = self._remote.demand()
-        for peer, stream in begun:
-            self._peer.request(peer, stream, now)
+        for name in begun:
+            self._peer.request(*name, now, self._remote.told(name))
         for peer, stream in ended:
             self._peer.release(peer, stream)
         self._own.reconcile()
