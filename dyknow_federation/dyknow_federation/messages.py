@@ -1,9 +1,9 @@
 """Messages between peers, and their encoding.
 
-A packet holds one message. It is encoded as JSON with the values of the fields in order, and
-compressed unless it is short, with what all packets have in common as a dictionary:
+A packet is encoded as JSON with the values of the fields of its messages in order, and compressed
+unless it is short, with what all packets have in common as a dictionary:
 
-    [1, "carrier1", 17…, 12.5e9, "Hello", [3]]
+    [1, "carrier1", 17…, "basestation", ["Hello", [3]]]
 
 Nothing of a peer is trusted: `decode` checks the size before it reads, and the type, the length
 and the range of every value. All times are in nanoseconds of the sender's clock.
@@ -38,11 +38,17 @@ MAX_ITEMS: Final = 10_000
 MAX_BATCH: Final = 500
 """The number of samples of a batch."""
 
+MAX_MESSAGES: Final = 20
+"""The number of messages of a packet."""
+
 MAX_REASON: Final = 1_000
 """The length of the description of a violation; longer ones are cut."""
 
 MAX_RANGES: Final = 20
 """The number of ranges of missing samples that a request names; later requests name others."""
+
+_HEADER: Final = 4
+"""The number of values of a packet before its messages."""
 
 _MAX_INTEGER: Final = 2**63
 _COMPRESSED: Final = b'z'
@@ -304,19 +310,19 @@ _KINDS: Final[dict[str, type]] = {each.__name__: each for each in get_args(Messa
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A message with its sender.
+    """Messages with their sender.
 
     Args:
         sender: the name of the peer that sent it.
         incarnation: the number of its run, unique among all its runs.
         receiver: the name of the peer that it is for; empty for all.
-        message: the message.
+        messages: the messages, in order.
     """
 
     sender: str
     incarnation: int
     receiver: str
-    message: Message
+    messages: tuple[Message, ...]
 
 
 def encode(packet: Packet) -> bytes:
@@ -325,13 +331,12 @@ def encode(packet: Packet) -> bytes:
     Raises:
         FederationError: if it is too large.
     """
-    message = packet.message
     content = [VERSION, packet.sender, packet.incarnation, packet.receiver]
-    content += [type(message).__name__, _values(message)]
+    content += [[type(each).__name__, _values(each)] for each in packet.messages]
     data = json.dumps(content, separators=(',', ':')).encode()
     if len(data) > MAX_PACKET:
         raise FederationError(
-            f'a message {type(message).__name__} has {len(data)} bytes, more than {MAX_PACKET}; '
+            f'{type(packet.messages[0]).__name__} has {len(data)} bytes, more than {MAX_PACKET}; '
             'share less'
         )
     if len(data) < _COMPRESSES:
@@ -358,16 +363,22 @@ def decode(data: bytes) -> Packet:
             f"peer '{sender}' speaks version {version} of the protocol, this one {VERSION}; "
             'install the same version of DyKnow on both',
         )
-    try:
-        _, _, incarnation, receiver, kind, values = content
-    except ValueError:
-        raise FederationError(f'a packet has 6 parts, not {len(content)}') from None
+    if not _HEADER < len(content) <= _HEADER + MAX_MESSAGES:
+        raise FederationError(f'it has {len(content) - _HEADER} messages; send 1 to {MAX_MESSAGES}')
     if not sender:
         raise FederationError('its sender has no name')
+    incarnation, receiver = _checked(int, content[2]), _checked(str, content[3])
+    return Packet(sender, incarnation, receiver, tuple(map(_message, content[_HEADER:])))
+
+
+def _message(content: Any) -> Message:
+    if not isinstance(content, list) or len(content) != 2:  # noqa: PLR2004
+        raise FederationError(f"'{shortened(content)}' is no message")
+    kind, values = content
     if not isinstance(kind, str) or kind not in _KINDS:
         raise FederationError(f"unknown message '{shortened(kind)}'")
-    message = _checked(_KINDS[kind], values)
-    return Packet(sender, _checked(int, incarnation), _checked(str, receiver), message)
+    found: Message = _checked(_KINDS[kind], values)
+    return found
 
 
 def _plain(data: bytes) -> bytes:

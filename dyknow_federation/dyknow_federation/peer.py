@@ -29,6 +29,7 @@ from dyknow_federation.events import (
     StreamWanted,
 )
 from dyknow_federation.messages import (
+    MAX_MESSAGES,
     Hello,
     Message,
     Packet,
@@ -160,12 +161,12 @@ class Peer:
             peer: its name.
             stream: the name of the stream.
             at: the time.
-            after: values are told after this time.
+            after: values are told after this time, or after `at` if that is earlier.
 
         Raises:
             FederationError: if too many peers are known.
         """
-        self._remote(peer, at).request(stream, at, after)
+        self._remote(peer, at).request(stream, at, min(after, at))
 
     def release(self, peer: str, stream: str) -> None:
         """Ask a peer for a stream no more."""
@@ -203,9 +204,13 @@ class Peer:
             self._events += remote.advance(at)
         if at >= self._flush_at:
             self._flush_at = _NEVER
+            unsent: dict[str, list[Message]] = {}
             for stream in self._sent.values():
                 for peer, message in stream.unsent():
-                    self._send(peer, message)
+                    unsent.setdefault(peer, []).append(message)
+            for peer, messages in unsent.items():
+                for first in range(0, len(messages), MAX_MESSAGES):
+                    self._send(peer, *messages[first : first + MAX_MESSAGES])
         return self._effects()
 
     def _note_time(self, at: int) -> None:
@@ -224,18 +229,22 @@ class Peer:
         if events is None:
             return
         self._events += events
-        match packet.message:
+        for message in packet.messages:
+            self._take_message(remote, message, at)
+
+    def _take_message(self, remote: RemotePeer, message: Message, at: int) -> None:
+        match message:
             case SharesRequest():
                 remote.send(self._shares)
             case Request():
-                self._take_request(remote, packet.message, at)
+                self._take_request(remote, message, at)
             case Release(stream):
                 if stream in self._sent:
                     self._sent[stream].release(remote.name)
             case Probe(number, sent_at):
                 self._events += remote.check_stamp(sent_at, at)
                 remote.send(ProbeReply(number, sent_at, at, at))
-            case message:
+            case _:
                 self._events += remote.take(message, at)
 
     def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
@@ -289,9 +298,9 @@ class Peer:
             self._faults_at[peer] = at
             self._events.append(PeerFault(peer, message))
 
-    def _send(self, receiver: str, message: Message) -> None:
+    def _send(self, receiver: str, *messages: Message) -> None:
         name, incarnation = self._settings.name, self._settings.incarnation
-        self._packets.append(Packet(name, incarnation, receiver, message))
+        self._packets.append(Packet(name, incarnation, receiver, messages))
 
     def _effects(self) -> Effects:
         found = Effects(self._packets, self._events)

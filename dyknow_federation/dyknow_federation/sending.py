@@ -42,12 +42,14 @@ class _Subscription:
 
     Args:
         number: the next sample that it is sent.
+        promised: the last promise that it was sent.
         expires: when it ends unless the request is repeated.
     """
 
     def __init__(self, number: int, expires: int) -> None:
         self.number = number
         self.expires = expires
+        self.promised = BEGINNING
 
 
 class SentStream:
@@ -152,10 +154,10 @@ class SentStream:
         for peer, subscription in self._subscriptions.items():
             for batch in self._batches(max(subscription.number, self._oldest), self._number - 1):
                 yield peer, batch
-            is_silent = subscription.number == self._number
             subscription.number = self._number
-            if is_silent or self._promised > self._latest:  # A sample is a promise, too.
+            if self._promised > max(subscription.promised, self._latest):  # A sample is a promise.
                 yield peer, self.watermark()
+            subscription.promised = self._promised
 
     def watermark(self) -> Watermark:
         """Return what is promised about the samples to come."""

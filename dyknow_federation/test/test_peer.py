@@ -81,7 +81,7 @@ class Net:
     def send(self, receiver: str, sender: str, message: Message) -> list[Event]:
         peer = self.peers[receiver]
         return peer.receive(
-            encode(Packet(sender, 7, receiver, message)), self.time(receiver)
+            encode(Packet(sender, 7, receiver, (message,))), self.time(receiver)
         ).events
 
     def publish(self, name: str, value: float) -> None:
@@ -232,7 +232,7 @@ def test_a_restart_loses_what_was_not_sent() -> None:
     assert [type(each) for each in net.events['b']] == [SamplesLost, PeerJoined, SharesChanged]
     net.assert_known(2)
     # A late packet of the former run changes nothing.
-    late = encode(Packet('a', 1, 'b', Samples('level', 1, 2, (1,), (5.0,))))
+    late = encode(Packet('a', 1, 'b', (Samples('level', 1, 2, (1,), (5.0,)),)))
     assert net.peers['b'].receive(late, net.time('b')) == ([], [])
 
 
@@ -242,7 +242,7 @@ def test_a_restart_is_told_while_the_clock_is_not_known() -> None:
     net.run(0.1)
     net.take('b', SamplesLost)
     net.offsets['b'] -= SECOND_NS
-    net.drops = lambda packet: not isinstance(packet.message, Hello)
+    net.drops = lambda packet: not isinstance(packet.messages[0], Hello)
     net.start('a', 77)
     net.run(2)
     (lost,) = net.take('b', SamplesLost)
@@ -251,7 +251,7 @@ def test_a_restart_is_told_while_the_clock_is_not_known() -> None:
 
 def test_peers_of_another_version_are_named_once() -> None:
     net = Net('b')
-    data = json.loads(encode(Packet('old', 1, '', Hello(1))))
+    data = json.loads(encode(Packet('old', 1, '', (Hello(1),))))
     data[0] = VERSION + 1
     packets = [net.peers['b'].receive(json.dumps(data).encode(), net.now, 'old') for _ in range(3)]
     (fault,) = [event for each in packets for event in each.events]
@@ -353,5 +353,5 @@ def test_an_old_value_is_no_alternative_after_a_pause() -> None:
 
 def test_a_packet_in_the_name_of_another_peer_is_refused() -> None:
     net = Net('b')
-    (fault,) = net.peers['b'].receive(encode(Packet('a', 1, '', Hello(1))), net.now, 'c').events
+    (fault,) = net.peers['b'].receive(encode(Packet('a', 1, '', (Hello(1),))), net.now, 'c').events
     assert "peer 'c' sends as 'a'" in fault.message

@@ -156,7 +156,7 @@ class Federation(DyKnowNode):
             self._handle(event)
 
     def _send(self, packet: Packet) -> None:
-        is_urgent = isinstance(packet.message, Probe | ProbeReply)
+        is_urgent = isinstance(packet.messages[0], Probe | ProbeReply)
         try:
             self._transport.send(packet.receiver, encode(packet), is_urgent=is_urgent)
         except FederationError as error:
