@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import groupby, islice
 from typing import Final, NamedTuple
 
@@ -37,19 +38,19 @@ class _Kept(NamedTuple):
     content: Value | StreamFault
 
 
+@dataclass(slots=True)
 class _Subscription:
     """A peer that receives a stream.
 
     Args:
         number: the next sample that it is sent.
-        promised: the last promise that it was sent.
         expires: when it ends unless the request is repeated.
+        promised: the last promise that it was sent.
     """
 
-    def __init__(self, number: int, expires: int) -> None:
-        self.number = number
-        self.expires = expires
-        self.promised = BEGINNING
+    number: int
+    expires: int
+    promised: int = BEGINNING
 
 
 class SentStream:
