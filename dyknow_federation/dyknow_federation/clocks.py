@@ -55,12 +55,12 @@ class OwnTime(NamedTuple):
     """A time of another clock, in nanoseconds of the own clock.
 
     Args:
-        time: the middle of what is possible.
-        uncertainty: half the width of what is possible.
+        earliest: the first time that is possible.
+        latest: the last one.
     """
 
-    time: int
-    uncertainty: int
+    earliest: int
+    latest: int
 
 
 class _Bounds(NamedTuple):
@@ -157,9 +157,7 @@ class PairClock:
         middle = (latest.least + latest.most) // 2
         bounds = self._at(time - middle)
         slack = self._drift(2 * max(middle - bounds.least, bounds.most - middle))
-        first, last = time - bounds.most - slack, time - bounds.least + slack
-        half = -(-(last - first) // 2)
-        return OwnTime(first + half, half)
+        return OwnTime(time - bounds.most - slack, time - bounds.least + slack)
 
     @staticmethod
     def _drift(duration: int) -> int:

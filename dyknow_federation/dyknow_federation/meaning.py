@@ -43,8 +43,6 @@ class ImportedStream:
     """A stream of a peer, with its meaning here.
 
     Args:
-        peer: its name.
-        stream: its name at the peer.
         annotation: its contents in SSL, which names the topic here.
         feature: that it carries.
         sorts: of the arguments of the feature, as far as its objects tell.
@@ -52,8 +50,6 @@ class ImportedStream:
         unit: of its values; empty for none.
     """
 
-    peer: str
-    stream: str
     annotation: str
     feature: str
     sorts: tuple[str, ...]
@@ -108,7 +104,7 @@ def imports(
                 objects[local] = tuple(dict.fromkeys((*objects.get(local, ()), *each.sorts)))
         for feature in given.features[:MAX_STREAMS]:
             try:
-                stream = _imported(peer, feature, known, names, topic(peer, feature.stream))
+                stream = _imported(feature, known, names, topic(peer, feature.stream))
             except DyKnowError as error:
                 faults.append(f"peer '{peer}', stream '{shortened(feature.stream)}': {error}")
             else:
@@ -130,7 +126,6 @@ def _is_usable(shared: SharedObject, peer: str, faults: list[str]) -> bool:
 
 
 def _imported(
-    peer: str,
     feature: SharedFeature,
     known: Mapping[str, SharedObject],
     names: Mapping[str, str],
@@ -147,16 +142,8 @@ def _imported(
     annotation = Annotation(topic, (Content(term, VALUE, feature.unit or None),), is_topic=True)
     if _parsed(str(annotation)) != (annotation,):  # Whatever the peer says may be in it.
         raise FederationError(f"'{shortened(feature.unit)}' is no unit")
-    sorts = tuple(_most_specific(known[each]) for each in feature.objects)
-    return ImportedStream(
-        peer,
-        feature.stream,
-        str(annotation),
-        feature.name,
-        sorts,
-        feature.value_type,
-        feature.unit,
-    )
+    sorts = tuple(known[each].sorts[0] for each in feature.objects)  # The most specific one.
+    return ImportedStream(str(annotation), feature.name, sorts, feature.value_type, feature.unit)
 
 
 @lru_cache(maxsize=2 * MAX_STREAMS)
@@ -165,10 +152,6 @@ def _parsed(text: str) -> tuple[Annotation, ...]:
     if len(text) > MAX_ANNOTATION:
         raise FederationError(f'its annotation has more than {MAX_ANNOTATION:,} characters')
     return parse_annotations(text)
-
-
-def _most_specific(shared: SharedObject) -> str:
-    return shared.sorts[0]
 
 
 def argument_sorts(streams: Collection[ImportedStream]) -> tuple[str, ...]:

@@ -52,19 +52,19 @@ class PossibleValues:
         # The one that is valid for certain, if any is, and those that may be.
         self._samples: deque[_Dated] = deque()
 
-    def put(self, time: int, uncertainty: int, value: Value) -> bool:
+    def put(self, earliest: int, latest: int, value: Value) -> bool:
         """Take a sample; those of a stream come in the order of their true valid times.
 
         Return False if too many may be valid at one time: then values are unknown until the last
         one is certain.
 
         Args:
-            time: the middle of what is possible for its valid time.
-            uncertainty: the valid time is at most this far from the middle.
+            earliest: the first time at which it may be valid.
+            latest: the last one.
             value: the value of the feature.
         """
-        earliest = max(time - uncertainty, self.settled + 1)
-        self._samples.append(_Dated(earliest, max(earliest, time + uncertainty), value))
+        earliest = max(earliest, self.settled + 1)
+        self._samples.append(_Dated(earliest, max(earliest, latest), value))
         self.settled = earliest
         is_known = len(self._samples) <= MAX_ALTERNATIVES
         if not is_known:

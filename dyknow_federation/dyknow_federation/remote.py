@@ -281,12 +281,12 @@ class RemotePeer:
                     yield self._lose(name, *each)
                 case StreamFault():
                     text = f"peer '{self.name}' reports: {each.reason}"
-                    time = min(self._earliest(each.valid_time), at)
+                    time = min(self._own_time(each.valid_time).earliest, at)
                     yield self._violation(name, each.constraint, text, time)
                 case Received():
                     yield from self._put(name, each, at)
                 case Promise(time):
-                    if (earliest := self._earliest(time)) > self.clock.since:
+                    if (earliest := self._own_time(time).earliest) > self.clock.since:
                         values.promise(earliest)
             for time, value in values.take(partial(self.difference, at)):
                 yield ValueKnown(self.name, name, time, value)
@@ -295,23 +295,23 @@ class RemotePeer:
 
     def _put(self, name: str, received: Received, at: int) -> Iterator[Event]:
         """Take a sample, unless it cannot be dated; yield what is wrong with its time."""
-        time, uncertainty = self._own_time(received.valid_time)
-        if time - uncertainty < self.clock.since:
+        earliest, latest = self._own_time(received.valid_time)
+        if earliest < self.clock.since:
             yield self._lose(name, 1, f"the clock of peer '{self.name}' jumped after it")
             return
-        if time - uncertainty > at:
-            reason = f'it is valid at {round_time(time)}, which is still to come'
+        if earliest > at:
+            reason = f'it is valid at {round_time(earliest)}, which is still to come'
             yield self._lose(name, 1, reason)
             return
         limit = self._settings.max_uncertainty
         faults: list[str] = []
-        if uncertainty > limit:
+        if latest - earliest > 2 * limit:
             faults.append(f'more than a max_uncertainty of {format_duration(limit)}')
-        if not self._requested[name].values.put(time, uncertainty, received.value):
+        if not self._requested[name].values.put(earliest, latest, received.value):
             faults.append(TOO_CLOSE)
         for each in faults:
             text = f'{self.difference(at)}; {each}'
-            yield self._violation(name, ViolationKind.CLOCK, text, time - uncertainty)
+            yield self._violation(name, ViolationKind.CLOCK, text, earliest)
 
     def _lose(self, name: str, count: int, reason: str) -> SamplesLost:
         self._requested[name].values.lose()
@@ -331,10 +331,6 @@ class RemotePeer:
         if offset is None:
             return f"the clock of '{self.name}' is not known"
         return f'the clocks of {self._settings.name} and {self.name} differ by {offset}'
-
-    def _earliest(self, time: int) -> int:
-        own = self._own_time(time)
-        return own.time - own.uncertainty
 
     def _own_time(self, time: int) -> OwnTime:
         found = self.clock.own_time(time)

@@ -53,7 +53,7 @@ def test_the_truth_lies_within_the_bounds(
         assert abs(other.read(time) - time - found.offset) <= found.uncertainty
         own = pair.own_time(other.read(time))
         assert own is not None
-        assert abs(own.time - time) <= own.uncertainty
+        assert own.earliest <= time <= own.latest
 
 
 def test_bounds_are_those_of_the_least_delay_and_of_the_drift_since() -> None:

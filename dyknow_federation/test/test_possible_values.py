@@ -17,6 +17,10 @@ def either(*values: int) -> Value:
     return Alternatives.of(values, REASON)
 
 
+def put(stream: PossibleValues, time: int, uncertainty: int, value: int) -> bool:
+    return stream.put(time - uncertainty, time + uncertainty, value)
+
+
 def told(stream: PossibleValues) -> list[tuple[int, Value]]:
     return list(stream.take(lambda: REASON))
 
@@ -39,7 +43,7 @@ def test_the_true_value_is_among_those_that_are_told(
 ) -> None:
     stream, found = PossibleValues(), list[tuple[int, Value]]()
     for number, (_, each) in enumerate(known):
-        assert stream.put(*each)
+        assert put(stream, *each)
         found += told(stream)
         later = [time for time, _ in known[number + 1 :]] or [201]
         stream.promise(max((time for time in promises if time < later[0]), default=0))
@@ -58,9 +62,9 @@ def test_the_true_value_is_among_those_that_are_told(
 
 def test_times_are_told_once_no_later_sample_can_be_valid_before() -> None:
     stream = PossibleValues()
-    stream.put(90, 5, 1)
+    put(stream, 90, 5, 1)
     assert told(stream) == []
-    stream.put(202, 5, 2)
+    put(stream, 202, 5, 2)
     assert told(stream) == [(95, 1), (197, either(1, 2))]
     stream.promise(206)
     assert told(stream) == []
@@ -72,36 +76,36 @@ def test_each_sample_is_told_though_the_value_is_the_same() -> None:
     """Readers see that there is no gap."""
     stream = PossibleValues()
     for time in (10, 20, 30):
-        stream.put(time, 2, 7)
+        put(stream, time, 2, 7)
     stream.promise(40)
     assert told(stream) == [(12, 7), (18, 7), (28, 7)]
 
 
 def test_a_later_sample_is_not_valid_earlier() -> None:
     stream = PossibleValues()
-    stream.put(12, 1, 1)
-    stream.put(10, 5, 2)  # A later one, so it is valid after 11.
+    put(stream, 12, 1, 1)
+    put(stream, 10, 5, 2)  # A later one, so it is valid after 11.
     stream.promise(20)
     assert told(stream) == [(13, either(1, 2)), (15, 2)]
 
 
 def test_lost_samples_are_not_among_those_that_are_told() -> None:
     stream = PossibleValues()
-    stream.put(5, 0, 1)
+    put(stream, 5, 0, 1)
     stream.lose()
-    stream.put(27, 1, 2)
+    put(stream, 27, 1, 2)
     stream.promise(30)
     assert told(stream) == [(28, 2)]
     stream.lose()
-    stream.put(40, 1, 2)
+    put(stream, 40, 1, 2)
     stream.promise(41)
     assert told(stream) == [(41, 2)]
 
 
 def test_memory_is_bounded() -> None:
     stream = PossibleValues()
-    stream.put(0, 0, 0)
-    taken = [stream.put(number, 1000, number) for number in range(1, MAX_ALTERNATIVES + 2)]
+    put(stream, 0, 0, 0)
+    taken = [put(stream, number, 1000, number) for number in range(1, MAX_ALTERNATIVES + 2)]
     assert taken.count(False) == 1
     assert len(stream._samples) < MAX_ALTERNATIVES
     stream.promise(3000)
