@@ -250,7 +250,7 @@ class Peer:
     def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
         name = request.stream
         if all(each.stream != name for each in self._shares.features):
-            reason = f"peer '{self._settings.name}' does not share it: name it in share there"
+            reason = 'it is not shared; name it in share there'
             remote.send(RequestRefusal(name, reason))
             return
         if name not in self._sent:

@@ -148,8 +148,7 @@ def test_what_is_not_shared_is_refused_once() -> None:
     net.peers['b'].request('a', 'secret', net.time('b'))
     net.run(3)
     (refused,) = net.take('b', StreamViolated)
-    text = "peer 'a' refuses it: peer 'a' does not share it: name it in share there"
-    assert refused.reason == text
+    assert refused.reason == "peer 'a' refuses it: it is not shared; name it in share there"
     net.peers['a'].share([], [SharedFeature('S', (), 'secret', 'float')], net.time('a'))
     net.run(3)
     assert net.take('a', StreamWanted) == [StreamWanted('secret')]
