@@ -89,7 +89,7 @@ class StreamViolated:
 
 @dataclass(frozen=True, slots=True)
 class WatermarkArrived:
-    """All later values of a stream hold since after a time."""
+    """What is not known yet of the values of a stream holds after a time."""
 
     peer: str
     stream: str

@@ -69,7 +69,7 @@ class RemoteStream:
         self._latest = time
 
     def watermark(self, time: int) -> Any | None:
-        """Return the message that later values hold since after a time; None if it is known."""
+        """Return the message that later values hold after a time; None if that is known."""
         if time <= self.told:
             return None
         self._watermark = time
@@ -166,7 +166,7 @@ class RemoteStreams:
             self._streams[name].publish(time, value)
 
     def pass_watermark(self, name: StreamName, time: int) -> None:
-        """Publish that later values of a stream hold since after a time."""
+        """Publish that later values of a stream hold after a time."""
         stream = self._streams.get(name)
         found = None if stream is None else stream.watermark(time)
         if found is not None:
