@@ -35,13 +35,13 @@ def main() -> None:
     counts: Counter[str] = Counter()
     errors: Counter[str] = Counter()
     bad: list[str] = []
-    packets = most_held = 0
+    packets = most_alternatives = 0
     for seed in range(options.seed, options.seed + options.runs):
         run = Simulation(seed, conditions)
         outcome = run.run()
         _count(outcome, counts, errors)
         packets += run.packets
-        most_held = max(most_held, run.most_held)
+        most_alternatives = max(most_alternatives, run.most_alternatives)
         if outcome.kind in {'wrong', 'hang'}:
             bad.append(f'seed {seed}: {outcome.error} {outcome.detail}')
     seconds = process_time() - began
@@ -52,7 +52,7 @@ def main() -> None:
         'of these, unknown as clocks differ': counts['unknown though allowed'],
         'errors': dict(errors.most_common()),
         'packets a run': round(packets / options.runs),
-        'most samples held for a stream': most_held,
+        'most alternatives of a value': most_alternatives,
         'processor ms a run': round(1000 * seconds / options.runs, 1),
         'wrong or hanging runs': bad[:20],
     }

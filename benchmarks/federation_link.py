@@ -5,9 +5,10 @@
 Both ways cross zenoh on loopback at the same time, as for the fleet of examples/fleet: each robot
 publishes odometry and its battery 20 times a second. A bridge, such as zenoh-bridge-ros2dds, sends
 each message as it is serialised; the federation sends the features X, Y and Charge, which the base
-station asks for: X and Y at 20 Hz, or at `--every`, and Charge each second. Prints JSON: payload
-bytes for a robot and a second in both directions, and the time from a sample to its arrival at the
-base station, in milliseconds.
+station asks for: the robots share X and Y at 20 Hz, or at `--every`, and Charge each second. Prints
+JSON: payload bytes for a robot and a second in both directions, the time until a sample is
+known at the base station, in milliseconds, and the processor time of Python in percent of a core,
+for a robot with its part of the base station.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 
-from dyknow_common import SECOND_NS, parse_duration
+from dyknow_common import SECOND_NS, Alternatives, Value, parse_duration
 from dyknow_configuration import RequestedFederation
-from dyknow_federation import Peer, PeerSettings, SamplesArrived, SharedFeature, encode
+from dyknow_federation import Peer, PeerSettings, SharedFeature, ValueKnown, encode
 from dyknow_federation.ros.transport import ZenohTransport
 
 PERIOD_NS = SECOND_NS // 20
@@ -40,9 +41,7 @@ FEATURES = ('X', 'Y', 'Charge')
 
 def feature(robot: str, name: str) -> SharedFeature:
     """Return a shared feature of a robot."""
-    stream = f'{name}_{robot}'
-    annotation = f'stream {stream} contains {name}[{robot}] = value'
-    return SharedFeature(name, stream, annotation, (('value', 'float'),))
+    return SharedFeature(name, (robot,), f'{name}_{robot}', 'float')
 
 
 class Host:
@@ -55,7 +54,10 @@ class Host:
     def __init__(self, federation: RequestedFederation) -> None:
         self.peer = Peer(PeerSettings(federation.name, time.time_ns()))
         self.lock = threading.Lock()
+        self.published: dict[tuple[str, Value], int] = {}
+        """When the values of all hosts were published, by stream and value."""
         self.latencies: list[int] = []
+        self.processor_ns = 0
         self._due = threading.Event()
         self.transport = ZenohTransport(federation, time.time_ns, self._due.set)
         self._is_over = False
@@ -81,6 +83,7 @@ class Host:
                     self._act(self.peer.receive(each.data, time.time_ns(), each.sender))
                 self._act(self.peer.advance(time.time_ns()))
                 wait = self.peer.next_deadline() - time.time_ns()
+                self.processor_ns = time.thread_time_ns()
             self._due.wait(max(wait, 0) / SECOND_NS)
 
     def _act(self, effects: Any) -> None:
@@ -88,8 +91,41 @@ class Host:
         for packet in effects.packets:
             self.transport.send(packet.receiver, encode(packet), is_urgent=False)
         for event in effects.events:
-            if isinstance(event, SamplesArrived):
-                self.latencies += [now - each.valid_time for each in event.samples]
+            if isinstance(event, ValueKnown):
+                value = event.value
+                latest = value.values[-1] if isinstance(value, Alternatives) else value
+                if published := self.published.pop((event.stream, latest), None):
+                    self.latencies.append(now - published)
+
+
+class Bridge:
+    """The messages of all robots, as a bridge sends them.
+
+    Args:
+        session: of the base station.
+    """
+
+    def __init__(self, session: Any) -> None:
+        self.latencies: list[int] = []
+        self.bytes = 0
+        self.processor_ns = 0
+        self._subscription = session.declare_subscriber('raw/**', self._take)
+
+    def send(self, session: Any, key: str, data: bytes) -> None:
+        """Send a serialised message over the session of a robot."""
+        began = time.thread_time_ns()
+        session.put(f'raw/{key}', data, attachment=time.time_ns().to_bytes(8, 'big'))
+        self.bytes += len(data)
+        self.processor_ns += time.thread_time_ns() - began
+
+    def close(self) -> None:
+        """End the subscription."""
+        self._subscription.undeclare()
+
+    def _take(self, sample: Any) -> None:
+        began = time.thread_time_ns()
+        self.latencies.append(time.time_ns() - int.from_bytes(bytes(sample.attachment), 'big'))
+        self.processor_ns += time.thread_time_ns() - began
 
 
 def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:
@@ -116,66 +152,73 @@ def run(robots: int, seconds: float, every: int) -> dict[str, Any]:
         hosts = {
             name: Host(RequestedFederation(name, connect=(end,), zenoh=zenoh)) for name in names
         }
-        raw_latencies: list[int] = []
-        topic = base.transport.session.declare_subscriber(
-            'raw/**',
-            lambda sample: raw_latencies.append(
-                time.time_ns() - int.from_bytes(bytes(sample.attachment), 'big')
-            ),
-        )
-        raw_bytes = drive(base, hosts, seconds, every)
-        figures = {
-            'robots': robots,
-            'seconds': seconds,
-            'every_ms': every / 1e6,
-            'raw_bytes_per_s': round(raw_bytes / robots / seconds),
-            'bytes_per_s': round(crossed(base, hosts) / robots / seconds),
-            'raw_latency_ms': times(raw_latencies),
-            'latency_ms': times(base.latencies),
-        }
-        topic.undeclare()
-        for each in (base, *hosts.values()):
+        bridge = Bridge(base.transport.session)
+        join(base, hosts)
+        before = crossed(base, hosts), processor(base, hosts)
+        drive(base, hosts, bridge, seconds, every)
+        after = crossed(base, hosts), processor(base, hosts)
+        for each in (bridge, base, *hosts.values()):
             each.close()
-    figures['ratio'] = round(figures['bytes_per_s'] / figures['raw_bytes_per_s'], 3)
-    return figures
+    raw, shared = (each / robots / seconds for each in (bridge.bytes, after[0] - before[0]))
+    costs = bridge.processor_ns, after[1] - before[1]
+    return {
+        'robots': robots,
+        'seconds': seconds,
+        'every_ms': every / 1e6,
+        'raw_bytes_per_s': round(raw),
+        'bytes_per_s': round(shared),
+        'ratio': round(shared / raw, 3),
+        'raw_latency_ms': times(bridge.latencies),
+        'latency_ms': times(base.latencies),
+        'raw_core_percent': round(costs[0] / SECOND_NS / robots / seconds * 100, 2),
+        'core_percent': round(costs[1] / SECOND_NS / robots / seconds * 100, 2),
+    }
 
 
-def drive(base: Host, hosts: dict[str, Host], seconds: float, every: int) -> int:
-    """Publish both ways for some time; return the bytes of the raw messages."""
+def join(base: Host, hosts: dict[str, Host]) -> None:
+    """Have the base station ask for all features, and wait until all robots know."""
     for name, host in hosts.items():
         with host.lock:
             host.peer.share((), [feature(name, each) for each in FEATURES], time.time_ns())
         with base.lock:
             for each in FEATURES:
-                rate = SECOND_NS if each == 'Charge' else every
-                base.peer.request(name, f'{each}_{name}', rate, time.time_ns())
+                base.peer.request(name, f'{each}_{name}', time.time_ns())
     base.wake()
-    time.sleep(2)  # Until all are joined.
-    base.latencies.clear()
-    before = crossed(base, hosts)
-    begin, raw = time.time_ns(), 0
+    while any(len(host.peer.sent) < len(FEATURES) for host in hosts.values()):
+        time.sleep(0.1)
+    time.sleep(2)  # Until all clocks are measured.
+
+
+def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float, every: int) -> None:
+    """Publish both ways for some time."""
+    begin = time.time_ns()
     for step in range(round(seconds * SECOND_NS / PERIOD_NS)):
         time.sleep(max(begin + step * PERIOD_NS - time.time_ns(), 0) / SECOND_NS)
         for number, (name, host) in enumerate(hosts.items(), 1):
             now = time.time_ns()
             values, serialised = messages(number, now)
             for index, data in enumerate(serialised):
-                host.transport.session.put(
-                    f'raw/{name}/{index}', data, attachment=time.time_ns().to_bytes(8, 'big')
-                )
-                raw += len(data)
+                bridge.send(host.transport.session, f'{name}/{index}', data)
             with host.lock:
                 for each, value in values.items():
-                    host.peer.publish(f'{each}_{name}', now, {'value': value}, now)
+                    stream, rate = f'{each}_{name}', SECOND_NS if each == 'Charge' else every
+                    if step % max(rate // PERIOD_NS, 1):
+                        host.peer.promise(stream, now, now)
+                        continue
+                    host.peer.publish(stream, now, value, now)
+                    if step:  # The first value is certain only after another one.
+                        base.published[stream, value] = now
             host.wake()
-    for host in (base, *hosts.values()):
-        host.transport.sent[''] -= before if host is base else 0
-    return raw
 
 
 def crossed(base: Host, hosts: dict[str, Host]) -> int:
     """Return the bytes that all hosts have sent."""
     return sum(each.transport.sent.total() for each in (base, *hosts.values()))
+
+
+def processor(base: Host, hosts: dict[str, Host]) -> int:
+    """Return the processor time of the threads of all hosts, in nanoseconds."""
+    return sum(each.processor_ns for each in (base, *hosts.values()))
 
 
 def times(latencies: list[int]) -> dict[str, float]:

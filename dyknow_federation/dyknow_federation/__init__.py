@@ -1,23 +1,19 @@
 """Several hosts: their clocks, links, and what they share."""
 
 from dyknow_federation.clocks import Offset, OwnTime, PairClock
-from dyknow_federation.errors import FederationError, VersionError
+from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     ClockJumped,
     Event,
-    LinkRestored,
-    LinkStale,
     PeerFault,
     PeerJoined,
     PeerLeft,
-    RemoteSample,
-    SamplesArrived,
     SamplesLost,
     SharesChanged,
-    StreamRefused,
     StreamUnwanted,
     StreamViolated,
     StreamWanted,
+    ValueKnown,
     WatermarkArrived,
 )
 from dyknow_federation.messages import (
@@ -32,7 +28,6 @@ from dyknow_federation.messages import (
 from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.possible_values import PossibleValues
 from dyknow_federation.remote import RemotePeer
-from dyknow_federation.sending import StreamKey
 from dyknow_federation.settings import PeerSettings
 
 __all__ = [
@@ -40,8 +35,6 @@ __all__ = [
     'Effects',
     'Event',
     'FederationError',
-    'LinkRestored',
-    'LinkStale',
     'Offset',
     'OwnTime',
     'Packet',
@@ -53,20 +46,16 @@ __all__ = [
     'PeerSettings',
     'PossibleValues',
     'RemotePeer',
-    'RemoteSample',
-    'SamplesArrived',
     'SamplesLost',
     'SharedFeature',
     'SharedObject',
     'Shares',
     'SharesChanged',
     'StreamFault',
-    'StreamKey',
-    'StreamRefused',
     'StreamUnwanted',
     'StreamViolated',
     'StreamWanted',
-    'VersionError',
+    'ValueKnown',
     'WatermarkArrived',
     'decode',
     'encode',

@@ -55,12 +55,12 @@ class OwnTime(NamedTuple):
     """A time of another clock, in nanoseconds of the own clock.
 
     Args:
-        time: the middle of what is possible.
-        uncertainty: half the width of what is possible.
+        earliest: the first time that is possible.
+        latest: the last one.
     """
 
-    time: int
-    uncertainty: int
+    earliest: int
+    latest: int
 
 
 class _Bounds(NamedTuple):
@@ -78,15 +78,11 @@ class PairClock:
         delay: the round trip of the last exchange, in nanoseconds; None before the first.
         since: the own time of the first exchange after the last jump: earlier times of the other
             clock cannot be translated.
-
-    Args:
-        max_drift_ppm: by how much the clocks drift apart, in millionths.
     """
 
-    def __init__(self, max_drift_ppm: int = MAX_DRIFT_PPM) -> None:
+    def __init__(self) -> None:
         self.delay: int | None = None
         self.since = BEGINNING
-        self._max_drift_ppm = max_drift_ppm
         self._measures: deque[_Bounds] = deque(maxlen=MAX_MEASURES)
 
     @property
@@ -131,17 +127,14 @@ class PairClock:
         self._measures.clear()
         self.since = at
 
-    def exceeds(self, stamp: int, at: int) -> int | None:
-        """Return by how much a stamp of a message is later than it can be; None if it is not.
+    def exceeds(self, stamp: int, at: int) -> bool:
+        """Return True if a stamp of a message is later than it can be.
 
         Args:
             stamp: a past time of the other clock.
             at: the own time of the receipt.
         """
-        if not self._measures:
-            return None
-        excess = stamp - at - self._at(at).most
-        return excess if excess > 0 else None
+        return bool(self._measures) and stamp - at > self._at(at).most
 
     def offset(self, at: int) -> Offset | None:
         """Return the offset at an own time, in nanoseconds; None if it is not known."""
@@ -164,12 +157,11 @@ class PairClock:
         middle = (latest.least + latest.most) // 2
         bounds = self._at(time - middle)
         slack = self._drift(2 * max(middle - bounds.least, bounds.most - middle))
-        first, last = time - bounds.most - slack, time - bounds.least + slack
-        half = -(-(last - first) // 2)
-        return OwnTime(first + half, half)
+        return OwnTime(time - bounds.most - slack, time - bounds.least + slack)
 
-    def _drift(self, duration: int) -> int:
-        return abs(duration) * self._max_drift_ppm // _MILLION + 1
+    @staticmethod
+    def _drift(duration: int) -> int:
+        return abs(duration) * MAX_DRIFT_PPM // _MILLION + 1
 
     def _at(self, at: int) -> _Bounds:
         """Return the bounds of all exchanges at an own time."""

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dyknow_common import Value
-from dyknow_federation.messages import Shares, StreamFault
+from dyknow_federation.messages import Shares
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +13,6 @@ class PeerJoined:
     """A peer is heard for the first time, again after it had left, or in a new run."""
 
     peer: str
-    incarnation: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,21 +29,6 @@ class PeerFault:
 
     peer: str
     message: str
-
-
-@dataclass(frozen=True, slots=True)
-class LinkStale:
-    """A peer has not been heard for `stale_after`; `LinkRestored` or `PeerLeft` follows."""
-
-    peer: str
-    since: int
-
-
-@dataclass(frozen=True, slots=True)
-class LinkRestored:
-    """A peer is heard again."""
-
-    peer: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,48 +54,13 @@ class StreamUnwanted:
 
 
 @dataclass(frozen=True, slots=True)
-class StreamRefused:
-    """A peer does not grant a request."""
+class ValueKnown:
+    """The value of a stream since a time; it has alternatives where the clocks leave it open."""
 
     peer: str
     stream: str
-    every: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class RemoteSample:
-    """A sample of a peer.
-
-    Args:
-        valid_time: the middle of what is possible.
-        uncertainty: the valid time is at most this far from the middle.
-        fields: a value for each field name.
-    """
-
-    valid_time: int
-    uncertainty: int
-    fields: Mapping[str, Value]
-
-    @property
-    def earliest(self) -> int:
-        """The earliest possible valid time."""
-        return self.valid_time - self.uncertainty
-
-    @property
-    def latest(self) -> int:
-        """The latest possible valid time."""
-        return self.valid_time + self.uncertainty
-
-
-@dataclass(frozen=True, slots=True)
-class SamplesArrived:
-    """The next samples of a stream; their order is that of their true valid times."""
-
-    peer: str
-    stream: str
-    every: int
-    samples: tuple[RemoteSample, ...]
+    time: int
+    value: Value
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,31 +69,30 @@ class SamplesLost:
 
     peer: str
     stream: str
-    every: int
     count: int
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class StreamViolated:
-    """The host of a stream has noticed a violation, after all samples that have arrived.
+    """A violation of a stream, after all values that are known.
 
-    Its valid time is the earliest one that is possible.
+    Its host has noticed it, or refuses the request, or the times of samples are too uncertain.
     """
 
     peer: str
     stream: str
-    every: int
-    fault: StreamFault
+    constraint: str
+    reason: str
+    valid_time: int
 
 
 @dataclass(frozen=True, slots=True)
 class WatermarkArrived:
-    """All later samples of a stream are certainly valid after a time."""
+    """What is not known yet of the values of a stream holds after a time."""
 
     peer: str
     stream: str
-    every: int
     time: int
 
 
@@ -155,12 +102,10 @@ class ClockJumped:
 
     Args:
         peer: whose samples may have wrong times.
-        difference: by how much, about.
         since: the last time at which the clocks agreed with what was known; None without one.
     """
 
     peer: str
-    difference: int
     since: int | None
 
 
@@ -168,13 +113,10 @@ Event = (
     PeerJoined
     | PeerLeft
     | PeerFault
-    | LinkStale
-    | LinkRestored
     | SharesChanged
     | StreamWanted
     | StreamUnwanted
-    | StreamRefused
-    | SamplesArrived
+    | ValueKnown
     | SamplesLost
     | StreamViolated
     | WatermarkArrived

@@ -3,7 +3,7 @@
 A peer says what it knows, and which of its streams carry which features of it:
 
     carrier1: the object carrier1 of the sort Robot
-              stream Charge_carrier1 contains Charge[carrier1] = value
+              the stream Charge_carrier1 with Charge[carrier1]
 
 Here, that stream is a topic, and the object one like any other. A name that another peer or this
 host uses, too, may mean something else there, so all but the own one are qualified by the name of
@@ -18,15 +18,15 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
-from dyknow_common import DyKnowError, StreamConstraints, shortened
+from dyknow_common import DyKnowError, shortened
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import SharedFeature, SharedObject, Shares
-from dyknow_federation.offers import ANY_SORT
-from dyknow_semantics import Annotation, FeatureArgument, parse_annotations
+from dyknow_federation.offers import ANY_SORT, VALUE
+from dyknow_semantics import Annotation, Content, FeatureArgument, FeatureTerm, parse_annotations
 
 MAX_STREAMS: Final = 2_000
 """The number of streams of a peer that are known here."""
@@ -43,8 +43,6 @@ class ImportedStream:
     """A stream of a peer, with its meaning here.
 
     Args:
-        peer: its name.
-        stream: its name at the peer.
         annotation: its contents in SSL, which names the topic here.
         feature: that it carries.
         sorts: of the arguments of the feature, as far as its objects tell.
@@ -52,8 +50,6 @@ class ImportedStream:
         unit: of its values; empty for none.
     """
 
-    peer: str
-    stream: str
     annotation: str
     feature: str
     sorts: tuple[str, ...]
@@ -108,7 +104,7 @@ def imports(
                 objects[local] = tuple(dict.fromkeys((*objects.get(local, ()), *each.sorts)))
         for feature in given.features[:MAX_STREAMS]:
             try:
-                stream = _imported(peer, feature, known, names, topic(peer, feature.stream))
+                stream = _imported(feature, known, names, topic(peer, feature.stream))
             except DyKnowError as error:
                 faults.append(f"peer '{peer}', stream '{shortened(feature.stream)}': {error}")
             else:
@@ -130,62 +126,32 @@ def _is_usable(shared: SharedObject, peer: str, faults: list[str]) -> bool:
 
 
 def _imported(
-    peer: str,
     feature: SharedFeature,
     known: Mapping[str, SharedObject],
     names: Mapping[str, str],
     topic: str,
 ) -> ImportedStream:
-    if not _NAME.fullmatch(feature.stream):
+    if not (_NAME.fullmatch(feature.stream) and _NAME.fullmatch(feature.name)):
         raise FederationError('it cannot be a name here; use letters, digits and _')
-    annotation = _checked(feature)
-    (content,) = annotation.contents
-    arguments = [each.name for each in content.feature.arguments]
-    if unknown := [each for each in arguments if each not in known]:
+    if unknown := [each for each in feature.objects if each not in known]:
         raise FederationError(f"the object '{shortened(unknown[0])}' is not shared")
-    renamed = tuple(FeatureArgument(names[each]) for each in arguments)
-    term = replace(content.feature, arguments=renamed)
-    local = replace(
-        annotation,
-        stream=topic,
-        is_topic=True,
-        contents=(replace(content, feature=term),),
-        # Watermarks say how far the samples are known, and violations at the peer are told.
-        constraints=StreamConstraints(),
+    term = FeatureTerm(
+        feature.name, tuple(FeatureArgument(names[each]) for each in feature.objects)
     )
-    sorts = tuple(_most_specific(known[each]) for each in arguments)
-    value_type = dict(feature.columns)[content.field]
-    return ImportedStream(
-        peer, feature.stream, str(local), term.name, sorts, value_type, content.unit or ''
-    )
-
-
-def _checked(feature: SharedFeature) -> Annotation:
-    """Return the annotation of a stream with one ground feature of plain fields."""
-    if len(feature.annotation) > MAX_ANNOTATION:
-        raise FederationError(f'its annotation has more than {MAX_ANNOTATION:,} characters')
-    found = _parsed(feature.annotation)
-    if len(found) != 1 or len(found[0].contents) != 1:
-        raise FederationError('its annotation does not have one feature')
-    (annotation,) = found
-    (content,) = annotation.contents
-    if annotation.stream != feature.stream or content.feature.name != feature.name:
-        raise FederationError('its annotation is about another stream or feature')
-    if annotation.ranges or annotation.elements:
-        raise FederationError('its annotation is about many objects; share a stream for each')
-    if content.field not in dict(feature.columns):
-        raise FederationError(f"its samples have no field '{shortened(content.field)}'")
-    return annotation
+    # Without constraints: watermarks say how far the samples are known, and its host tells more.
+    annotation = Annotation(topic, (Content(term, VALUE, feature.unit or None),), is_topic=True)
+    if _parsed(str(annotation)) != (annotation,):  # Whatever the peer says may be in it.
+        raise FederationError(f"'{shortened(feature.unit)}' is no unit")
+    sorts = tuple(known[each].sorts[0] for each in feature.objects)  # The most specific one.
+    return ImportedStream(str(annotation), feature.name, sorts, feature.value_type, feature.unit)
 
 
 @lru_cache(maxsize=2 * MAX_STREAMS)
 def _parsed(text: str) -> tuple[Annotation, ...]:
     """Parse an annotation, once for all changes of other streams."""
+    if len(text) > MAX_ANNOTATION:
+        raise FederationError(f'its annotation has more than {MAX_ANNOTATION:,} characters')
     return parse_annotations(text)
-
-
-def _most_specific(shared: SharedObject) -> str:
-    return shared.sorts[0]
 
 
 def argument_sorts(streams: Collection[ImportedStream]) -> tuple[str, ...]:

@@ -1,9 +1,9 @@
 """Messages between peers, and their encoding.
 
-A packet holds one message. It is encoded as JSON with the values of the fields in order, and
-compressed unless it is short, with what all packets have in common as a dictionary:
+A packet is encoded as JSON with the values of the fields of its messages in order, and compressed
+unless it is short, with what all packets have in common as a dictionary:
 
-    [1, "carrier1", 17…, 12.5e9, "Hello", [3]]
+    [1, "carrier1", 17…, "basestation", ["Hello", [3]]]
 
 Nothing of a peer is trusted: `decode` checks the size before it reads, and the type, the length
 and the range of every value. All times are in nanoseconds of the sender's clock.
@@ -21,7 +21,7 @@ from itertools import pairwise
 from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 from dyknow_common import Value, check_name, shortened
-from dyknow_federation.errors import FederationError, VersionError
+from dyknow_federation.errors import FederationError
 
 VERSION: Final = 1
 """The version of the protocol; peers of different versions refuse each other, and say so."""
@@ -30,7 +30,7 @@ MAX_PACKET: Final = 1024 * 1024
 """The number of bytes of a packet, before and after compression."""
 
 MAX_TEXT: Final = 10_000
-"""The length of a text in a message, as of an annotation."""
+"""The length of a text in a message, as of a value."""
 
 MAX_ITEMS: Final = 10_000
 """The number of items of a list in a message."""
@@ -38,14 +38,17 @@ MAX_ITEMS: Final = 10_000
 MAX_BATCH: Final = 500
 """The number of samples of a batch."""
 
-MAX_COLUMNS: Final = 100
-"""The number of fields of a sample."""
+MAX_MESSAGES: Final = 20
+"""The number of messages of a packet."""
 
 MAX_REASON: Final = 1_000
 """The length of the description of a violation; longer ones are cut."""
 
 MAX_RANGES: Final = 20
 """The number of ranges of missing samples that a request names; later requests name others."""
+
+_HEADER: Final = 4
+"""The number of values of a packet before its messages."""
 
 _MAX_INTEGER: Final = 2**63
 _COMPRESSED: Final = b'z'
@@ -54,7 +57,7 @@ _COMPRESSES: Final = 64
 
 COMMON: Final = (
     b'"SharesRequest",["Shares",["RequestRefusal",["Request",["Release",["ProbeReply",["Probe",['
-    b'"Hello",[false,true],"Watermark",["Samples",[],["value"],[[0.'
+    b'"Hello",[false,true],"Watermark",["Samples",[],[[0.'
 )
 """What packets have in common: with it, one of a sample has three quarters of its length."""
 
@@ -94,15 +97,17 @@ class SharedFeature:
 
     Args:
         name: the feature in the ontology.
+        objects: that it is about.
         stream: the stream that carries it; requests name it.
-        annotation: what the stream contains, a statement in SSL.
-        columns: the names of the fields of its samples, and their types in the stream language.
+        value_type: of its values, in the stream language.
+        unit: of its values; empty for none.
     """
 
     name: str
+    objects: tuple[str, ...]
     stream: str
-    annotation: str
-    columns: tuple[tuple[str, str], ...]
+    value_type: str
+    unit: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,21 +133,17 @@ class Request:
 
     Args:
         stream: the name of the stream.
-        every: the least time between samples that are of use; 0 for all samples.
         epoch: the epoch of the numbers below; 0 if no sample has been received yet.
         number: all samples before this number have been received, or are lost.
         missing: the first and the last number of each range that is missing after it.
     """
 
     stream: str
-    every: int = 0
     epoch: int = 0
     number: int = 0
     missing: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
-        if self.every < 0:
-            raise FederationError(f'every is {self.every} ns; it must not be negative')
         if len(self.missing) > MAX_RANGES:
             raise FederationError(f'{len(self.missing)} ranges are missing; name {MAX_RANGES}')
 
@@ -152,7 +153,6 @@ class Release:
     """The end of a request."""
 
     stream: str
-    every: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,12 +161,10 @@ class RequestRefusal:
 
     Args:
         stream: the name of the stream.
-        every: as in the request.
         reason: why, with the remedy.
     """
 
     stream: str
-    every: int
     reason: str
 
 
@@ -176,30 +174,24 @@ class Samples:
 
     Args:
         stream: the name of the stream.
-        every: as in the request.
         epoch: numbers of different epochs have nothing to do with each other.
         first: the number of the first sample.
         valid_times: of each sample, strictly increasing, in the clock of the sender.
-        names: the names of the fields.
-        columns: for each field, the values of all samples.
+        values: of each sample.
     """
 
     stream: str
-    every: int
     epoch: int
     first: int
     valid_times: tuple[int, ...]
-    names: tuple[str, ...]
-    columns: tuple[tuple[Value, ...], ...]
+    values: tuple[Value, ...]
 
     def __post_init__(self) -> None:
         count = len(self.valid_times)
         if not 0 < count <= MAX_BATCH:
             raise FederationError(f'a batch has {count} samples; send 1 to {MAX_BATCH}')
-        if len(self.names) != len(self.columns) or len(self.names) > MAX_COLUMNS:
-            raise FederationError(f'{len(self.names)} names for {len(self.columns)} columns')
-        if any(len(each) != count for each in self.columns):
-            raise FederationError(f'a column has not {count} values, as there are samples')
+        if len(self.values) != count:
+            raise FederationError(f'a batch has {count} samples, but {len(self.values)} values')
         if any(later <= former for former, later in pairwise(self.valid_times)):
             raise FederationError('the valid times of a batch do not increase')
         _check_numbers(self.epoch, self.first)
@@ -231,14 +223,12 @@ class ViolationNotice:
 
     Args:
         stream: the name of the stream.
-        every: as in the request.
         epoch: of the number.
         number: its own; the next sample has the next one.
         fault: what has happened, in the clock of the sender.
     """
 
     stream: str
-    every: int
     epoch: int
     number: int
     fault: StreamFault
@@ -253,7 +243,6 @@ class Watermark:
 
     Args:
         stream: the name of the stream.
-        every: as in the request.
         epoch: of the numbers.
         number: of the next sample.
         oldest: the least number that can still be asked for; earlier ones are lost.
@@ -261,7 +250,6 @@ class Watermark:
     """
 
     stream: str
-    every: int
     epoch: int
     number: int
     oldest: int
@@ -322,19 +310,19 @@ _KINDS: Final[dict[str, type]] = {each.__name__: each for each in get_args(Messa
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A message with its sender.
+    """Messages with their sender.
 
     Args:
         sender: the name of the peer that sent it.
         incarnation: the number of its run, unique among all its runs.
         receiver: the name of the peer that it is for; empty for all.
-        message: the message.
+        messages: the messages, in order.
     """
 
     sender: str
     incarnation: int
     receiver: str
-    message: Message
+    messages: tuple[Message, ...]
 
 
 def encode(packet: Packet) -> bytes:
@@ -343,13 +331,12 @@ def encode(packet: Packet) -> bytes:
     Raises:
         FederationError: if it is too large.
     """
-    message = packet.message
     content = [VERSION, packet.sender, packet.incarnation, packet.receiver]
-    content += [type(message).__name__, _values(message)]
+    content += [[type(each).__name__, _values(each)] for each in packet.messages]
     data = json.dumps(content, separators=(',', ':')).encode()
     if len(data) > MAX_PACKET:
         raise FederationError(
-            f'a message {type(message).__name__} has {len(data)} bytes, more than {MAX_PACKET}; '
+            f'{type(packet.messages[0]).__name__} has {len(data)} bytes, more than {MAX_PACKET}; '
             'share less'
         )
     if len(data) < _COMPRESSES:
@@ -362,8 +349,7 @@ def decode(data: bytes) -> Packet:
     """Return the packet that another peer has encoded.
 
     Raises:
-        VersionError: for another version of the protocol.
-        FederationError: for anything else that is not as it must be.
+        FederationError: for another version of the protocol, or what is not as it must be.
     """
     try:
         content = json.loads(_plain(data))
@@ -373,22 +359,26 @@ def decode(data: bytes) -> Packet:
         raise FederationError('it is no packet')
     version, sender = _checked(int, content[0]), _checked(str, content[1])
     if version != VERSION:
-        raise VersionError(
-            sender,
-            version,
+        raise FederationError(
             f"peer '{sender}' speaks version {version} of the protocol, this one {VERSION}; "
             'install the same version of DyKnow on both',
         )
-    try:
-        _, _, incarnation, receiver, kind, values = content
-    except ValueError:
-        raise FederationError(f'a packet has 6 parts, not {len(content)}') from None
+    if not _HEADER < len(content) <= _HEADER + MAX_MESSAGES:
+        raise FederationError(f'it has {len(content) - _HEADER} messages; send 1 to {MAX_MESSAGES}')
     if not sender:
         raise FederationError('its sender has no name')
+    incarnation, receiver = _checked(int, content[2]), _checked(str, content[3])
+    return Packet(sender, incarnation, receiver, tuple(map(_message, content[_HEADER:])))
+
+
+def _message(content: Any) -> Message:
+    if not isinstance(content, list) or len(content) != 2:  # noqa: PLR2004
+        raise FederationError(f"'{shortened(content)}' is no message")
+    kind, values = content
     if not isinstance(kind, str) or kind not in _KINDS:
         raise FederationError(f"unknown message '{shortened(kind)}'")
-    message = _checked(_KINDS[kind], values)
-    return Packet(sender, _checked(int, incarnation), _checked(str, receiver), message)
+    found: Message = _checked(_KINDS[kind], values)
+    return found
 
 
 def _plain(data: bytes) -> bytes:

@@ -18,8 +18,6 @@ from typing import Final
 
 from dyknow_federation.messages import SharedFeature, SharedObject, Shares
 from dyknow_semantics import (
-    Annotation,
-    Content,
     FeatureSignature,
     FeatureTerm,
     Knowledge,
@@ -59,13 +57,10 @@ class Offer:
 
     def shared(self, name: str) -> SharedFeature:
         """Return what peers are told of it, given the name of the stream."""
-        content = Content(self.ground, VALUE, self.feature.unit or None)
-        return SharedFeature(
-            self.feature.name,
-            name,
-            str(Annotation(name, (content,))),
-            ((VALUE, self.feature.value_type.value),),
-        )
+        objects = tuple(each.name for each in self.ground.arguments)
+        feature = self.feature
+        value_type = feature.value_type.value
+        return SharedFeature(feature.name, objects, name, value_type, feature.unit or '')
 
 
 def offers(feature: FeatureSignature, texts: Iterable[str], imported: str) -> Iterator[Offer]:

@@ -6,7 +6,7 @@ that only ask for something, as `request` and `publish`, take effect at the next
 they make due.
 
     peer = Peer(PeerSettings('base', incarnation=start))
-    peer.request('carrier1', 'carrier1_position', every=0, at=now)
+    peer.request('carrier1', 'Charge_carrier1', at=now)
     effects = peer.advance(now)
 
 All times are in nanoseconds of the own clock.
@@ -19,8 +19,9 @@ from functools import partial
 from itertools import count
 from typing import Final, NamedTuple
 
-from dyknow_common import Value, check_name, round_duration
-from dyknow_federation.errors import FederationError, VersionError
+from dyknow_common import NANOSECONDS, Value, check_name
+from dyknow_federation.clocks import BEGINNING
+from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     Event,
     PeerFault,
@@ -28,6 +29,7 @@ from dyknow_federation.events import (
     StreamWanted,
 )
 from dyknow_federation.messages import (
+    MAX_MESSAGES,
     Hello,
     Message,
     Packet,
@@ -44,14 +46,17 @@ from dyknow_federation.messages import (
     decode,
 )
 from dyknow_federation.remote import RemotePeer
-from dyknow_federation.sending import Rendition, StreamKey
+from dyknow_federation.sending import SentStream
 from dyknow_federation.settings import PeerSettings
 
 MAX_PEERS: Final = 1000
 """The number of other peers."""
 
-MAX_RATES: Final = 8
-"""The number of rates at which a stream can be asked for."""
+BATCH_DELAY: Final = 2 * NANOSECONDS['ms']
+"""How long a sample waits for others to be sent with, in nanoseconds."""
+
+WATERMARK_DELAY: Final = 50 * NANOSECONDS['ms']
+"""How long a watermark without a sample waits, in nanoseconds."""
 
 _NEVER: Final = 2**63
 
@@ -86,7 +91,7 @@ class Peer:
         self._now = -_NEVER
         self._shares = Shares(1)
         self._remotes: dict[str, RemotePeer] = {}
-        self._renditions: dict[StreamKey, Rendition] = {}
+        self._sent: dict[str, SentStream] = {}
         self._epochs = count(1)
         self._hello_at = self._flush_at = -_NEVER
         self._events: list[Event] = []
@@ -104,17 +109,9 @@ class Peer:
         return self._shares
 
     @property
-    def renditions(self) -> Mapping[StreamKey, Rendition]:
-        """The own streams that others have asked for."""
-        return self._renditions
-
-    def difference(self, peer: str) -> str:
-        """Return by how much the clock of a peer differs, as the beginning of a sentence."""
-        remote = self._remotes.get(peer)
-        offset = remote.clock.offset(self._now) if remote else None
-        if offset is None:
-            return f"the clock of '{peer}' is not known"
-        return f'the clocks of {self._settings.name} and {peer} differ by {offset}'
+    def sent(self) -> Mapping[str, SentStream]:
+        """The own streams that others have asked for, by their names."""
+        return self._sent
 
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
@@ -131,46 +128,50 @@ class Peer:
         version = self._shares.version + 1
         self._shares = Shares(version, tuple(objects), tuple(features))
         streams = {each.stream for each in self._shares.features}
-        for key in [each for each in self._renditions if each.stream not in streams]:
-            self._remove(key)
+        for name in self._sent.keys() - streams:
+            self._remove(name)
         self._hello_at = at
 
-    def publish(self, stream: str, valid_time: int, fields: Mapping[str, Value], at: int) -> None:
+    def publish(self, stream: str, valid_time: int, value: Value, at: int) -> None:
         """Send a sample of an own stream to all that have asked for it.
 
         Raises:
             FederationError: if its valid time does not increase, or was excluded by `promise`.
         """
-        for key, rendition in self._renditions.items():
-            if key.stream == stream and rendition.publish(valid_time, fields):
-                self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
+        if stream in self._sent:
+            self._sent[stream].publish(valid_time, value)
+            self._flush_at = min(self._flush_at, at + BATCH_DELAY)
 
     def violate(self, stream: str, fault: StreamFault, at: int) -> None:
         """Tell all that have asked for an own stream that it has a violation."""
-        for key, rendition in self._renditions.items():
-            if key.stream == stream:
-                rendition.violate(fault)
-                self._flush_at = min(self._flush_at, at + self._settings.batch_delay)
+        if stream in self._sent:
+            self._sent[stream].violate(fault)
+            self._flush_at = min(self._flush_at, at + BATCH_DELAY)
 
     def promise(self, stream: str, time: int, at: int) -> None:
         """Promise that all later samples of an own stream are valid after a time."""
-        for key, rendition in self._renditions.items():
-            if key.stream == stream:
-                rendition.promise(time)
-                self._flush_at = min(self._flush_at, at + self._settings.watermark_delay)
+        if stream in self._sent:
+            self._sent[stream].promise(time)
+            self._flush_at = min(self._flush_at, at + WATERMARK_DELAY)
 
-    def request(self, peer: str, stream: str, every: int, at: int) -> None:
+    def request(self, peer: str, stream: str, at: int, after: int = BEGINNING) -> None:
         """Ask a peer for a stream until it is released; the peer need not be there yet.
+
+        Args:
+            peer: its name.
+            stream: the name of the stream.
+            at: the time.
+            after: values are told after this time, or after `at` if that is earlier.
 
         Raises:
             FederationError: if too many peers are known.
         """
-        self._remote(peer, at).request(StreamKey(stream, every), at)
+        self._remote(peer, at).request(stream, at, min(after, at))
 
-    def release(self, peer: str, stream: str, every: int) -> None:
+    def release(self, peer: str, stream: str) -> None:
         """Ask a peer for a stream no more."""
         if peer in self._remotes:
-            self._remotes[peer].release(StreamKey(stream, every))
+            self._remotes[peer].release(stream)
 
     def receive(self, data: bytes, at: int, sender: str = '') -> Effects:
         """Take a packet; one that is not as it must be is an event.
@@ -188,8 +189,6 @@ class Peer:
                 self._check_own(packet)
             elif packet.receiver in {'', self._settings.name}:
                 self._take(packet, at)
-        except VersionError as error:
-            self._report(error.sender, error.message, at)
         except FederationError as error:
             self._report(sender, f'a message is refused: {error}', at)
         return self._effects()
@@ -205,17 +204,21 @@ class Peer:
             self._events += remote.advance(at)
         if at >= self._flush_at:
             self._flush_at = _NEVER
-            for rendition in self._renditions.values():
-                for peer, message in rendition.unsent():
-                    self._send(peer, message)
+            unsent: dict[str, list[Message]] = {}
+            for stream in self._sent.values():
+                for peer, message in stream.unsent():
+                    unsent.setdefault(peer, []).append(message)
+            for peer, messages in unsent.items():
+                for first in range(0, len(messages), MAX_MESSAGES):
+                    self._send(peer, *messages[first : first + MAX_MESSAGES])
         return self._effects()
 
     def _note_time(self, at: int) -> None:
         """Notice an own clock that jumps back: no wait is longer for it, no measure holds."""
         if at < self._now:
             self._hello_at = at
-            for key, rendition in list(self._renditions.items()):
-                self._renditions[key] = rendition.continued(next(self._epochs))
+            for name, stream in self._sent.items():
+                self._sent[name] = stream.continued(next(self._epochs))
             for remote in self._remotes.values():
                 self._events += remote.restart_times(at)
         self._now = at
@@ -226,60 +229,50 @@ class Peer:
         if events is None:
             return
         self._events += events
-        match packet.message:
+        for message in packet.messages:
+            self._take_message(remote, message, at)
+
+    def _take_message(self, remote: RemotePeer, message: Message, at: int) -> None:
+        match message:
             case SharesRequest():
                 remote.send(self._shares)
             case Request():
-                self._take_request(remote, packet.message, at)
-            case Release(stream, every):
-                if (key := StreamKey(stream, every)) in self._renditions:
-                    self._renditions[key].release(remote.name)
+                self._take_request(remote, message, at)
+            case Release(stream):
+                if stream in self._sent:
+                    self._sent[stream].release(remote.name)
             case Probe(number, sent_at):
                 self._events += remote.check_stamp(sent_at, at)
                 remote.send(ProbeReply(number, sent_at, at, at))
-            case message:
+            case _:
                 self._events += remote.take(message, at)
 
     def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
-        key = StreamKey(request.stream, request.every)
-        reason = self._refusal(key)
-        if reason:
-            remote.send(RequestRefusal(*key, reason))
+        name = request.stream
+        if all(each.stream != name for each in self._shares.features):
+            reason = 'it is not shared; name it in share there'
+            remote.send(RequestRefusal(name, reason))
             return
-        if key not in self._renditions:
-            if all(each.stream != key.stream for each in self._renditions):
-                self._events.append(StreamWanted(key.stream))
-            history = self._settings.history
-            self._renditions[key] = Rendition(key, next(self._epochs), history)
+        if name not in self._sent:
+            self._events.append(StreamWanted(name))
+            self._sent[name] = SentStream(name, next(self._epochs), self._settings.history)
         expires = at + self._settings.peer_timeout
-        for each in self._renditions[key].renew(remote.name, request, expires):
+        for each in self._sent[name].renew(remote.name, request, expires):
             remote.send(each)
-
-    def _refusal(self, key: StreamKey) -> str:
-        shared = [each.stream for each in self._shares.features]
-        if key.stream not in shared:
-            return f"peer '{self._settings.name}' does not share it: name it in share there"
-        rates = [each for each in self._renditions if each.stream == key.stream]
-        if key not in rates and len(rates) >= MAX_RATES:
-            every = sorted(round_duration(each.every) for each in rates)
-            return f'it is asked for at {MAX_RATES} rates already; use one of {", ".join(every)}'
-        return ''
 
     def _expire(self, at: int) -> None:
         """End what is not needed any more."""
-        for key, rendition in list(self._renditions.items()):
-            rendition.expire(at)
-            is_used = rendition.subscribers or at < rendition.used_until + self._settings.history
-            if not is_used:
-                self._remove(key)
+        for name, stream in list(self._sent.items()):
+            stream.expire(at)
+            if not stream.subscribers and at >= stream.used_until + self._settings.history:
+                self._remove(name)
         for name, remote in list(self._remotes.items()):
             if not remote.is_present and not remote.requested:
                 del self._remotes[name]
 
-    def _remove(self, key: StreamKey) -> None:
-        del self._renditions[key]
-        if all(each.stream != key.stream for each in self._renditions):
-            self._events.append(StreamUnwanted(key.stream))
+    def _remove(self, stream: str) -> None:
+        del self._sent[stream]
+        self._events.append(StreamUnwanted(stream))
 
     def _remote(self, name: str, at: int) -> RemotePeer:
         if name not in self._remotes:
@@ -305,9 +298,9 @@ class Peer:
             self._faults_at[peer] = at
             self._events.append(PeerFault(peer, message))
 
-    def _send(self, receiver: str, message: Message) -> None:
+    def _send(self, receiver: str, *messages: Message) -> None:
         name, incarnation = self._settings.name, self._settings.incarnation
-        self._packets.append(Packet(name, incarnation, receiver, message))
+        self._packets.append(Packet(name, incarnation, receiver, messages))
 
     def _effects(self) -> Effects:
         found = Effects(self._packets, self._events)

@@ -16,20 +16,17 @@ The value at a time is known once no later sample can be valid until then.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
 from dyknow_federation.clocks import BEGINNING
-from dyknow_federation.events import RemoteSample
-
-Fields = Mapping[str, Value]
 
 TOO_CLOSE: Final = (
-    f'more than {MAX_ALTERNATIVES} samples may be valid at one time, as {{}}; share it at most '
-    "once in some time with 'every'"
+    f'more than {MAX_ALTERNATIVES} samples may be valid at one time; share it at most once in some '
+    "time with 'every'"
 )
-"""Why values are not known; with the difference of the clocks."""
+"""Why values are not known, after the difference of the clocks."""
 
 
 class _Dated(NamedTuple):
@@ -37,37 +34,41 @@ class _Dated(NamedTuple):
 
     earliest: int
     latest: int
-    fields: Fields
+    value: Value
 
 
 class PossibleValues:
-    """The values of one stream."""
+    """The values of one stream.
 
-    def __init__(self) -> None:
-        self.settled = BEGINNING
+    Args:
+        after: values are told after this time.
+    """
+
+    def __init__(self, after: int = BEGINNING) -> None:
+        self.settled = after
         """No later sample is valid until this time."""
-        self._told = BEGINNING
-        self._values: Fields | None = None
+        self._told = after
+        self._value: Value | None = None
         # The one that is valid for certain, if any is, and those that may be.
         self._samples: deque[_Dated] = deque()
 
-    @property
-    def held(self) -> int:
-        """The number of samples that are kept."""
-        return len(self._samples)
-
-    def put(self, sample: RemoteSample) -> bool:
+    def put(self, earliest: int, latest: int, value: Value) -> bool:
         """Take a sample; those of a stream come in the order of their true valid times.
 
         Return False if too many may be valid at one time: then values are unknown until the last
         one is certain.
+
+        Args:
+            earliest: the first time at which it may be valid.
+            latest: the last one.
+            value: the value of the feature.
         """
-        earliest = max(sample.earliest, self.settled + 1)
-        self._samples.append(_Dated(earliest, max(earliest, sample.latest), sample.fields))
+        earliest = max(earliest, self.settled + 1)
+        self._samples.append(_Dated(earliest, max(earliest, latest), value))
         self.settled = earliest
         is_known = len(self._samples) <= MAX_ALTERNATIVES
         if not is_known:
-            self._samples, self._values = deque([self._samples[-1]]), None
+            self._samples, self._value = deque([self._samples[-1]]), None
         return is_known
 
     def promise(self, time: int) -> None:
@@ -77,13 +78,13 @@ class PossibleValues:
     def lose(self) -> None:
         """Note that samples are lost between the last one and the next one."""
         self._samples.clear()
-        self._values = None
+        self._value = None
 
-    def take(self, reason: str) -> Iterator[tuple[int, Fields]]:
+    def take(self, reason: Callable[[], str]) -> Iterator[tuple[int, Value]]:
         """Yield the values that have become known, each with the own time since which it holds.
 
         Args:
-            reason: why several values are possible at a time.
+            reason: returns why several values are possible at a time.
         """
         told, self._told = self._told, self.settled
         bounds = ((each.earliest, each.latest) for each in self._samples)
@@ -95,11 +96,8 @@ class PossibleValues:
                 continue
             for _ in range(certain[-1]):
                 self._samples.popleft()
-            possible = [each.fields for each in begun[certain[-1] :]]
-            values = {
-                name: Alternatives.of((each[name] for each in possible), reason)
-                for name in possible[0]
-            }
-            if values != self._values or begun[-1].earliest == time:
-                yield time, values
-            self._values = values
+            first, *others = (each.value for each in begun[certain[-1] :])
+            value = Alternatives.of((first, *others), reason()) if others else first
+            if value != self._value or begun[-1].earliest == time:
+                yield time, value
+            self._value = value

@@ -14,7 +14,7 @@ Samples have numbers, so what is lost, late or doubled shows:
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from dyknow_common import Value
@@ -28,7 +28,6 @@ from dyknow_federation.messages import (
     ViolationNotice,
     Watermark,
 )
-from dyknow_federation.sending import StreamKey
 
 MAX_HELD: Final = 10_000
 """The number of samples of a stream that wait for earlier ones; later ones are asked for again."""
@@ -38,7 +37,7 @@ class Received(NamedTuple):
     """A sample in the clock of its sender."""
 
     valid_time: int
-    fields: Mapping[str, Value]
+    value: Value
 
 
 class Lost(NamedTuple):
@@ -67,11 +66,11 @@ class ReceivedStream:
     """A stream that was requested of a peer.
 
     Args:
-        key: the stream and its rate.
+        name: of the stream.
     """
 
-    def __init__(self, key: StreamKey) -> None:
-        self._key = key
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._epoch = 0
         self._held: dict[int, Received | StreamFault] = {}
         self._end = self._number = 0
@@ -93,8 +92,7 @@ class ReceivedStream:
 
     def request(self) -> Request:
         """Return the request that subscribes, acknowledges, and asks for what is missing."""
-        stream, every = self._key
-        return Request(stream, every, self._epoch, self._number, tuple(self._missing()))
+        return Request(self._name, self._epoch, self._number, tuple(self._missing()))
 
     def _interrupt(self) -> None:
         """Note that the peer numbers its samples anew: what was not received is lost."""
@@ -119,9 +117,9 @@ class ReceivedStream:
         if not self._is_current(batch.epoch, batch.first):
             return
         self._end = max(self._end, batch.first + len(batch.valid_times))
-        rows = zip(batch.valid_times, *batch.columns, strict=True)
-        for number, (valid_time, *values) in enumerate(rows, batch.first):
-            self._hold(number, Received(valid_time, dict(zip(batch.names, values, strict=True))))
+        rows = zip(batch.valid_times, batch.values, strict=True)
+        for number, row in enumerate(rows, batch.first):
+            self._hold(number, Received(*row))
 
     def _hold(self, number: int, content: Received | StreamFault) -> None:
         """Keep what a number stands for until it is delivered."""

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
-from dyknow_common import round_duration, round_time
+from dyknow_common import NANOSECONDS, SECOND_NS, format_duration, round_duration, round_time
 from dyknow_federation.clocks import OwnTime, PairClock
 from dyknow_federation.events import (
     ClockJumped,
     Event,
-    LinkRestored,
-    LinkStale,
     PeerJoined,
     PeerLeft,
-    RemoteSample,
-    SamplesArrived,
     SamplesLost,
     SharesChanged,
-    StreamRefused,
     StreamViolated,
+    ValueKnown,
     WatermarkArrived,
 )
 from dyknow_federation.messages import (
@@ -39,12 +36,19 @@ from dyknow_federation.messages import (
     ViolationNotice,
     Watermark,
 )
-from dyknow_federation.receiving import Delivery, Lost, Promise, ReceivedStream
-from dyknow_federation.sending import StreamKey
+from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues
+from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
 from dyknow_federation.settings import PeerSettings
+from dyknow_stream_processing import ViolationKind
 
 MAX_FORMER: Final = 16
 """The number of former runs of a peer whose late messages are known as such."""
+
+RETRY: Final = 100 * NANOSECONDS['ms']
+"""The least time until an unanswered request is repeated, in nanoseconds."""
+
+PROBE_PERIOD: Final = SECOND_NS
+"""The time between two measures of a clock, in nanoseconds."""
 
 UNUSED: Final = 10
 """The clock of a peer of which nothing is asked is measured this many times more rarely."""
@@ -54,6 +58,23 @@ MAX_PROBES: Final = 16
 
 _NUMBERS: Final = 2**62
 """Probes are numbered below this; runs of a host differ in their numbers."""
+
+
+@dataclass(slots=True)
+class _Requested:
+    """A stream that was requested.
+
+    Args:
+        stream: as it is received.
+        values: of it.
+        due: when the request is repeated.
+        is_refused: True if the peer does not grant it.
+    """
+
+    stream: ReceivedStream
+    values: PossibleValues
+    due: int
+    is_refused: bool = False
 
 
 class RemotePeer:
@@ -77,7 +98,7 @@ class RemotePeer:
         self, name: str, settings: PeerSettings, send: Callable[[Message], None], at: int
     ) -> None:
         self.name = name
-        self.clock = PairClock(settings.max_drift_ppm)
+        self.clock = PairClock()
         self.shares: Shares | None = None
         self.is_present = self.is_stale = False
         self.heard_at = at
@@ -87,21 +108,25 @@ class RemotePeer:
         self._former: deque[int] = deque(maxlen=MAX_FORMER)
         self._probes: dict[int, int] = {}
         self._probe_at = at
-        self._streams: dict[StreamKey, ReceivedStream] = {}
-        self._request_at: dict[StreamKey, int] = {}
-        self._refused: set[StreamKey] = set()
+        self._requested: dict[str, _Requested] = {}
 
     @property
-    def requested(self) -> list[StreamKey]:
-        """The streams that were requested of it."""
-        return list(self._streams)
+    def requested(self) -> list[str]:
+        """The names of the streams that were requested of it."""
+        return list(self._requested)
 
     def next_deadline(self) -> int | None:
         """Return when to call `advance`; None if there is nothing to wait for."""
         if not self.is_present:
             return None
         limit = self._settings.peer_timeout if self.is_stale else self._settings.stale_after
-        return min([self.heard_at + limit, self._probe_at, *self._request_at.values()])
+        return min(
+            [
+                self.heard_at + limit,
+                self._probe_at,
+                *(each.due for each in self._requested.values()),
+            ]
+        )
 
     def hear(self, incarnation: int, at: int) -> list[Event] | None:
         """Take a sign of life; return None if it is a late one of a former run."""
@@ -111,10 +136,8 @@ class RemotePeer:
         is_new = incarnation != self._incarnation
         if is_new:
             events += self._restart(incarnation)
-        elif self.is_stale:
-            events.append(LinkRestored(self.name))
         if is_new or not self.is_present:
-            events.append(PeerJoined(self.name, incarnation))
+            events.append(PeerJoined(self.name))
         if is_new or not self.is_present or self.is_stale:
             self._begin(at)
         self.is_present, self.is_stale, self.heard_at = True, False, at
@@ -125,30 +148,35 @@ class RemotePeer:
         events: list[Event] = []
         if self._incarnation is not None:
             self._former.append(self._incarnation)
-            for key, stream in self._streams.items():
-                if stream.is_subscribed:
-                    reason = 'the peer has started again'
-                    events.append(SamplesLost(self.name, *key, 0, reason))
-                self._streams[key] = ReceivedStream(key)
+            for name, each in self._requested.items():
+                if each.stream.is_subscribed:
+                    events.append(self._lose(name, 0, 'the peer has started again'))
+                each.stream, each.is_refused = ReceivedStream(name), False
         self._incarnation, self.shares = incarnation, None
-        self.clock = PairClock(self._settings.max_drift_ppm)
+        self.clock = PairClock()
         self._probes.clear()
-        self._refused.clear()
         return events
 
     def _begin(self, at: int) -> None:
         """Ask at once for all that is needed."""
         self._probe_at = at
-        self._request_at = dict.fromkeys(self._streams, at)
+        for each in self._requested.values():
+            each.due = at
 
     def restart_times(self, at: int) -> list[Event]:
         """Measure the clock anew, as the own one has jumped; all waits end."""
-        since = self.clock.latest
-        self.clock.begin_anew(at)
+        found = self._begin_times_anew(at)
         self.heard_at = at
         self._probes.clear()
         self._begin(at)
-        return [ClockJumped(self.name, 0, since)]
+        return [found]
+
+    def _begin_times_anew(self, at: int) -> ClockJumped:
+        """Forget the clock, which has jumped, and the samples that are dated by it."""
+        since = self.clock.latest
+        self.clock.begin_anew(at)
+        self._forget_values()
+        return ClockJumped(self.name, since)
 
     def advance(self, at: int) -> list[Event]:
         """Do what is due: requests, probes, and the end of a link."""
@@ -157,34 +185,29 @@ class RemotePeer:
         silence = at - self.heard_at
         if silence >= self._settings.peer_timeout:
             return self._leave(silence)
-        events: list[Event] = []
-        if silence >= self._settings.stale_after and not self.is_stale:
-            self.is_stale = True
-            events.append(LinkStale(self.name, self.heard_at))
+        self.is_stale = silence >= self._settings.stale_after
         if at >= self._probe_at:
             self._send_probe(at)
-        for key, due in self._request_at.items():
-            if at >= due:
-                self._send_request(key, at)
-        return events
+        for each in self._requested.values():
+            if at >= each.due:
+                self._send_request(each, at)
+        return []
 
     def _leave(self, silence: int) -> list[Event]:
         self.is_present = self.is_stale = False
         reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
         return [PeerLeft(self.name, reason)]
 
-    def request(self, key: StreamKey, at: int) -> None:
-        """Ask for a stream until it is released."""
-        if key not in self._streams:
-            self._streams[key] = ReceivedStream(key)
-            self._request_at[key] = self._probe_at = at
+    def request(self, name: str, at: int, after: int) -> None:
+        """Ask for a stream until it is released; its values are told after a time."""
+        if name not in self._requested:
+            self._requested[name] = _Requested(ReceivedStream(name), PossibleValues(after), at)
+            self._probe_at = at
 
-    def release(self, key: StreamKey) -> None:
+    def release(self, name: str) -> None:
         """Ask for a stream no more."""
-        if self._streams.pop(key, None) is not None:
-            self._request_at.pop(key, None)
-            self._refused.discard(key)
-            self.send(Release(*key))
+        if self._requested.pop(name, None) is not None:
+            self.send(Release(name))
 
     def take(self, message: Message, at: int) -> list[Event]:
         """Take a message that answers what the own host has asked."""
@@ -195,43 +218,41 @@ class RemotePeer:
             case Shares():
                 if self.shares is None or self.shares.version < message.version:
                     self.shares = message
-                    self._refused.clear()
+                    for each in self._requested.values():
+                        each.is_refused = False
                     return [SharesChanged(self.name, message)]
             case Samples() | ViolationNotice() | Watermark():
-                return self._take_samples(message, at)
-            case RequestRefusal(stream, every, reason):
-                return self._take_refusal(StreamKey(stream, every), reason)
+                return [*self._take_samples(message, at)]
+            case RequestRefusal(stream, reason):
+                return self._take_refusal(stream, reason, at)
             case ProbeReply():
                 return self._take_reply(message, at)
         return []
 
     def check_stamp(self, stamp: int, at: int) -> list[Event]:
         """Notice a clock that has jumped ahead, by a stamp that is later than it can be."""
-        excess = self.clock.exceeds(stamp, at)
-        if excess is None:
+        if not self.clock.exceeds(stamp, at):
             return []
-        since = self.clock.latest
-        self.clock.begin_anew(at)
         self._probe_at = at
-        return [ClockJumped(self.name, excess, since)]
+        return [self._begin_times_anew(at)]
 
-    def _take_samples(self, message: StreamMessage, at: int) -> list[Event]:
-        key = StreamKey(message.stream, message.every)
-        stream = self._streams.get(key)
-        if stream is None:
-            self.send(Release(*key))
-            return []
-        stream.take(message)
-        events = self._deliver(key, at)
-        if not stream.is_complete:
-            self._request_at[key] = min(self._request_at[key], at + self._retry)
-        return events
+    def _take_samples(self, message: StreamMessage, at: int) -> Iterator[Event]:
+        requested = self._requested.get(message.stream)
+        if requested is None:
+            self.send(Release(message.stream))
+            return
+        requested.stream.take(message)
+        yield from self._deliver(message.stream, at)
+        if not requested.stream.is_complete:
+            requested.due = min(requested.due, at + self._retry)
 
-    def _take_refusal(self, key: StreamKey, reason: str) -> list[Event]:
-        if key not in self._streams or key in self._refused:
+    def _take_refusal(self, name: str, reason: str, at: int) -> list[Event]:
+        requested = self._requested.get(name)
+        if requested is None or requested.is_refused:
             return []
-        self._refused.add(key)
-        return [StreamRefused(self.name, *key, reason)]
+        requested.is_refused = True
+        text = f"peer '{self.name}' refuses it: {reason}"
+        return [self._violation(name, ViolationKind.MESSAGE, text, at)]
 
     def _take_reply(self, reply: ProbeReply, at: int) -> list[Event]:
         sent = self._probes.pop(reply.number, None)
@@ -241,58 +262,75 @@ class RemotePeer:
         jump = self.clock.measure(sent, reply.received_at, reply.sent_at, at)
         events: list[Event] = []
         if jump is not None:
-            events.append(ClockJumped(self.name, jump, since))
-        period = self._settings.probe_period
-        self._probe_at = at + (period if self._streams else UNUSED * period)
+            self._forget_values()
+            events.append(ClockJumped(self.name, since))
+        self._probe_at = at + PROBE_PERIOD * (1 if self._requested else UNUSED)
         if not was_known or jump is not None:
-            for key in self._streams:
-                events += self._deliver(key, at)
+            for name in self._requested:
+                events += self._deliver(name, at)
         return events
 
-    def _deliver(self, key: StreamKey, at: int) -> list[Event]:
-        """Return what is due of a stream; nothing while its times cannot be translated."""
+    def _deliver(self, name: str, at: int) -> Iterator[Event]:
+        """Yield what is due of a stream; nothing while its times cannot be translated."""
         if not self.clock.is_known:
-            return []
-        events: list[Event] = []
-        samples: list[RemoteSample] = []
-        for found in self._translated(self._streams[key].deliveries(), at):
-            if isinstance(found, RemoteSample):
-                samples.append(found)
-                continue
-            if samples:
-                events.append(SamplesArrived(self.name, *key, tuple(samples)))
-                samples = []
-            match found:
+            return
+        values = self._requested[name].values
+        for each in self._requested[name].stream.deliveries():
+            match each:
                 case Lost():
-                    events.append(SamplesLost(self.name, *key, *found))
+                    yield self._lose(name, *each)
                 case StreamFault():
-                    events.append(StreamViolated(self.name, *key, found))
+                    text = f"peer '{self.name}' reports: {each.reason}"
+                    time = min(self._own_time(each.valid_time).earliest, at)
+                    yield self._violation(name, each.constraint, text, time)
+                case Received():
+                    yield from self._put(name, each, at)
                 case Promise(time):
-                    events.append(WatermarkArrived(self.name, *key, time))
-        if samples:
-            events.append(SamplesArrived(self.name, *key, tuple(samples)))
-        return events
+                    if (earliest := self._own_time(time).earliest) > self.clock.since:
+                        values.promise(earliest)
+            for time, value in values.take(partial(self.difference, at)):
+                yield ValueKnown(self.name, name, time, value)
+            if isinstance(each, Promise):
+                yield WatermarkArrived(self.name, name, values.settled)
 
-    def _translated(
-        self, deliveries: Iterator[Delivery], at: int
-    ) -> Iterator[RemoteSample | StreamFault | Lost | Promise]:
-        for each in deliveries:
-            if isinstance(each, Lost):
-                yield each
-                continue
-            own = self._own_time(each.time if isinstance(each, Promise) else each.valid_time)
-            earliest = own.time - own.uncertainty
-            if isinstance(each, StreamFault):
-                yield replace(each, valid_time=min(earliest, at))
-            elif isinstance(each, Promise):
-                if earliest > self.clock.since:
-                    yield Promise(earliest)
-            elif earliest < self.clock.since:
-                yield Lost(1, f"the clock of peer '{self.name}' jumped after it")
-            elif earliest > at:
-                yield Lost(1, f'it is valid at {round_time(own.time)}, which is still to come')
-            else:
-                yield RemoteSample(own.time, own.uncertainty, each.fields)
+    def _put(self, name: str, received: Received, at: int) -> Iterator[Event]:
+        """Take a sample, unless it cannot be dated; yield what is wrong with its time."""
+        earliest, latest = self._own_time(received.valid_time)
+        if earliest < self.clock.since:
+            yield self._lose(name, 1, f"the clock of peer '{self.name}' jumped after it")
+            return
+        if earliest > at:
+            reason = f'it is valid at {round_time(earliest)}, which is still to come'
+            yield self._lose(name, 1, reason)
+            return
+        limit = self._settings.max_uncertainty
+        faults: list[str] = []
+        if latest - earliest > 2 * limit:
+            faults.append(f'more than a max_uncertainty of {format_duration(limit)}')
+        if not self._requested[name].values.put(earliest, latest, received.value):
+            faults.append(TOO_CLOSE)
+        for each in faults:
+            text = f'{self.difference(at)}; {each}'
+            yield self._violation(name, ViolationKind.CLOCK, text, earliest)
+
+    def _lose(self, name: str, count: int, reason: str) -> SamplesLost:
+        self._requested[name].values.lose()
+        text = f"samples of peer '{self.name}' are lost: {reason}"
+        return SamplesLost(self.name, name, count, text)
+
+    def _violation(self, name: str, constraint: str, reason: str, time: int) -> StreamViolated:
+        return StreamViolated(self.name, name, str(constraint), reason, time)
+
+    def _forget_values(self) -> None:
+        for each in self._requested.values():
+            each.values = PossibleValues()
+
+    def difference(self, at: int) -> str:
+        """Return by how much its clock differs, as the beginning of a sentence."""
+        offset = self.clock.offset(at)
+        if offset is None:
+            return f"the clock of '{self.name}' is not known"
+        return f'the clocks of {self._settings.name} and {self.name} differ by {offset}'
 
     def _own_time(self, time: int) -> OwnTime:
         found = self.clock.own_time(time)
@@ -302,19 +340,18 @@ class RemotePeer:
 
     @property
     def _retry(self) -> int:
-        return max(self._settings.retry, 2 * (self.clock.delay or 0))
+        return max(RETRY, 2 * (self.clock.delay or 0))
 
     def _send_probe(self, at: int) -> None:
         number = (self._settings.incarnation + at) % _NUMBERS
         while len(self._probes) >= MAX_PROBES:
             del self._probes[next(iter(self._probes))]
         self._probes[number] = at
-        self._probe_at = at + min(self._retry, self._settings.probe_period)
+        self._probe_at = at + min(self._retry, PROBE_PERIOD)
         self.send(Probe(number, at))
 
-    def _send_request(self, key: StreamKey, at: int) -> None:
-        stream = self._streams[key]
-        is_urgent = not (stream.is_subscribed and stream.is_complete) and key not in self._refused
-        period = self._retry if is_urgent else self._settings.hello_period
-        self._request_at[key] = at + period
+    def _send_request(self, requested: _Requested, at: int) -> None:
+        stream = requested.stream
+        is_settled = requested.is_refused or (stream.is_subscribed and stream.is_complete)
+        requested.due = at + (self._settings.hello_period if is_settled else self._retry)
         self.send(stream.request())

@@ -1,14 +1,15 @@
 """The streams that others have asked for: their numbers, history and subscribers.
 
-A stream that is asked for at two rates is two renditions, each with numbers of its own, so that
-who receives one notices what is missing. A rendition keeps its last samples, and stays for as long
-after its last request: a peer that was cut off can still ask for what it missed.
+Samples are numbered, so that who receives them notices what is missing. A stream keeps its last
+samples, and stays for as long after its last request: a peer that was cut off can still ask for
+what it missed.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import groupby, islice
 from math import isnan
 from typing import Final, NamedTuple
@@ -27,28 +28,16 @@ from dyknow_federation.messages import (
 )
 
 MAX_HISTORY: Final = 20_000
-"""The number of samples of a rendition that are kept for back-fill."""
+"""The number of samples of a stream that are kept for back-fill."""
 
 MAX_RESENT: Final = 2_000
 """The number of samples that one request can ask for again."""
 
 
-class StreamKey(NamedTuple):
-    """A stream at a rate.
-
-    Args:
-        stream: the name of the stream.
-        every: the least time between its samples in nanoseconds; 0 for all of them.
-    """
-
-    stream: str
-    every: int
-
-
 class Thinning:
     """Decides which samples of a stream are passed on.
 
-    The first sample that holds an unknown value always is, so that no peer takes the last one for
+    The first sample without a known value always is, so that no peer takes the last one for
     known.
 
     Args:
@@ -60,9 +49,9 @@ class Thinning:
         self._latest: int | None = None
         self._is_unknown = False
 
-    def passes(self, valid_time: int, fields: Mapping[str, Value]) -> bool:
+    def passes(self, valid_time: int, value: Value) -> bool:
         """Return False for a sample that follows the last one that was passed on too soon."""
-        is_unknown = any(isinstance(each, float) and isnan(each) for each in fields.values())
+        is_unknown = isinstance(value, float) and isnan(value)
         is_soon = self._latest is not None and valid_time - self._latest < self._every
         if is_soon and (self._is_unknown or not is_unknown):
             return False
@@ -72,40 +61,39 @@ class Thinning:
 
 class _Kept(NamedTuple):
     valid_time: int
-    fields: Mapping[str, Value]
-    fault: StreamFault | None = None
-    """A violation, in the place of a sample."""
+    content: Value | StreamFault
 
 
+@dataclass(slots=True)
 class _Subscription:
-    """A peer that receives a rendition.
+    """A peer that receives a stream.
 
     Args:
         number: the next sample that it is sent.
         expires: when it ends unless the request is repeated.
+        promised: the last promise that it was sent.
     """
 
-    def __init__(self, number: int, expires: int) -> None:
-        self.number = number
-        self.expires = expires
+    number: int
+    expires: int
+    promised: int = BEGINNING
 
 
-class Rendition:
-    """A stream at a rate, for all that have asked for it.
+class SentStream:
+    """An own stream, for all that have asked for it.
 
     Args:
-        key: the stream and its rate.
+        name: of the stream.
         epoch: of its numbers.
         history: how long samples are kept, in nanoseconds.
     """
 
-    def __init__(self, key: StreamKey, epoch: int, history: int) -> None:
-        self._key = key
+    def __init__(self, name: str, epoch: int, history: int) -> None:
+        self._name = name
         self._epoch = epoch
         self._history = history
         self._kept: deque[_Kept] = deque(maxlen=MAX_HISTORY)
         self._number = 1
-        self._thinning = Thinning(key.every)
         self._latest = self._promised = BEGINNING
         self._subscriptions: dict[str, _Subscription] = {}
         self.used_until = BEGINNING
@@ -116,28 +104,24 @@ class Rendition:
         """The names of the peers that receive it."""
         return list(self._subscriptions)
 
-    def publish(self, valid_time: int, fields: Mapping[str, Value]) -> bool:
-        """Number and keep a sample; return False if it is too early for the rate.
+    def publish(self, valid_time: int, value: Value) -> None:
+        """Number and keep a sample.
 
         Raises:
             FederationError: if it is not valid later than what was promised.
         """
         if valid_time <= self._promised:
             raise FederationError(
-                f"a sample of '{self._key.stream}' is valid at {format_time(valid_time)}, not "
+                f"a sample of '{self._name}' is valid at {format_time(valid_time)}, not "
                 f'after {format_time(self._promised)}, as was promised'
             )
-        self._promised = valid_time
-        if not self._thinning.passes(valid_time, fields):
-            return False
-        self._latest = valid_time
-        self._keep(_Kept(valid_time, fields))
-        return True
+        self._promised = self._latest = valid_time
+        self._keep(_Kept(valid_time, value))
 
     def violate(self, fault: StreamFault) -> None:
         """Number and keep a violation."""
         time = fault.valid_time if self._latest == BEGINNING else self._latest
-        self._keep(_Kept(time, {}, fault))
+        self._keep(_Kept(time, fault))
 
     def _keep(self, kept: _Kept) -> None:
         self._kept.append(kept)
@@ -174,9 +158,9 @@ class Rendition:
                 left -= max(0, last - first + 1)
         return [*found, self.watermark()]
 
-    def continued(self, epoch: int) -> Rendition:
+    def continued(self, epoch: int) -> SentStream:
         """Return a new one for its subscribers, as the clock has jumped."""
-        found = Rendition(self._key, epoch, self._history)
+        found = SentStream(self._name, epoch, self._history)
         found.used_until = self.used_until
         for peer, each in self._subscriptions.items():
             found._subscriptions[peer] = _Subscription(found._number, each.expires)
@@ -197,32 +181,28 @@ class Rendition:
         for peer, subscription in self._subscriptions.items():
             for batch in self._batches(max(subscription.number, self._oldest), self._number - 1):
                 yield peer, batch
-            is_silent = subscription.number == self._number
             subscription.number = self._number
-            if is_silent or self._promised > self._latest:  # A sample is a promise, too.
+            if self._promised > max(subscription.promised, self._latest):  # A sample is a promise.
                 yield peer, self.watermark()
+            subscription.promised = self._promised
 
     def watermark(self) -> Watermark:
         """Return what is promised about the samples to come."""
-        stream, every = self._key
-        time = self._promised
-        return Watermark(stream, every, self._epoch, self._number, self._oldest, time)
+        return Watermark(self._name, self._epoch, self._number, self._oldest, self._promised)
 
     @property
     def _oldest(self) -> int:
         return self._number - len(self._kept)
 
     def _batches(self, first: int, last: int) -> Iterator[Samples | ViolationNotice]:
-        """Yield what a range of numbers stands for, samples with the same fields in batches."""
+        """Yield what a range of numbers stands for, samples in batches."""
         start, number = first - self._oldest, first
         rows = islice(self._kept, start, max(start, last + 1 - self._oldest))
-        for (fault, names), group in groupby(rows, lambda each: (each.fault, tuple(each.fields))):
-            while found := list(islice(group, 1 if fault else MAX_BATCH)):
-                if fault:
-                    yield ViolationNotice(*self._key, self._epoch, number, fault)
-                    number += 1
-                    continue
-                times = tuple(each.valid_time for each in found)
-                columns = tuple(tuple(each.fields[name] for each in found) for name in names)
-                yield Samples(*self._key, self._epoch, number, times, names, columns)
+        for is_fault, group in groupby(rows, lambda each: isinstance(each.content, StreamFault)):
+            while found := list(islice(group, 1 if is_fault else MAX_BATCH)):
+                times, contents = zip(*found, strict=True)
+                if is_fault:
+                    yield ViolationNotice(self._name, self._epoch, number, *contents)
+                else:
+                    yield Samples(self._name, self._epoch, number, times, contents)
                 number += len(found)

@@ -13,19 +13,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from random import Random
 
-from dyknow_common import NANOSECONDS, SECOND_NS, StreamConstraints, Value, Verdict
+from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, StreamConstraints, Value, Verdict
 from dyknow_federation import (
     Effects,
     Event,
     Packet,
     Peer,
     PeerSettings,
-    PossibleValues,
-    SamplesArrived,
     SamplesLost,
     SharedFeature,
     StreamFault,
     StreamViolated,
+    ValueKnown,
     WatermarkArrived,
     encode,
 )
@@ -143,7 +142,7 @@ class Simulation:
         self._count = 0
         self._now = 0
         self.packets = 0
-        self.most_held = 0
+        self.most_alternatives = 0
         self.hosts = [self._host(f'h{number}') for number in range(random.randint(2, 5))]
         self._lossy = {
             (one.name, two.name): random.random() < 0.5 for one in self.hosts for two in self.hosts
@@ -179,8 +178,13 @@ class Simulation:
         random, most = self.random, self.conditions.offset
         offset = 1_000 * SECOND_NS + random.randint(-most, most)
         drift = random.uniform(-1, 1) * self.conditions.drift_ppm * 1e-6
-        peer = Peer(PeerSettings(name, random.getrandbits(60)))
+        peer = self._peer(name)
         return Host(name, Clock(offset, drift), peer, random.choice((100, 200, 500)) * MS)
+
+    def _peer(self, name: str) -> Peer:
+        return Peer(
+            PeerSettings(name, self.random.getrandbits(60), max_uncertainty=3600 * SECOND_NS)
+        )
 
     def _outage(self) -> tuple[str, int, int]:
         """The links of one host, or of all, fail."""
@@ -199,7 +203,7 @@ class Simulation:
         self.evaluated = FormulaGroup()
         self.evaluated.add_formula('', self.formula)
         self.evaluated.begin(self.domains)
-        self.values = {each.name: PossibleValues() for each in self.hosts[1:]}
+        self._has_begun: set[str] = set()
         self._dataflow = Dataflow({}, lambda _: None)
         sources = ', '.join(f'select level as "Level[{name}]" from "/{name}"' for name in names)
         self._dataflow.create(
@@ -215,11 +219,10 @@ class Simulation:
         self.error = ''
         for each in self.hosts:
             if each is not own:
-                own.peer.request(each.name, STREAM, 0, own.clock.read(0))
+                own.peer.request(each.name, STREAM, own.clock.read(0))
 
     def _share(self, host: Host) -> None:
-        ssl = f'stream {STREAM} contains Level[{host.name}] = level'
-        feature = SharedFeature('Level', STREAM, ssl, (('level', 'float'),))
+        feature = SharedFeature('Level', (host.name,), STREAM, 'float')
         host.peer.share([], [feature], host.clock.read(self._now))
 
     def _at(self, time: int, action: Callable[[], None]) -> None:
@@ -245,9 +248,9 @@ class Simulation:
         self._at(self._now + host.period + random.randint(0, 20 * MS), lambda: self._publish(host))
 
     def _take_sample(self, host: Host, reading: int, level: float) -> None:
-        host.peer.publish(STREAM, reading, {'level': level}, reading)
+        host.peer.publish(STREAM, reading, level, reading)
         if host is self.hosts[0]:
-            self._push(host.name, reading, {'level': level})
+            self._push(host.name, reading, level)
 
     def _own_promise(self, host: Host) -> None:
         if host is self.hosts[0]:
@@ -265,7 +268,7 @@ class Simulation:
     def _violate(self) -> None:
         """A sensor of a host other than the first one fails: nothing follows but the violation."""
         host = self.random.choice(self.hosts[1:])
-        if host.is_down or not host.peer.renditions:  # The stream is made when it is asked for.
+        if host.is_down or not host.peer.sent:  # The stream is made when it is asked for.
             self._at(self._now + host.period, self._violate)
             return
         host.is_silent, reading = True, host.clock.read(self._now)
@@ -275,7 +278,7 @@ class Simulation:
     def _start(self, host: Host) -> None:
         if self.random.random() < 0.5:
             host.clock.offset += self.random.randint(-SECOND_NS, SECOND_NS)
-        host.peer = Peer(PeerSettings(host.name, self.random.getrandbits(60)))
+        host.peer = self._peer(host.name)
         host.is_down = False
         host.wakes_at = 0
         self._share(host)
@@ -329,31 +332,29 @@ class Simulation:
     def _take(self, events: Iterable[Event]) -> None:
         for event in events:
             match event:
-                case SamplesArrived(peer, _, _, samples):
-                    for sample in samples:
-                        self.uncertainty = max(self.uncertainty, sample.uncertainty)
-                        self.values[peer].put(sample)
-                        self.most_held = max(self.most_held, self.values[peer].held)
-                        self._pass_on(peer)
-                case SamplesLost(peer, _, _, _, reason):
-                    if self.values[peer].held:
-                        self.error = f'samples of {peer} are lost: {reason}'
-                    self.values[peer].lose()
-                case StreamViolated(peer, _, _, fault):
-                    self.error = fault.reason
-                case WatermarkArrived(peer, _, _, time):
-                    self.values[peer].promise(time)
-                    self._pass_on(peer)
+                case ValueKnown(peer, _, time, level):
+                    self._note_bounds(peer, time, level)
+                    self._has_begun.add(peer)
+                    self._push(peer, time, level)
+                case WatermarkArrived(peer, _, time):
+                    now = self.hosts[0].clock.read(self._now)
+                    self._dataflow.vouch(f'/{peer}', time, now)
+                case SamplesLost(peer, _, _, reason):
+                    if peer in self._has_begun:
+                        self.error = reason
+                case StreamViolated(reason=reason):
+                    self.error = reason
 
-    def _pass_on(self, peer: str) -> None:
-        own, values = self.hosts[0], self.values[peer]
-        for time, fields in values.take(own.peer.difference(peer)):
-            self._push(peer, time, fields)
-        self._dataflow.vouch(f'/{peer}', values.settled, own.clock.read(self._now))
+    def _note_bounds(self, peer: str, time: int, level: Value) -> None:
+        offset = self.hosts[0].peer.remotes[peer].clock.offset(time)
+        if offset is not None:  # The uncertainty of a sample includes the drift within it.
+            self.uncertainty = max(self.uncertainty, offset.uncertainty + MS // 10)
+        if isinstance(level, Alternatives):
+            self.most_alternatives = max(self.most_alternatives, len(level.values))
 
-    def _push(self, host: str, time: int, fields: Mapping[str, Value]) -> None:
+    def _push(self, host: str, time: int, level: Value) -> None:
         now = self.hosts[0].clock.read(self._now)
-        self._dataflow.push(f'/{host}', Sample(time, now, fields, time))
+        self._dataflow.push(f'/{host}', Sample(time, now, {'level': level}, time))
 
     def _fail(self, violation: Violation) -> None:
         self.error = self.error or violation.message
@@ -386,8 +387,7 @@ class Simulation:
         if self.result is None and not self.ticks:
             return Outcome('unknown', 'it has not begun: a value never arrived', allowed, detail)
         if self.result is None:
-            settled = {name: each.settled for name, each in self.values.items()}
-            return Outcome('hang', f'waits at {settled}', allowed, detail)
+            return Outcome('hang', f'waits after {self.ticks[-1]}', allowed, detail)
         group = FormulaGroup()
         group.add_formula('', self.formula)
         group.begin(self.domains)

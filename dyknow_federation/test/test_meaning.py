@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -27,9 +28,7 @@ def topic(peer: str, stream: str) -> str:
 
 
 def feature(name: str) -> SharedFeature:
-    stream = f'Charge_{name}'
-    annotation = f'stream {stream} contains Charge[{name}] = value [V]'
-    return SharedFeature('Charge', stream, annotation, (('value', 'float'),))
+    return SharedFeature('Charge', (name,), f'Charge_{name}', 'float', 'V')
 
 
 def shared(*objects: str) -> Shares:
@@ -69,23 +68,15 @@ def test_a_stream_of_a_peer_is_a_topic_here() -> None:
     ('change', 'fault'),
     [
         ({'stream': 'a/b'}, 'cannot be a name here'),
-        ({'annotation': 'stream x contains'}, 'expected'),
-        ({'annotation': 'stream a contains A[a] = b' + ' ' * 1000}, 'more than 1,000'),
-        ({'annotation': 'stream Charge_b contains Charge[a] = value'}, 'another stream'),
-        ({'annotation': 'stream Charge_a contains Power[a] = value'}, 'another stream or feature'),
-        ({'annotation': 'stream Charge_a contains Charge[c] = value'}, "'c' is not shared"),
-        ({'annotation': 'stream Charge_a contains Charge[a] = other'}, "no field 'other'"),
-        (
-            {'annotation': 'stream Charge_a contains Charge[u] = v for every u in A where u = i'},
-            'about many objects',
-        ),
-        (
-            {'annotation': 'stream Charge_a contains Charge[a] = value, Charge[a] = value'},
-            'does not have one feature',
-        ),
+        ({'name': 'Charge[a] = x; stream "b" contains B'}, 'cannot be a name here'),
+        ({'unit': 'V]; stream "b" contains Charge[a] = value [V'}, 'is no unit'),
+        ({'unit': 'V] with max_gap = 1 s; #'}, 'is no unit'),
+        ({'unit': ']'}, 'expected'),
+        ({'unit': 'V' * 1000}, 'more than 1,000'),
+        ({'objects': ('c',)}, "'c' is not shared"),
     ],
 )
-def test_what_cannot_be_used_is_left_out(change: dict[str, str], fault: str) -> None:
+def test_what_cannot_be_used_is_left_out(change: dict[str, Any], fault: str) -> None:
     given_ = replace(shared('a'), features=(replace(feature('a'), **change),))
     found = imports({'p': given_}, (), (), topic)
     assert not found.streams
@@ -95,7 +86,7 @@ def test_what_cannot_be_used_is_left_out(change: dict[str, str], fault: str) -> 
 
 def test_peers_that_share_one_sensor_are_alternatives() -> None:
     """Their streams carry one feature of one object, among which matching chooses."""
-    wind = SharedFeature('Wind', 'Wind', 'stream Wind contains Wind = value', (('value', 'float'),))
+    wind = SharedFeature('Wind', (), 'Wind', 'float')
     given_ = {each: replace(shared('part'), features=(feature('part'), wind)) for each in 'pq'}
     found = imports(given_, (), ('part',), topic)
     carried = sorted(each.annotation.partition(' contains ')[2] for each in found.streams.values())

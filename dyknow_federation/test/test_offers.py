@@ -11,7 +11,7 @@ import pytest
 from dyknow_common import InlineText
 from dyknow_configuration import read_robot
 from dyknow_federation.meaning import imports
-from dyknow_federation.messages import SharedObject
+from dyknow_federation.messages import SharedFeature, SharedObject
 from dyknow_federation.offers import Offer, offers, shares
 from dyknow_semantics import Knowledge, Matcher, Ontology, parse_annotations, parse_concept
 from dyknow_stream_processing import parse_specification
@@ -75,9 +75,8 @@ def test_each_ground_feature_is_a_stream(robot: tuple[Knowledge, Matcher]) -> No
     assert given.version == 3
     assert given.objects == tuple(SharedObject(name, ('Rover', 'Vehicle')) for name in ('r1', 'r2'))
     charge = given.features[0]
-    assert charge.annotation == 'stream Charge_r1 contains Charge[r1] = value [V];'
-    assert charge.columns == (('value', 'float'),)
-    assert given.features[-1].columns == (('value', 'boolean'),)
+    assert charge == SharedFeature('Charge', ('r1',), 'Charge_r1', 'float', 'V')
+    assert given.features[-1] == SharedFeature('Ready', (), 'Ready', 'boolean')
 
 
 def test_the_specification_is_that_of_the_best_own_stream(

@@ -7,35 +7,31 @@ from collections.abc import Callable
 
 import pytest
 
-from dyknow_common import NANOSECONDS, SECOND_NS
+from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, Value
 from dyknow_federation import (
     ClockJumped,
     Event,
     FederationError,
-    LinkRestored,
-    LinkStale,
     Packet,
     Peer,
     PeerFault,
     PeerJoined,
     PeerLeft,
     PeerSettings,
-    SamplesArrived,
     SamplesLost,
     SharedFeature,
     SharesChanged,
     StreamFault,
-    StreamRefused,
     StreamUnwanted,
     StreamViolated,
     StreamWanted,
+    ValueKnown,
     encode,
 )
 from dyknow_federation.messages import MAX_BATCH, VERSION, Hello, Message, Request, Samples
-from dyknow_federation.peer import MAX_RATES
 
 MS = NANOSECONDS['ms']
-LEVEL = SharedFeature('Level', 'level', 'stream level contains Level[r1] = x', (('x', 'float'),))
+LEVEL = SharedFeature('Level', ('r1',), 'level', 'float')
 
 
 class Net:
@@ -85,15 +81,31 @@ class Net:
     def send(self, receiver: str, sender: str, message: Message) -> list[Event]:
         peer = self.peers[receiver]
         return peer.receive(
-            encode(Packet(sender, 7, receiver, message)), self.time(receiver)
+            encode(Packet(sender, 7, receiver, (message,))), self.time(receiver)
         ).events
 
     def publish(self, name: str, value: float) -> None:
-        self.peers[name].publish('level', self.time(name), {'x': value}, self.time(name))
+        self.peers[name].publish('level', self.time(name), value, self.time(name))
 
-    def values(self, name: str) -> list[float]:
-        arrived = self.take(name, SamplesArrived)
-        return [sample.fields['x'] for each in arrived for sample in each.samples]
+    def values(self, name: str) -> list[Value]:
+        """The values that have become known, without those that are one of several."""
+        known = [each.value for each in self.take(name, ValueKnown)]
+        return [each for each in known if not isinstance(each, Alternatives)]
+
+    def settle(self) -> None:
+        """Run until it is known of `a` that no sample follows."""
+        self.run(0.01)
+        self.peers['a'].promise('level', self.time('a'), self.time('a'))
+        self.run(0.1)
+
+    def assert_known(self, value: float) -> None:
+        """What `a` publishes now is known at `b` from the latest time on that is possible."""
+        at = self.time('b')
+        self.publish('a', value)
+        self.settle()
+        found = self.take('b', ValueKnown)[-1]
+        assert found.value == value
+        assert 0 <= found.time - at <= 4 * MS
 
 
 def sharing(*, offset: int = 0) -> Net:
@@ -101,7 +113,7 @@ def sharing(*, offset: int = 0) -> Net:
     net = Net('a', 'b')
     net.offsets['a'] = offset
     net.peers['a'].share([], [LEVEL], net.time('a'))
-    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.peers['b'].request('a', 'level', net.time('b'))
     net.run(0.5)
     return net
 
@@ -112,15 +124,13 @@ def test_peers_find_each_other_and_share() -> None:
     assert kinds == [PeerJoined, SharesChanged]
     assert net.take('a', StreamWanted) == [StreamWanted('level')]
     net.events['b'].clear()
-    net.publish('a', 1.5)
-    at = net.now
+    net.assert_known(1.5)
+    net.publish('a', 2)
     net.run(0.1)
-    (arrived,) = net.take('b', SamplesArrived)
-    (sample,) = arrived.samples
-    assert abs(sample.valid_time - at) <= sample.uncertainty <= 2 * MS
-    difference = net.peers['b'].difference('a')
-    assert difference.startswith('the clocks of b and a differ by 5')
-    assert 'plus or minus 1.' in difference
+    found = net.take('b', ValueKnown)[-1].value
+    assert found.values == (1.5, 2)
+    assert found.reason.startswith('the clocks of b and a differ by 5')
+    assert 'plus or minus 1.' in found.reason
 
 
 def test_changed_shares_are_told() -> None:
@@ -135,11 +145,11 @@ def test_changed_shares_are_told() -> None:
 
 def test_what_is_not_shared_is_refused_once() -> None:
     net = Net('a', 'b')
-    net.peers['b'].request('a', 'secret', 0, net.time('b'))
+    net.peers['b'].request('a', 'secret', net.time('b'))
     net.run(3)
-    (refused,) = net.take('b', StreamRefused)
-    assert refused.reason == "peer 'a' does not share it: name it in share there"
-    net.peers['a'].share([], [SharedFeature('S', 'secret', '', ())], net.time('a'))
+    (refused,) = net.take('b', StreamViolated)
+    assert refused.reason == "peer 'a' refuses it: it is not shared; name it in share there"
+    net.peers['a'].share([], [SharedFeature('S', (), 'secret', 'float')], net.time('a'))
     net.run(3)
     assert net.take('a', StreamWanted) == [StreamWanted('secret')]
 
@@ -148,6 +158,7 @@ def test_a_violation_is_told_though_nothing_follows() -> None:
     net = sharing(offset=5 * SECOND_NS)
     net.publish('a', 1)
     net.run(0.01)
+    net.publish('a', 2)
     fault = StreamFault(net.time('a'), 'max_gap', 'no sample for 2 s')
     net.drops = lambda _: True
     net.peers['a'].violate('level', fault, net.time('a'))
@@ -155,20 +166,22 @@ def test_a_violation_is_told_though_nothing_follows() -> None:
     net.run(0.5)
     net.drops = lambda _: False
     net.run(2)
-    arrived = net.events['b'][-2:]
-    assert [type(each) for each in arrived] == [SamplesArrived, StreamViolated]
+    told = [each.value for each in net.events['b'] if isinstance(each, ValueKnown)]
+    assert told[-1].values == (1, 2)
+    assert type(net.events['b'][-1]) is StreamViolated
     (told,) = net.take('b', StreamViolated)
     assert (told.peer, told.stream) == ('a', 'level')
-    assert (told.fault.constraint, told.fault.reason) == ('max_gap', 'no sample for 2 s')
-    assert at - 4 * MS <= told.fault.valid_time <= at
+    assert told.constraint == 'max_gap'
+    assert told.reason == "peer 'a' reports: no sample for 2 s"
+    assert at - 4 * MS <= told.valid_time <= at
     # Who asks later does not wait for what has failed.
-    net.peers['b'].release('a', 'level', 0)
-    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.peers['b'].release('a', 'level')
+    net.peers['b'].request('a', 'level', net.time('b'))
     net.run(1)
     assert net.take('b', StreamViolated)
-    net.publish('a', 2)
-    net.peers['b'].release('a', 'level', 0)
-    net.peers['b'].request('a', 'level', 0, net.time('b'))
+    net.publish('a', 3)
+    net.peers['b'].release('a', 'level')
+    net.peers['b'].request('a', 'level', net.time('b'))
     net.run(1)
     assert not net.take('b', StreamViolated)
 
@@ -176,23 +189,24 @@ def test_a_violation_is_told_though_nothing_follows() -> None:
 def test_a_stale_link_is_told_and_missed_samples_follow() -> None:
     net = sharing()
     net.publish('a', 1)
-    net.run(0.1)
+    net.settle()
     net.drops = lambda _: True
     for value in range(2, 10):
         net.run(1)
         net.publish('a', value)
-    assert type(net.events['b'][-1]) is LinkStale
+    assert net.peers['b'].remotes['a'].is_stale
     assert net.values('b') == [1]
     net.drops = lambda _: False
+    net.settle()
     net.run(2)
-    assert type(net.events['b'][0]) is LinkRestored
+    assert not net.peers['b'].remotes['a'].is_stale
     assert net.values('b') == list(range(2, 10))
 
 
 def test_a_peer_that_left_and_returns_sends_what_was_missed() -> None:
     net = sharing()
     net.publish('a', 1)
-    net.run(0.1)
+    net.settle()
     net.drops = lambda _: True
     for value in range(2, 42):
         net.run(1)
@@ -200,6 +214,7 @@ def test_a_peer_that_left_and_returns_sends_what_was_missed() -> None:
     (left,) = net.take('b', PeerLeft)
     assert left.reason == "peer 'a' has not been heard for 10 s"
     net.drops = lambda _: False
+    net.settle()
     net.run(3)
     assert net.values('b') == list(range(2, 42))
 
@@ -214,13 +229,9 @@ def test_a_restart_loses_what_was_not_sent() -> None:
     net.peers['a'].share([], [LEVEL], net.time('a'))
     net.run(2)
     assert [type(each) for each in net.events['b']] == [SamplesLost, PeerJoined, SharesChanged]
-    net.publish('a', 2)
-    at = net.now
-    net.run(0.1)
-    (arrived,) = net.take('b', SamplesArrived)
-    assert abs(arrived.samples[0].valid_time - at) <= arrived.samples[0].uncertainty
+    net.assert_known(2)
     # A late packet of the former run changes nothing.
-    late = encode(Packet('a', 1, 'b', Samples('level', 0, 1, 2, (1,), ('x',), ((5.0,),))))
+    late = encode(Packet('a', 1, 'b', (Samples('level', 1, 2, (1,), (5.0,)),)))
     assert net.peers['b'].receive(late, net.time('b')) == ([], [])
 
 
@@ -230,18 +241,18 @@ def test_a_restart_is_told_while_the_clock_is_not_known() -> None:
     net.run(0.1)
     net.take('b', SamplesLost)
     net.offsets['b'] -= SECOND_NS
-    net.drops = lambda packet: not isinstance(packet.message, Hello)
+    net.drops = lambda packet: not isinstance(packet.messages[0], Hello)
     net.start('a', 77)
     net.run(2)
     (lost,) = net.take('b', SamplesLost)
-    assert lost.reason == 'the peer has started again'
+    assert lost.reason == "samples of peer 'a' are lost: the peer has started again"
 
 
 def test_peers_of_another_version_are_named_once() -> None:
     net = Net('b')
-    data = json.loads(encode(Packet('old', 1, '', Hello(1))))
+    data = json.loads(encode(Packet('old', 1, '', (Hello(1),))))
     data[0] = VERSION + 1
-    packets = [net.peers['b'].receive(json.dumps(data).encode(), net.now) for _ in range(3)]
+    packets = [net.peers['b'].receive(json.dumps(data).encode(), net.now, 'old') for _ in range(3)]
     (fault,) = [event for each in packets for event in each.events]
     assert isinstance(fault, PeerFault)
     assert fault.peer == 'old'
@@ -267,15 +278,15 @@ def test_what_peers_make_us_keep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> 
     (fault,) = net.send('b', 'one more', Hello(1))
     assert 'more than 20 peers' in fault.message
     net.peers['b'].share([], [LEVEL], net.now)
-    for every in range(MAX_RATES + 5):
-        net.send('b', 'p1', Request('level', every))
-    assert len(net.peers['b'].renditions) == MAX_RATES
+    net.send('b', 'p1', Request('level'))
+    net.send('b', 'p1', Request('never shared'))
+    assert [*net.peers['b'].sent] == ['level']
     times = tuple(range(MAX_BATCH))
-    net.send('b', 'p1', Samples('never asked', 0, 1, 1, times, (), ()))
+    net.send('b', 'p1', Samples('never asked', 1, 1, times, times))
     net.run(30)
     assert net.peers['b'].remotes == {}
     net.run(80)
-    assert net.peers['b'].renditions == {}
+    assert net.peers['b'].sent == {}
 
 
 def test_a_jump_of_a_clock_is_told() -> None:
@@ -290,27 +301,18 @@ def test_a_jump_of_a_clock_is_told() -> None:
     assert jumps[0].since is not None
     assert net.now - jumps[0].since < 4 * SECOND_NS
     net.events['b'].clear()
-    net.publish('a', 2)
-    at = net.now
-    net.run(0.1)
-    (arrived,) = net.take('b', SamplesArrived)
-    assert abs(arrived.samples[0].valid_time - at) <= arrived.samples[0].uncertainty
+    net.assert_known(2)
 
 
 def test_an_own_clock_that_jumps_back_stops_nothing() -> None:
     net = sharing(offset=1000 * SECOND_NS)
     net.publish('a', 1)
-    net.run(0.1)
+    net.settle()
     assert net.values('b') == [1]
     net.offsets['a'] = 0
     net.run(2)
-    net.publish('a', 2)
-    at = net.now
-    net.run(1)
     assert net.take('a', ClockJumped)
-    (arrived,) = net.take('b', SamplesArrived)
-    assert arrived.samples[0].fields == {'x': 2}
-    assert abs(arrived.samples[0].valid_time - at) <= arrived.samples[0].uncertainty
+    net.assert_known(2)
 
 
 def test_samples_are_published_in_order() -> None:
@@ -318,18 +320,37 @@ def test_samples_are_published_in_order() -> None:
     peer, now = net.peers['a'], net.time('a')
     peer.promise('level', now, now)
     with pytest.raises(FederationError, match='as was promised'):
-        peer.publish('level', now, {'x': 1}, now)
+        peer.publish('level', now, 1, now)
 
 
 def test_a_released_stream_is_sent_no_more() -> None:
     net = sharing()
-    net.peers['b'].release('a', 'level', 0)
+    net.peers['b'].release('a', 'level')
     net.run(0.1)
-    (rendition,) = net.peers['a'].renditions.values()
-    assert rendition.subscribers == []
+    assert net.peers['a'].sent['level'].subscribers == []
+
+
+def test_an_old_value_is_no_alternative_after_a_pause() -> None:
+    """What was valid while nobody asked is not known, so what was valid before does not count."""
+    net = sharing()
+    net.assert_known(1)
+    told = net.time('b')
+    net.peers['b'].release('a', 'level')
+    for value in (2, 3):
+        net.run(0.5)
+        net.publish('a', value)
+    net.run(0.5)
+    net.peers['b'].request('a', 'level', net.time('b'), told)
+    net.run(0.2)
+    net.publish('a', 4)
+    net.settle()
+    known = net.take('b', ValueKnown)
+    values = [each.value for each in known]
+    assert [getattr(each, 'values', each) for each in values] == [3, (3, 4), 4]
+    assert all(each.time > told for each in known)
 
 
 def test_a_packet_in_the_name_of_another_peer_is_refused() -> None:
     net = Net('b')
-    (fault,) = net.peers['b'].receive(encode(Packet('a', 1, '', Hello(1))), net.now, 'c').events
+    (fault,) = net.peers['b'].receive(encode(Packet('a', 1, '', (Hello(1),))), net.now, 'c').events
     assert "peer 'c' sends as 'a'" in fault.message

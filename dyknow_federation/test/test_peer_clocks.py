@@ -53,11 +53,11 @@ def test_the_truth_lies_within_the_bounds(
         assert abs(other.read(time) - time - found.offset) <= found.uncertainty
         own = pair.own_time(other.read(time))
         assert own is not None
-        assert abs(own.time - time) <= own.uncertainty
+        assert own.earliest <= time <= own.latest
 
 
 def test_bounds_are_those_of_the_least_delay_and_of_the_drift_since() -> None:
-    other, pair = Other(2 * SECOND_NS, 0), PairClock(max_drift_ppm=100)
+    other, pair = Other(2 * SECOND_NS, 0), PairClock()
     random, now = Random(1), 0  # noqa: S311 - to be repeated
     for _ in range(20):
         exchange(pair, other, now, random.randint(5 * MS, 50 * MS), random.randint(5 * MS, 50 * MS))
@@ -69,7 +69,7 @@ def test_bounds_are_those_of_the_least_delay_and_of_the_drift_since() -> None:
     assert str(found) == '2 s plus or minus 1.00 ms'
     later = pair.offset(now + 100 * SECOND_NS)
     assert later is not None
-    assert later.uncertainty == pytest.approx(11 * MS, rel=0.01)
+    assert later.uncertainty == pytest.approx(13 * MS, rel=0.01)
 
 
 @pytest.mark.parametrize('jump', [-SECOND_NS, 200 * MS])
@@ -89,10 +89,8 @@ def test_a_jump_is_noticed(jump: int) -> None:
 def test_a_stamp_ahead_of_all_that_is_possible_is_noticed_at_once() -> None:
     other, pair = Other(0, 0), PairClock()
     exchange(pair, other, 0, MS, MS)
-    assert pair.exceeds(other.read(SECOND_NS), SECOND_NS + MS) is None
-    excess = pair.exceeds(other.read(SECOND_NS) + 100 * MS, SECOND_NS)
-    assert excess is not None
-    assert excess > 90 * MS
+    assert not pair.exceeds(other.read(SECOND_NS), SECOND_NS + MS)
+    assert pair.exceeds(other.read(SECOND_NS) + 10 * MS, SECOND_NS)
 
 
 def test_impossible_exchanges_are_no_measures() -> None:

@@ -8,42 +8,42 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
-from dyknow_federation import PossibleValues, RemoteSample
+from dyknow_federation import PossibleValues
 
 REASON = 'the clocks of me and b differ'
-
-
-def sample(time: int, uncertainty: int, value: int) -> RemoteSample:
-    return RemoteSample(time, uncertainty, {'x': value})
 
 
 def either(*values: int) -> Value:
     return Alternatives.of(values, REASON)
 
 
+def put(stream: PossibleValues, time: int, uncertainty: int, value: int) -> bool:
+    return stream.put(time - uncertainty, time + uncertainty, value)
+
+
 def told(stream: PossibleValues) -> list[tuple[int, Value]]:
-    return [(time, fields['x']) for time, fields in stream.take(REASON)]
+    return list(stream.take(lambda: REASON))
 
 
 @st.composite
-def streams(draw: st.DrawFn) -> list[tuple[int, RemoteSample]]:
+def streams(draw: st.DrawFn) -> list[tuple[int, tuple[int, int, int]]]:
     """The true times of samples, and what is known of them."""
     steps = draw(st.lists(st.integers(1, 12), min_size=1, max_size=10))
     found = []
     for time in accumulate(steps):
         uncertainty = draw(st.integers(0, 15))
         error = draw(st.integers(-uncertainty, uncertainty))
-        found.append((time, sample(time + error, uncertainty, draw(st.integers(0, 2)))))
+        found.append((time, (time + error, uncertainty, draw(st.integers(0, 2)))))
     return found
 
 
 @given(streams(), st.lists(st.integers(0, 200), max_size=3))
 def test_the_true_value_is_among_those_that_are_told(
-    known: list[tuple[int, RemoteSample]], promises: list[int]
+    known: list[tuple[int, tuple[int, int, int]]], promises: list[int]
 ) -> None:
     stream, found = PossibleValues(), list[tuple[int, Value]]()
     for number, (_, each) in enumerate(known):
-        assert stream.put(each)
+        assert put(stream, *each)
         found += told(stream)
         later = [time for time, _ in known[number + 1 :]] or [201]
         stream.promise(max((time for time in promises if time < later[0]), default=0))
@@ -53,18 +53,18 @@ def test_the_true_value_is_among_those_that_are_told(
     times = [time for time, _ in found]
     assert times == sorted(set(times))
     for now in range(times[0], 201):
-        true = [each.fields['x'] for time, each in known if time <= now][-1]
+        true = [value for time, (*_, value) in known if time <= now][-1]
         value = [value for time, value in found if time <= now][-1]
         assert true in (value.values if isinstance(value, Alternatives) else (value,)), now
-    if not any(each.uncertainty for _, each in known):
-        assert found == [(each.valid_time, each.fields['x']) for _, each in known]
+    if not any(uncertainty for _, (_, uncertainty, _) in known):
+        assert found == [(time, value) for time, (*_, value) in known]
 
 
 def test_times_are_told_once_no_later_sample_can_be_valid_before() -> None:
     stream = PossibleValues()
-    stream.put(sample(90, 5, 1))
+    put(stream, 90, 5, 1)
     assert told(stream) == []
-    stream.put(sample(202, 5, 2))
+    put(stream, 202, 5, 2)
     assert told(stream) == [(95, 1), (197, either(1, 2))]
     stream.promise(206)
     assert told(stream) == []
@@ -76,37 +76,37 @@ def test_each_sample_is_told_though_the_value_is_the_same() -> None:
     """Readers see that there is no gap."""
     stream = PossibleValues()
     for time in (10, 20, 30):
-        stream.put(sample(time, 2, 7))
+        put(stream, time, 2, 7)
     stream.promise(40)
     assert told(stream) == [(12, 7), (18, 7), (28, 7)]
 
 
 def test_a_later_sample_is_not_valid_earlier() -> None:
     stream = PossibleValues()
-    stream.put(sample(12, 1, 1))
-    stream.put(sample(10, 5, 2))  # A later one, so it is valid after 11.
+    put(stream, 12, 1, 1)
+    put(stream, 10, 5, 2)  # A later one, so it is valid after 11.
     stream.promise(20)
     assert told(stream) == [(13, either(1, 2)), (15, 2)]
 
 
 def test_lost_samples_are_not_among_those_that_are_told() -> None:
     stream = PossibleValues()
-    stream.put(sample(5, 0, 1))
+    put(stream, 5, 0, 1)
     stream.lose()
-    stream.put(sample(27, 1, 2))
+    put(stream, 27, 1, 2)
     stream.promise(30)
     assert told(stream) == [(28, 2)]
     stream.lose()
-    stream.put(sample(40, 1, 2))
+    put(stream, 40, 1, 2)
     stream.promise(41)
     assert told(stream) == [(41, 2)]
 
 
 def test_memory_is_bounded() -> None:
     stream = PossibleValues()
-    stream.put(sample(0, 0, 0))
-    taken = [stream.put(sample(number, 1000, number)) for number in range(1, MAX_ALTERNATIVES + 2)]
+    put(stream, 0, 0, 0)
+    taken = [put(stream, number, 1000, number) for number in range(1, MAX_ALTERNATIVES + 2)]
     assert taken.count(False) == 1
-    assert stream.held < MAX_ALTERNATIVES
+    assert len(stream._samples) < MAX_ALTERNATIVES
     stream.promise(3000)
     assert told(stream)[-1] == (MAX_ALTERNATIVES + 1001, MAX_ALTERNATIVES + 1)

@@ -7,25 +7,24 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_federation import StreamKey
 from dyknow_federation.messages import Request, Samples, StreamFault, StreamMessage, Watermark
 from dyknow_federation.receiving import MAX_HELD, Lost, Promise, Received, ReceivedStream
-from dyknow_federation.sending import MAX_HISTORY, Rendition
+from dyknow_federation.sending import MAX_HISTORY, SentStream, Thinning
 
-KEY = StreamKey('level', 0)
+NAME = 'level'
 
 
 class Pair:
-    """A rendition and who receives it, over a link without a clock."""
+    """A stream that is sent and who receives it, over a link without a clock."""
 
     def __init__(self, history: int = 10**9) -> None:
-        self.rendition = Rendition(KEY, 1, history)
-        self.stream = ReceivedStream(KEY)
+        self.sent = SentStream(NAME, 1, history)
+        self.stream = ReceivedStream(NAME)
         self.told: list[object] = []
         self.renew()
 
     def renew(self) -> None:
-        for each in self.rendition.renew('me', self.stream.request(), 10**18):
+        for each in self.sent.renew('me', self.stream.request(), 10**18):
             self.take(each)
 
     def take(self, message: StreamMessage) -> None:
@@ -45,11 +44,11 @@ def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), max_size=60)):
         if action == 'p':
             published += 1
-            pair.rendition.publish(published, {'x': published})
+            pair.sent.publish(published, published)
         elif action == 's':
-            on_the_way += [message for _, message in pair.rendition.unsent()]
+            on_the_way += [message for _, message in pair.sent.unsent()]
         elif action == 'r':
-            on_the_way += pair.rendition.renew('me', pair.stream.request(), 10**18)
+            on_the_way += pair.sent.renew('me', pair.stream.request(), 10**18)
         elif on_the_way:
             index = data.draw(st.integers(0, len(on_the_way) - 1))
             if action == 'd' and data.draw(st.booleans()):  # It may arrive once more.
@@ -70,8 +69,8 @@ def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
 def test_what_the_history_has_no_more_is_lost() -> None:
     pair = Pair(history=10)
     for time in range(1, 31):
-        pair.rendition.publish(time, {'x': 0})
-        list(pair.rendition.unsent())
+        pair.sent.publish(time, 0)
+        list(pair.sent.unsent())
     pair.renew()
     pair.renew()
     assert pair.told[0] == Lost(19, 'the peer keeps them no more')
@@ -80,9 +79,9 @@ def test_what_the_history_has_no_more_is_lost() -> None:
 
 def test_a_new_epoch_ends_the_former_one() -> None:
     pair = Pair()
-    pair.take(Samples('level', 0, 1, 1, (5,), ('x',), ((1,),)))
-    pair.take(Samples('level', 0, 3, 1, (4,), ('x',), ((2,),)))
-    pair.take(Samples('level', 0, 1, 2, (6,), ('x',), ((3,),)))
+    pair.take(Samples('level', 1, 1, (5,), (1,)))
+    pair.take(Samples('level', 3, 1, (4,), (2,)))
+    pair.take(Samples('level', 1, 2, (6,), (3,)))
     reasons = [each.reason for each in pair.told if isinstance(each, Lost)]
     assert reasons == ['the peer has begun to number its samples anew']
     assert pair.times == [5, 4]
@@ -92,18 +91,18 @@ def test_a_new_epoch_ends_the_former_one() -> None:
 def test_violations_arrive_in_order_and_once(data: st.DataObject) -> None:
     """Also the one before which nothing has arrived, as nothing may follow it."""
     pair = Pair()
-    pair.stream = ReceivedStream(KEY)  # The answer to its first request is lost.
-    rendition, published = pair.rendition, list[int]()
+    pair.stream = ReceivedStream(NAME)  # The answer to its first request is lost.
+    sent, published = pair.sent, list[int]()
     for number, action in enumerate(data.draw(st.text('svfr', max_size=40)), 1):
         messages: list[StreamMessage] = []
         if action == 's':
-            rendition.publish(number, {})
+            sent.publish(number, 0)
         elif action == 'v':
-            rendition.violate(StreamFault(number, 'max_gap', 'none came'))
+            sent.violate(StreamFault(number, 'max_gap', 'none came'))
         elif action == 'r':
-            messages = rendition.renew('me', pair.stream.request(), 10**18)
+            messages = sent.renew('me', pair.stream.request(), 10**18)
         else:
-            messages = [message for _, message in rendition.unsent()]
+            messages = [message for _, message in sent.unsent()]
         published += [number] * (action in 'sv')
         for each in data.draw(st.permutations(messages)):
             if data.draw(st.booleans()):
@@ -127,9 +126,9 @@ def assert_told(told: list[object], published: list[int]) -> list[int]:
 
 def test_a_peer_that_lies_about_times_is_not_believed() -> None:
     pair = Pair()
-    pair.take(Samples('level', 0, 1, 1, (5,), ('x',), ((1,),)))
-    pair.take(Watermark('level', 0, 1, 2, 1, 20))
-    pair.take(Samples('level', 0, 1, 2, (10,), ('x',), ((1,),)))
+    pair.take(Samples('level', 1, 1, (5,), (1,)))
+    pair.take(Watermark('level', 1, 2, 1, 20))
+    pair.take(Samples('level', 1, 2, (10,), (1,)))
     assert pair.told[-1] == Lost(1, 'it is valid at 10 ns, which is too early')
 
 
@@ -137,42 +136,25 @@ def test_memory_is_bounded() -> None:
     pair = Pair()
     for first in range(2, 3 * MAX_HELD, 100):
         times = tuple(range(first, first + 100))
-        pair.take(Samples('level', 0, 1, first, times, ('x',), (times,)))
+        pair.take(Samples('level', 1, first, times, times))
     assert len(pair.stream._held) == MAX_HELD
     assert len(pair.stream.request().missing) == 2
     for time in range(2 * MAX_HISTORY):
-        pair.rendition.publish(time, {})
-    assert len(pair.rendition._kept) == MAX_HISTORY
+        pair.sent.publish(time, 0)
+    assert len(pair.sent._kept) == MAX_HISTORY
 
 
 def test_a_request_for_what_never_was_is_harmless() -> None:
     pair = Pair()
-    pair.rendition.publish(1, {'x': 1})
-    strange = Request('level', 0, 1, 10**15, ((-(2**62), -5), (3, 2**62)))
-    assert [type(each) for each in pair.rendition.renew('me', strange, 1)] == [Watermark]
-    assert [type(each) for each in pair.rendition.renew('other', strange, 1)] == [Watermark]
-
-
-def test_samples_at_a_rate() -> None:
-    rendition = Rendition(StreamKey('level', 10), 1, 10**9)
-    taken = [time for time in range(0, 40, 4) if rendition.publish(time, {})]
-    assert taken == [0, 12, 24, 36]
+    pair.sent.publish(1, 1)
+    strange = Request('level', 1, 10**15, ((-(2**62), -5), (3, 2**62)))
+    assert [type(each) for each in pair.sent.renew('me', strange, 1)] == [Watermark]
+    assert [type(each) for each in pair.sent.renew('other', strange, 1)] == [Watermark]
 
 
 def test_an_unknown_value_is_not_left_out_for_the_rate() -> None:
-    rendition = Rendition(StreamKey('level', 10), 1, 10**9)
+    thinning = Thinning(10)
     samples = [(0, 1.0), (4, math.nan), (8, math.nan), (12, 2.0), (16, 1.0), (20, math.nan)]
     samples += [(29, 1.0), (30, 2.0)]
-    taken = [time for time, x in samples if rendition.publish(time, {'x': x})]
+    taken = [time for time, value in samples if thinning.passes(time, value)]
     assert taken == [0, 4, 16, 20, 30]
-
-
-def test_samples_with_other_fields_are_other_batches() -> None:
-    pair = Pair()
-    for time, names in enumerate(['x', 'x', 'xy', 'x'], 1):
-        pair.rendition.publish(time, dict.fromkeys(names, 1))
-    for _, message in pair.rendition.unsent():
-        pair.take(message)
-    assert pair.times == [1, 2, 3, 4]
-    fields = [dict(each.fields) for each in pair.told if isinstance(each, Received)]
-    assert fields[2] == {'x': 1, 'y': 1}

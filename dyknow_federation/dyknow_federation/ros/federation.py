@@ -16,7 +16,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from std_msgs.msg import String
 
-from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_duration
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_time
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
 from dyknow_configuration import RequestedFederation, read_robot
 from dyknow_federation.errors import FederationError
@@ -26,14 +26,12 @@ from dyknow_federation.events import (
     PeerFault,
     PeerJoined,
     PeerLeft,
-    RemoteSample,
-    SamplesArrived,
     SamplesLost,
     SharesChanged,
-    StreamRefused,
     StreamUnwanted,
     StreamViolated,
     StreamWanted,
+    ValueKnown,
     WatermarkArrived,
 )
 from dyknow_federation.messages import Packet, Probe, ProbeReply, Shares, encode
@@ -56,12 +54,6 @@ REPORT_PERIOD_S: Final = 1.0
 MIN_PERIOD_NS: Final = NANOSECONDS['ms']
 """The least time between two looks for what is due."""
 
-STALE_FRACTION: Final = 3
-"""A link is stale after this part of the time after which its peer has left."""
-
-HELLOS: Final = 10
-"""The number of signs of life in that time, of which some may be lost."""
-
 
 @dataclass(slots=True)
 class _Departure:
@@ -83,7 +75,15 @@ class Federation(DyKnowNode):
         super().__init__('federation')
         path = self.parameter('robot', '', 'robot.yaml with the key federation.')
         settings = self._settings = _federation(path)
-        self._peer = Peer(_peer_settings(settings, self.started_at))
+        self._peer = Peer(
+            PeerSettings(
+                settings.name,
+                self.started_at,
+                peer_timeout=settings.peer_timeout,
+                history=settings.history,
+                max_uncertainty=settings.max_uncertainty,
+            )
+        )
         self._latest = self.now()
         self._remote = RemoteStreams(self)
         rates = {each.name: each.every for each in settings.share}
@@ -156,7 +156,7 @@ class Federation(DyKnowNode):
             self._handle(event)
 
     def _send(self, packet: Packet) -> None:
-        is_urgent = isinstance(packet.message, Probe | ProbeReply)
+        is_urgent = isinstance(packet.messages[0], Probe | ProbeReply)
         try:
             self._transport.send(packet.receiver, encode(packet), is_urgent=is_urgent)
         except FederationError as error:
@@ -165,23 +165,15 @@ class Federation(DyKnowNode):
     def _handle(self, event: Event) -> None:
         """Act on an event of a stream, or of a peer."""
         match event:
-            case SamplesArrived(peer, stream, _, samples):
-                self._check_times(peer, stream, samples)
-                reason = self._peer.difference(peer)
-                self._remote.publish(StreamName(peer, stream), samples, reason)
-            case WatermarkArrived(peer, stream, _, time):
-                reason = self._peer.difference(peer)
-                self._remote.pass_watermark(StreamName(peer, stream), time, reason)
-            case SamplesLost(peer, stream, _, count, reason):
+            case ValueKnown(peer, stream, time, value):
+                self._remote.publish(StreamName(peer, stream), time, value)
+            case WatermarkArrived(peer, stream, time):
+                self._remote.pass_watermark(StreamName(peer, stream), time)
+            case SamplesLost(peer, stream, count, reason):
                 self._lost[peer] += count
-                text = f"samples of peer '{peer}' are lost: {reason}"
-                self._remote.lose(StreamName(peer, stream), text)
-            case StreamViolated(peer, stream, _, fault):
-                text = f"peer '{peer}' reports: {fault.reason}"
-                self._remote.violate(peer, fault.constraint, text, stream, fault.valid_time)
-            case StreamRefused(peer, stream, _, reason):
-                text = f"peer '{peer}' refuses it: {reason}"
-                self._remote.violate(peer, ViolationKind.MESSAGE, text, stream)
+                self._remote.violate(peer, ViolationKind.LOST, reason, stream)
+            case StreamViolated(peer, stream, constraint, reason, time):
+                self._remote.violate(peer, constraint, reason, stream, time)
             case StreamWanted(stream):
                 self._own.want(stream)
             case StreamUnwanted(stream):
@@ -201,32 +193,23 @@ class Federation(DyKnowNode):
                 self._left[peer] = _Departure(reason, self.now())
                 self._transport.forget(peer)
                 self._warn([reason])
-            case ClockJumped(peer):
+            case ClockJumped(peer, since):
                 text = f"the clock of peer '{peer}' has jumped, or that of this host"
-                self._remote.begin_anew(peer, text)
+                if since is not None:
+                    text += f'; samples may have wrong times since {format_time(since)}'
+                self._remote.violate(peer, ViolationKind.CLOCK, text)
             case PeerFault(peer, message):
                 self._faults[peer] = message
                 self._warn([message])
-
-    def _check_times(self, peer: str, stream: str, samples: Iterable[RemoteSample]) -> None:
-        """Report samples whose valid times are less certain than formulas may assume."""
-        limit, now = self._settings.max_uncertainty, self.now()
-        offset = self._peer.remotes[peer].clock.offset(now)
-        if any(each.uncertainty > limit for each in samples):
-            text = (
-                f"the clocks of '{self._settings.name}' and '{peer}' differ by {offset}; more than "
-                f'a max_uncertainty of {format_duration(limit)}'
-            )
-            self._remote.violate(peer, ViolationKind.CLOCK, text, stream)
 
     def _update(self) -> None:
         """Follow what is read here, and what has changed in the meaning."""
         now = self.now()
         begun, ended = self._remote.demand()
-        for peer, stream in begun:
-            self._peer.request(peer, stream, 0, now)
+        for name in begun:
+            self._peer.request(*name, now, self._remote.told(name))
         for peer, stream in ended:
-            self._peer.release(peer, stream, 0)
+            self._peer.release(peer, stream)
         self._own.reconcile()
         self._withdraw()
         version = self._vocabulary.version
@@ -311,14 +294,8 @@ class Federation(DyKnowNode):
             self._transport.received[name],
             self._lost[name],
             tuple(each.stream for each in remote.shares.features) if remote.shares else (),
-            tuple(sorted(each.stream for each in remote.requested)),
-            tuple(
-                sorted(
-                    key.stream
-                    for key, each in self._peer.renditions.items()
-                    if name in each.subscribers
-                )
-            ),
+            tuple(sorted(remote.requested)),
+            tuple(sorted(key for key, each in self._peer.sent.items() if name in each.subscribers)),
             self._faults.get(name, ''),
         )
 
@@ -331,18 +308,6 @@ def _federation(path: str) -> RequestedFederation:
     if found is None:
         raise FederationError(f"{path} has no key 'federation'; add it")
     return found
-
-
-def _peer_settings(settings: RequestedFederation, incarnation: int) -> PeerSettings:
-    limit = settings.peer_timeout
-    return PeerSettings(
-        settings.name,
-        incarnation,
-        peer_timeout=limit,
-        stale_after=limit // STALE_FRACTION,
-        history=settings.history,
-        hello_period=min(SECOND_NS, limit // HELLOS),
-    )
 
 
 def main() -> int:

@@ -13,7 +13,7 @@ from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 from dyknow_common import Alternatives, DyKnowError, ExitCode
 from dyknow_common.ros import STREAM, DyKnowNode, LogOnce, RemoteNode, time_to_nanoseconds
 from dyknow_federation.messages import MAX_REASON, StreamFault
-from dyknow_federation.offers import Offer
+from dyknow_federation.offers import VALUE, Offer
 from dyknow_federation.peer import Peer
 from dyknow_federation.sending import Thinning
 from dyknow_stream_processing import Violation, ViolationKind
@@ -55,8 +55,8 @@ class OwnStream:
 
     def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:  # noqa: ARG002
         """Pass a sample on, unless it follows too soon."""
-        valid_time, values = sample_valid_time(message), sample_fields(message)
-        if not self.fault and Alternatives.are_among(values.values()):
+        valid_time, value = sample_valid_time(message), sample_fields(message)[VALUE]
+        if not self.fault and isinstance(value, Alternatives):
             # Its times are known up to the bounds of a clock that the asking host does not know.
             self.fault = (
                 f"the stream '{self.name}' is made from one of another host, so peers get no more "
@@ -66,8 +66,8 @@ class OwnStream:
             self._tell(StreamFault(valid_time, ViolationKind.SOURCE, self.fault), now)
         if self.fault:
             return
-        if self.thinning.passes(valid_time, values):
-            self.peer.publish(self.name, valid_time, values, now)
+        if self.thinning.passes(valid_time, value):
+            self.peer.publish(self.name, valid_time, value, now)
         else:
             self.peer.promise(self.name, valid_time, now)
         if message.watermark:

@@ -9,7 +9,7 @@ subscribes, the peer is not asked.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
 from dyknow_interfaces.msg import (
@@ -19,10 +19,10 @@ from dyknow_interfaces.msg import (
 )
 from dyknow_interfaces.msg import Sample as SampleMessage
 
+from dyknow_common import Value
 from dyknow_common.ros import STREAM, VIOLATIONS, DyKnowNode, nanoseconds_to_time
-from dyknow_federation.events import RemoteSample
-from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues
-from dyknow_stream_processing import Sample, ViolationKind
+from dyknow_federation.offers import VALUE
+from dyknow_stream_processing import Sample
 from dyknow_stream_processing.ros import (
     WATERMARKS,
     SampleWriter,
@@ -47,7 +47,6 @@ class RemoteStream:
         self.topic = topic
         self._writer = SampleWriter()
         self._latest = self._watermark = 0
-        self._values = PossibleValues()
         self._publisher = node.create_publisher(SampleMessage, topic, STREAM)
         self._violations = node.create_publisher(
             ConstraintViolation, violations_topic(topic), VIOLATIONS
@@ -58,48 +57,28 @@ class RemoteStream:
         """True while somebody subscribes."""
         return bool(self._publisher.get_subscription_count())
 
-    def publish(self, samples: Sequence[RemoteSample], reason: str) -> None:
-        """Publish samples, in the order of their true times.
+    @property
+    def told(self) -> int:
+        """The time until which its values are published."""
+        return max(self._latest, self._watermark)
 
-        Args:
-            samples: the samples.
-            reason: why values have alternatives: the difference of the clocks.
-        """
-        for each in samples:
-            if not self._values.put(each):
-                self.violate(ViolationKind.CLOCK, TOO_CLOSE.format(reason))
-            self._publish_known(reason)
+    def publish(self, time: int, value: Value) -> None:
+        """Publish the value since a time."""
+        sample = Sample(time, self._node.now(), {VALUE: value}, time)
+        self._publisher.publish(self._writer.write(sample))
+        self._latest = time
 
-    def watermark(self, time: int, reason: str) -> Any | None:
-        """Publish what a promise makes known, that later samples are valid after a time.
-
-        Return its message; None if it is known.
-        """
-        self._values.promise(time)
-        self._publish_known(reason)
-        if self._values.settled <= max(self._latest, self._watermark):
+    def watermark(self, time: int) -> Any | None:
+        """Return the message that later values hold after a time; None if that is known."""
+        if time <= self.told:
             return None
-        self._watermark = self._values.settled
+        self._watermark = time
         return StreamWatermark(
             stream_name=self.topic.rpartition('/')[2],
             stream_id=self._writer.stream_id,
             number=self._writer.number,
             watermark=nanoseconds_to_time(self._watermark),
         )
-
-    def lose(self) -> None:
-        """Note that samples are missing before the next one."""
-        self._values.lose()
-
-    def begin_anew(self) -> None:
-        """Forget all samples, as the clock by which they are dated has jumped."""
-        self._values = PossibleValues()
-
-    def _publish_known(self, reason: str) -> None:
-        now = self._node.now()
-        for time, fields in self._values.take(reason):
-            self._latest = time
-            self._publisher.publish(self._writer.write(Sample(time, now, fields, time)))
 
     def violate(self, kind: str, reason: str, valid_time: int | None = None) -> None:
         """Report that samples are missing, or have wrong times.
@@ -170,9 +149,6 @@ class RemoteStreams:
         """Return the streams that are read since the last call, and those that are no more."""
         wanted = {name for name, each in self._streams.items() if each.is_wanted}
         former, self._wanted = self._wanted, wanted
-        for name in former - wanted:
-            if name in self._streams:
-                self._streams[name].lose()
         return wanted - former, former - wanted
 
     @property
@@ -180,30 +156,21 @@ class RemoteStreams:
         """The streams that are read."""
         return self._wanted
 
-    def publish(self, name: StreamName, samples: Sequence[RemoteSample], reason: str) -> None:
-        """Publish samples of a stream; values have alternatives for a reason."""
-        if name in self._streams:
-            self._streams[name].publish(samples, reason)
+    def told(self, name: StreamName) -> int:
+        """Return the time until which values of a stream are published."""
+        return self._streams[name].told
 
-    def pass_watermark(self, name: StreamName, time: int, reason: str) -> None:
-        """Publish that later samples of a stream are valid after a time."""
+    def publish(self, name: StreamName, time: int, value: Value) -> None:
+        """Publish the value of a stream since a time."""
+        if name in self._streams:
+            self._streams[name].publish(time, value)
+
+    def pass_watermark(self, name: StreamName, time: int) -> None:
+        """Publish that later values of a stream hold after a time."""
         stream = self._streams.get(name)
-        found = None if stream is None else stream.watermark(time, reason)
+        found = None if stream is None else stream.watermark(time)
         if found is not None:
             self._watermarks[name.peer].publish(StreamWatermarks(streams=[found]))
-
-    def lose(self, name: StreamName, reason: str) -> None:
-        """Report that samples of a stream are missing before the next one."""
-        if name in self._streams:
-            self._streams[name].lose()
-            self._streams[name].violate(ViolationKind.LOST, reason)
-
-    def begin_anew(self, peer: str, reason: str) -> None:
-        """Report that the clock by which the samples of a peer are dated has jumped."""
-        self.violate(peer, ViolationKind.CLOCK, reason)
-        for name, each in self._streams.items():
-            if name.peer == peer:
-                each.begin_anew()
 
     def violate(
         self, peer: str, kind: str, reason: str, stream: str = '', valid_time: int | None = None
