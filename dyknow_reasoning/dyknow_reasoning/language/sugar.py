@@ -7,10 +7,7 @@ the left side must hold from the present state on:
     F unless[a, b] G         F holds until[a, b] G, or always[0, b] F
     F release[a, b] G        not ((not F) holds until[a, b] (not G))
 
-Relations of objects and regions are comparisons of features, which are in metres:
-
-    inside(r, z)             distance(r, z) <= 0
-    crosses(r, z)            swept_distance(r, z) <= 0
+Relations of two objects in space are comparisons of features; see `SPATIAL`.
 
 Of the spatial operators, as in STREL:
 
@@ -19,39 +16,67 @@ Of the spatial operators, as in STREL:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import islice
-from typing import Final
-
-from lark import Token
+from typing import Any, Final
 
 from dyknow_common import PositionedError, TextPosition
 from dyknow_reasoning.language.formula import (
     Always,
     And,
-    Comparison,
     Formula,
     Not,
     Or,
     Until,
     walk,
+    with_changed_parts,
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.spatial import DistanceInterval, Spatial
-from dyknow_reasoning.language.terms import Feature, Number, Object
+from dyknow_reasoning.language.terms import Object, Term
 
 _MAX_PARTS: Final = 20_000
 """The most parts of a formula that is written out: sides are repeated, so they may grow fast."""
 
 
-SPATIAL: Final = {'inside': 'distance', 'crosses': 'swept_distance'}
-"""The features that the relations of an object and a region compare with 0."""
+_AHEAD: Final = (
+    'cos(yaw[{0}]) * (position_x[{1}] - position_x[{0}])'
+    ' + sin(yaw[{0}]) * (position_y[{1}] - position_y[{0}])'
+)
+_LEFT: Final = (
+    'cos(yaw[{0}]) * (position_y[{1}] - position_y[{0}])'
+    ' - sin(yaw[{0}]) * (position_x[{1}] - position_x[{0}])'
+)
+_DIRECTION: Final = 'atan2(position_y[s] - position_y[r], position_x[s] - position_x[r])'
+
+SPATIAL: Final[Mapping[str, str]] = {
+    'inside': 'distance[r, s] <= 0',
+    'crosses': 'swept_distance[r, s] <= 0',
+    'ahead_of': f'{_AHEAD} > 0'.format('s', 'r'),
+    'left_of': f'{_LEFT} > 0'.format('s', 'r'),
+    'facing': f'{_AHEAD} > abs({_LEFT})'.format('r', 's'),
+    'bearing_to': f'angle_difference({_DIRECTION}, yaw[r])',
+}
+"""The relations of two objects r and s, with the texts that they stand for.
+
+A heading is a place in the frame of the object whose yaw it has, x ahead and y to the left (REP
+103); `bearing_to` is a number.
+"""
 
 
-def spatial(relation: Token, arguments: tuple[Object, ...]) -> Formula:
-    """Return the comparison that `inside` or `crosses` of an object and a region stands for."""
-    position = TextPosition.of(relation)
-    feature = Feature(SPATIAL[relation], arguments, position=position)
-    return Comparison('<=', feature, Number(0, position=position), position=position)
+def spatial(
+    definition: Formula | Term, arguments: Mapping[str, Object], position: TextPosition
+) -> Formula | Term:
+    """Return what a relation stands for, given the syntax of its definition."""
+
+    def of_arguments(node: Any) -> Any:
+        if isinstance(node, Object):
+            return arguments[node.name]
+        return replace(with_changed_parts(node, of_arguments), position=position)
+
+    found: Formula | Term = of_arguments(definition)
+    return found
 
 
 def holds_until(
