@@ -97,13 +97,10 @@ def read_positions(
     annotations: list[InlineText] = []
     for source in sources:
         of_frame = [each.region for each in regions if each.region.frame == source.frame]
-        streams += source.streams(of_frame)
-        annotations += source.annotations(of_frame)
-        if source.frame == headings:
-            streams.append(source.pose_streams())
-            annotations += source.pose_annotations()
-    still = drawn_regions(regions)
-    drawn = still[0].frame if still else ''
+        has_poses = source.frame == headings
+        streams += source.streams(of_frame, has_poses=has_poses)
+        annotations += source.annotations(of_frame, has_poses=has_poses)
+    drawn = next((each.frame for each in drawn_regions(regions)), '')
     topics = {
         name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
     }
@@ -175,14 +172,18 @@ class _PositionSource:
             return {'yaw': path}
         return {f'q{axis}': f'{path}.{axis}' for axis in 'xyzw'}
 
-    def streams(self, regions: Sequence[Region | MovingRegion]) -> Iterator[InlineText]:
-        """Yield the streams of the distances of all objects."""
+    def streams(
+        self, regions: Sequence[Region | MovingRegion], *, has_poses: bool
+    ) -> Iterator[InlineText]:
+        """Yield the streams of the distances of all objects, and of their poses if wanted."""
         still = [each for each in regions if isinstance(each, Region)]
         if still:
             yield self._still_streams(still)
         for each in regions:
             if isinstance(each, MovingRegion):
                 yield self._moving_streams(each)
+        if has_poses:
+            yield self._pose_streams()
 
     def _still_streams(self, regions: Sequence[Region]) -> InlineText:
         axes = _axes_for(regions)
@@ -215,8 +216,10 @@ class _PositionSource:
             specifications_by_sink(parse_specification(str(text)))
         return InlineText(self.value.place, str(text))
 
-    def annotations(self, regions: Sequence[Region | MovingRegion]) -> Iterator[InlineText]:
-        """Yield the annotations of the distances of each object."""
+    def annotations(
+        self, regions: Sequence[Region | MovingRegion], *, has_poses: bool
+    ) -> Iterator[InlineText]:
+        """Yield the annotations of the distances of each object, and of its pose if wanted."""
         still = [each for each in regions if isinstance(each, Region)]
         for name, unit in product(self.objects, self._units if still else ()):
             feature = DISTANCES[unit]
@@ -228,9 +231,12 @@ class _PositionSource:
                 content = f'distance[{name}, {region.name}] = {region.name}'
                 text = f'stream {name}_distance_to_{region.name} contains {content};'
                 yield InlineText(self.value.place, text)
+        for name in self.objects if has_poses else ():
+            contents = (f'{feature}[{name}] = {of}' for feature, of in self._pose_fields().items())
+            text = f'stream {name}_planar_pose contains {", ".join(contents)};'
+            yield InlineText(self.value.place, text)
 
-    def pose_streams(self) -> InlineText:
-        """Return the streams of the poses of all objects."""
+    def _pose_streams(self) -> InlineText:
         frame = 'frame: string, ' if self._frame_field else ''
         inputs = f'({frame}{_typed(["x", "y", *self._heading])})'
         text = ComposedText()
@@ -246,13 +252,6 @@ class _PositionSource:
         with text.errors():
             specifications_by_sink(parse_specification(str(text)))
         return InlineText(self.value.place, str(text))
-
-    def pose_annotations(self) -> Iterator[InlineText]:
-        """Yield the annotations of the pose of each object."""
-        for name in self.objects:
-            contents = (f'{feature}[{name}] = {of}' for feature, of in self._pose_fields().items())
-            text = f'stream {name}_planar_pose contains {", ".join(contents)};'
-            yield InlineText(self.value.place, text)
 
     def _pose_fields(self) -> Mapping[str, str]:
         """Return the field of each feature of a pose; of an object without a heading, no yaw."""

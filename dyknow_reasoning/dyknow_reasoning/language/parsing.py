@@ -118,8 +118,8 @@ _parse_again = lru_cache(1024)(_parse)
 
 
 @lru_cache
-def _definition(relation: str) -> Any:
-    """Return the syntax of what a relation of two objects stands for."""
+def definition_of(relation: str) -> Any:
+    """Return the syntax of what a relation of two objects, r and s, stands for."""
     return LANGUAGE.parse(sugar.SPATIAL[relation], _FormulaBuilder(NO_CONSTANTS))
 
 
@@ -475,7 +475,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
             raise not_a_function(token)
         if token in sugar.SPATIAL and len(arguments) == 2:  # noqa: PLR2004 - two objects
             given = dict(zip('rs', arguments, strict=True))
-            return sugar.spatial(_definition(str(token)), given, TextPosition.of(token))
+            return sugar.spatial(definition_of(str(token)), given, TextPosition.of(token))
         return terms.Feature(str(token), arguments)
 
     def arguments(self, *tokens: Token) -> tuple[terms.Object, ...]:

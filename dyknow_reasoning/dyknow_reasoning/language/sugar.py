@@ -34,39 +34,35 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.spatial import DistanceInterval, Spatial
-from dyknow_reasoning.language.terms import Object, Term
+from dyknow_reasoning.language.terms import Object, Term, Variable
 
 _MAX_PARTS: Final = 20_000
 """The most parts of a formula that is written out: sides are repeated, so they may grow fast."""
 
 
-_AHEAD: Final = (
-    'cos(yaw[{0}]) * (position_x[{1}] - position_x[{0}])'
-    ' + sin(yaw[{0}]) * (position_y[{1}] - position_y[{0}])'
-)
-_LEFT: Final = (
-    'cos(yaw[{0}]) * (position_y[{1}] - position_y[{0}])'
-    ' - sin(yaw[{0}]) * (position_x[{1}] - position_x[{0}])'
-)
-_DIRECTION: Final = 'atan2(position_y[s] - position_y[r], position_x[s] - position_x[r])'
+_DX: Final = '(position_x[s] - position_x[r])'
+_DY: Final = '(position_y[s] - position_y[r])'
+
+HEADINGS: Final[Mapping[str, str]] = {
+    'longitudinal_distance': f'cos(yaw[r]) * {_DX} + sin(yaw[r]) * {_DY}',
+    'lateral_distance': f'cos(yaw[r]) * {_DY} - sin(yaw[r]) * {_DX}',
+    'bearing_to': f'angle_difference(atan2({_DY}, {_DX}), yaw[r])',
+}
+"""Where an object s is, seen from an object r with a yaw: ahead (m), to its left (m, rad)."""
 
 SPATIAL: Final[Mapping[str, str]] = {
     'inside': 'distance[r, s] <= 0',
     'crosses': 'swept_distance[r, s] <= 0',
-    'ahead_of': f'{_AHEAD} > 0'.format('s', 'r'),
-    'left_of': f'{_LEFT} > 0'.format('s', 'r'),
-    'facing': f'{_AHEAD} > abs({_LEFT})'.format('r', 's'),
-    'bearing_to': f'angle_difference({_DIRECTION}, yaw[r])',
+    **HEADINGS,
+    'ahead_of': 'longitudinal_distance(s, r) > 0',
+    'left_of': 'lateral_distance(s, r) > 0',
+    'facing': 'longitudinal_distance(r, s) > abs(lateral_distance(r, s))',
 }
-"""The relations of two objects r and s, with the texts that they stand for.
-
-A heading is a place in the frame of the object whose yaw it has, x ahead and y to the left (REP
-103); `bearing_to` is a number.
-"""
+"""The relations of two objects r and s, with the texts that they stand for."""
 
 
 def spatial(
-    definition: Formula | Term, arguments: Mapping[str, Object], position: TextPosition
+    definition: Formula | Term, arguments: Mapping[str, Object | Variable], position: TextPosition
 ) -> Formula | Term:
     """Return what a relation stands for, given the syntax of its definition."""
 
