@@ -166,12 +166,12 @@ class _VocabularyReader:
 
     def _read_positions(self, value: YamlValue, regions: Mapping[str, YamlValue]) -> None:
         """Add the distances to sorts of regions, and the poses, to the features."""
+        positioned = {self._sort(each): each for each in positioned_sorts(value)}
         units: dict[str, str] = dict.fromkeys(DISTANCES.values(), 'm') if regions else {}
         if has_headings(value):
             units |= {name: unit for name, (_, unit) in POSES.items()}
         if not units:
             return
-        positioned = {self._sort(each): each for each in positioned_sorts(value)}
         arguments = {'object': self._join('Positioned', positioned)}
         region = {'region': self._join('Region', regions)} if regions else {}
         for name, unit in units.items():

@@ -30,6 +30,7 @@ formulas:
   - {name: left, formula: 'forall p in Person, r in Robot: always left_of(p, r)', margin: true}
   - {name: ahead, formula: 'forall p in Person, r in Robot: always ahead_of(p, r)', margin: true}
   - {name: aims, formula: 'always abs(bearing_to(robot1, person1)) < 50 deg', margin: true}
+  - {name: lane, formula: 'eventually lateral_distance(robot1, person1) > 50 cm'}
   - {name: other frame, formula: 'always ahead_of(boat1, robot1)'}
   - {name: no heading, formula: 'always ahead_of(robot1, person1)'}
 """
@@ -73,6 +74,7 @@ def test_a_robot_that_turns_away(tmp_path: Path, capsys: pytest.CaptureFixture[s
     found = checked(tmp_path, capsys)
     assert {name: each['outcome'] for name, each in found.items()} == {
         'faces': 'false', 'left': 'undecided', 'ahead': 'undecided', 'aims': 'false',
+        'lane': 'true',
         'other frame': 'error', 'no heading': 'error',
     }  # fmt: skip
     sine, cosine = 3 * math.sin(math.radians(60)), 3 * math.cos(math.radians(60))
@@ -96,6 +98,7 @@ def test_a_pose_in_another_frame(tmp_path: Path, capsys: pytest.CaptureFixture[s
 @pytest.mark.parametrize(
     ('old', 'new', 'message'),
     [
+        ('{r: Robot}', '{r: Robt}', "unknown sort 'Robt'"),
         ('frame: sea,', 'frame: sea, yaw: yaw,', "is in frame 'sea', but others are in 'map'"),
         ('field: pose.position', 'yaw: yaw', 'not both'),
         ('frame: sea, topic', 'frame: wgs84, yaw: yaw, topic', 'wgs84 has no headings'),
@@ -106,3 +109,21 @@ def test_bad_headings(tmp_path: Path, old: str, new: str, message: str) -> None:
     (tmp_path / 'robot.yaml').write_text(ROBOT.replace(old, new, 1))
     with pytest.raises(ConfigurationError, match=message):
         read_robot(tmp_path / 'robot.yaml')
+
+
+def test_an_unknown_sort_without_headings(tmp_path: Path) -> None:
+    text = ROBOT.replace('    orientation: pose.orientation\n', '').replace('{b: Boat}', '{b: Bot}')
+    (tmp_path / 'robot.yaml').write_text(text)
+    with pytest.raises(ConfigurationError, match="'Bot'"):
+        read_robot(tmp_path / 'robot.yaml')
+
+
+def test_a_transform_has_a_yaw(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text("""\
+objects: {Robot: [robot1]}
+positions: {of: {r: Robot}, frame: map, tf: '{r}/base_link', yaw: yaw}
+""")
+    (streams,) = read_robot(path).streams
+    fields = 'select yaw as yaw, translation.x as x, translation.y as y'
+    assert f'{fields} from tf("map", "robot1/base_link"), frame = "map"' in streams.text
