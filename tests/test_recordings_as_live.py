@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from dyknow_interfaces.msg import FormulaResult
-from geometry_msgs.msg import Point32, PointStamped, PolygonStamped
+from geometry_msgs.msg import Point, Point32, PolygonStamped, PoseStamped
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -133,31 +133,46 @@ def test_the_answers_over_recordings_of_others(
 
 
 STORM = """
-objects: {UAV: [uav1]}
+objects: {UAV: [uav1, uav2]}
 regions: {cell: {is: Storm, frame: map, topic: /cell}}
-positions: {of: {u: UAV}, frame: map, topic: '/{u}/position', field: point}
+positions:
+  of: {u: UAV}
+  frame: map
+  topic: /{u}/pose
+  field: pose.position
+  orientation: pose.orientation
 """
 OUTSIDE = (
     'always not inside(uav1, cell)',
     'always[0 s, 2 s] distance(uav1, cell) > 5.5',
     'eventually distance(uav1, cell) < -0.5',
+    'always ahead_of(uav2, uav1)',
+    'forall u in UAV, v in UAV: always[0 s, 8 s] not facing(u, v)',
 )
 
 
 def storm(path: Path) -> None:
-    """Write a cell that comes 1 m nearer to a robot each second; the last one crosses itself."""
+    """Write a cell and a robot that come 1 m nearer to another robot each second.
+
+    The last polygon crosses itself. The robot that comes stays to the left of the other one.
+    """
     types = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = [
             writer.add_connection(topic, f'geometry_msgs/msg/{name}', typestore=types)
-            for topic, name in (('/cell', 'PolygonStamped'), ('/uav1/position', 'PointStamped'))
+            for topic, name in (
+                ('/cell', 'PolygonStamped'),
+                ('/uav1/pose', 'PoseStamped'),
+                ('/uav2/pose', 'PoseStamped'),
+            )
         ]
         for step in range(10):
-            cell, position = PolygonStamped(), PointStamped()
+            cell, pose, other = PolygonStamped(), PoseStamped(), PoseStamped()
             x = 8.0 - step
+            other.pose.position = Point(x=x, y=8.5)
             corners = [(x, -2.0), (x + 4, -2.0), (x + 4, 2.0), (x, 2.0 if step < 9 else -4.0)]
             cell.polygon.points = [Point32(x=x, y=y) for x, y in corners]
-            for connection, message in zip(connections, (cell, position), strict=True):
+            for connection, message in zip(connections, (cell, pose, other), strict=True):
                 time = START + step * SECOND_NS
                 message.header.frame_id = 'map'
                 message.header.stamp.sec = time // SECOND_NS
@@ -172,8 +187,11 @@ def test_the_answers_over_a_region_that_moves(tmp_path: Path) -> None:
     system.configuration = with_robot(SystemConfiguration(), robot, monitor=False)
     with system:
         found = compare(system, tmp_path / 'storm', OUTSIDE)
-    outside, near, deep = found
+    outside, near, deep, ahead, aside = found
     assert outside.verdict == FormulaResult.FALSE
     assert outside.decided_at.sec == START // SECOND_NS + 8
     assert near.verdict == FormulaResult.TRUE
     assert 'self-intersection' in deep.exit_status.message
+    assert ahead.verdict == FormulaResult.FALSE
+    assert ahead.decided_at.sec == START // SECOND_NS + 8
+    assert aside.verdict == FormulaResult.TRUE

@@ -16,6 +16,9 @@ For the object uav1 and the region dock, this makes the stream
 and the annotation `stream uav1_region_distances contains distance[uav1, dock] = dock`. With
 `moves: straight`, there are the same of `swept_distance`. A region that moves has a stream of its
 own for each object, which joins the two topics by time.
+
+With the `orientation` or the `yaw` of some objects, the poses of all that have positions in their
+frame are streams, too, computed by `planar_pose`.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from dyknow_common import InlineText, listed, quoted
 from dyknow_configuration.composed_text import ComposedText, constraints_text
 from dyknow_configuration.regions import (
     DISTANCES,
+    POSES,
     POSITION_KEYS,
     MovingRegion,
     StatedRegion,
@@ -50,7 +54,7 @@ class PositionTexts:
     """What the positions of a robot.yaml make.
 
     Args:
-        streams: of the distances to regions.
+        streams: of the distances to regions, and of poses.
         annotations: of these streams.
         topics: the topic, and the fields of x and y, of each object that has one, and whose
             position is in the frame of the first region.
@@ -73,7 +77,7 @@ def read_positions(
 
     Raises:
         ConfigurationError: with the place of the fault; if a region is in a frame in which no
-            object has a position.
+            object has a position, or headings are in several frames.
     """
     if 'positions' not in values:
         return PositionTexts()
@@ -88,14 +92,15 @@ def read_positions(
             seen.add(name)
     if len(seen) * len(regions) > MAX_TEXTS:
         raise value.error(f'these are more than {MAX_TEXTS} distances; split the file')
+    headings = _frame_of_headings(sources)
     streams: list[InlineText] = []
     annotations: list[InlineText] = []
     for source in sources:
         of_frame = [each.region for each in regions if each.region.frame == source.frame]
-        streams += source.streams(of_frame)
-        annotations += source.annotations(of_frame)
-    still = drawn_regions(regions)
-    drawn = still[0].frame if still else ''
+        has_poses = source.frame == headings
+        streams += source.streams(of_frame, has_poses=has_poses)
+        annotations += source.annotations(of_frame, has_poses=has_poses)
+    drawn = next((each.frame for each in drawn_regions(regions)), '')
     topics = {
         name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
     }
@@ -109,6 +114,19 @@ def _check_frames(regions: Sequence[StatedRegion], frames: set[str]) -> None:
                 f"the region '{each.region.name}' is in frame '{each.region.frame}', but positions "
                 f'are in {listed(sorted(frames))}; state both in one frame'
             )
+
+
+def _frame_of_headings(sources: Iterable[_PositionSource]) -> str | None:
+    """Return the frame of the objects that have a yaw: their relations need a common one."""
+    found: str | None = None
+    for each in sources:
+        if each.orientation and found not in {None, each.frame}:
+            raise each.orientation.error(
+                f"this heading is in frame '{each.frame}', but others are in '{found}'; state all "
+                'in one frame'
+            )
+        found = each.frame if each.orientation else found
+    return found
 
 
 class _PositionSource:
@@ -137,15 +155,35 @@ class _PositionSource:
         self.is_swept = 'moves' in stated and bool(stated['moves'].choice('motion', ('straight',)))
         self._units = tuple(DISTANCES) if self.is_swept else tuple(DISTANCES)[:1]
         self._constraints = constraints_text(stated)
+        self.orientation = stated.get('orientation', stated.get('yaw'))
+        """The field that has the orientation or the yaw."""
+        self._heading = self._heading_fields(stated)
 
-    def streams(self, regions: Sequence[Region | MovingRegion]) -> Iterator[InlineText]:
-        """Yield the streams of the distances of all objects."""
+    def _heading_fields(self, stated: Mapping[str, YamlValue]) -> Mapping[str, str]:
+        """Return the fields of the orientation, by their names for `planar_pose`."""
+        if not self.orientation:
+            return {}
+        if {'orientation', 'yaw'} <= stated.keys():
+            raise self.orientation.error('give orientation or yaw, not both')
+        if self.frame == WGS84:
+            raise self.orientation.error(f'{WGS84} has no headings; give a frame in metres')
+        path = self.orientation.text('a field').strip()
+        if 'yaw' in stated:
+            return {'yaw': path}
+        return {f'q{axis}': f'{path}.{axis}' for axis in 'xyzw'}
+
+    def streams(
+        self, regions: Sequence[Region | MovingRegion], *, has_poses: bool
+    ) -> Iterator[InlineText]:
+        """Yield the streams of the distances of all objects, and of their poses if wanted."""
         still = [each for each in regions if isinstance(each, Region)]
         if still:
             yield self._still_streams(still)
         for each in regions:
             if isinstance(each, MovingRegion):
                 yield self._moving_streams(each)
+        if has_poses:
+            yield self._pose_streams()
 
     def _still_streams(self, regions: Sequence[Region]) -> InlineText:
         axes = _axes_for(regions)
@@ -178,8 +216,10 @@ class _PositionSource:
             specifications_by_sink(parse_specification(str(text)))
         return InlineText(self.value.place, str(text))
 
-    def annotations(self, regions: Sequence[Region | MovingRegion]) -> Iterator[InlineText]:
-        """Yield the annotations of the distances of each object."""
+    def annotations(
+        self, regions: Sequence[Region | MovingRegion], *, has_poses: bool
+    ) -> Iterator[InlineText]:
+        """Yield the annotations of the distances of each object, and of its pose if wanted."""
         still = [each for each in regions if isinstance(each, Region)]
         for name, unit in product(self.objects, self._units if still else ()):
             feature = DISTANCES[unit]
@@ -191,6 +231,31 @@ class _PositionSource:
                 content = f'distance[{name}, {region.name}] = {region.name}'
                 text = f'stream {name}_distance_to_{region.name} contains {content};'
                 yield InlineText(self.value.place, text)
+        for name in self.objects if has_poses else ():
+            contents = (f'{feature}[{name}] = {of}' for feature, of in self._pose_fields().items())
+            text = f'stream {name}_planar_pose contains {", ".join(contents)};'
+            yield InlineText(self.value.place, text)
+
+    def _pose_streams(self) -> InlineText:
+        frame = 'frame: string, ' if self._frame_field else ''
+        inputs = f'({frame}{_typed(["x", "y", *self._heading])})'
+        text = ComposedText()
+        text.add(f'compunit ({_typed(self._pose_fields().values())}) ', self.value)
+        text.add(f'planar_pose({inputs});\n', self.value)
+        headings = ''.join(f'{path} as {name}, ' for name, path in self._heading.items())
+        for name in self.objects:
+            text.add(f'stream {name}_planar_pose = planar_pose(select ', self.value)
+            text.add(headings, self.orientation or self.value)
+            text.add(self._selections('xy'), self._field_value)
+            self._add_source(text, name)
+            text.add(f', frame = {quoted(self.frame)});\nsink {name}_planar_pose;\n', self.value)
+        with text.errors():
+            specifications_by_sink(parse_specification(str(text)))
+        return InlineText(self.value.place, str(text))
+
+    def _pose_fields(self) -> Mapping[str, str]:
+        """Return the field of each feature of a pose; of an object without a heading, no yaw."""
+        return {name: field for name, (field, _) in POSES.items() if name != 'yaw' or self._heading}
 
     def topics(self) -> Iterator[tuple[str, tuple[str, str, str]]]:
         """Yield each object with its topic and the fields of x and y, if it has a topic."""

@@ -69,11 +69,15 @@ _MOVING_KEYS: Final = ('field', 'header', *_CONSTRAINTS)
 REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES, *_MOVING_KEYS)
 
 POSITION_KEYS: Final = (
-    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'axes', 'header', 'moves', *_CONSTRAINTS
+    'of', 'frame', 'topic', 'stream', 'tf', 'field', 'axes', 'header', 'moves',
+    'orientation', 'yaw', *_CONSTRAINTS
 )  # fmt: skip
 
 DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}
 """The features that the units for regions compute; the second one of objects that move straight."""
+
+POSES: Final = {'position_x': ('x', 'm'), 'position_y': ('y', 'm'), 'yaw': ('yaw', 'rad')}
+"""The features of poses: the fields of `planar_pose`, and their units."""
 
 MAX_REGIONS: Final = 1_000
 """The number of regions of a robot.yaml."""
@@ -299,6 +303,14 @@ def numbers(value: YamlValue, count: int = 1) -> tuple[float, ...]:
     if len(found) != count or any(type(each) not in {int, float} for each in found):
         raise value.expected('a number' if count == 1 else f'a list of {count} numbers')
     return tuple(map(float, found))
+
+
+def has_headings(value: YamlValue) -> bool:
+    """Return True if a file tells the yaw of objects, beside their positions."""
+    return any(
+        {'orientation', 'yaw'} & each.mapping(POSITION_KEYS, ('of', 'frame')).keys()
+        for each in value.one_or_more()
+    )
 
 
 def positioned_sorts(value: YamlValue) -> list[YamlValue]:

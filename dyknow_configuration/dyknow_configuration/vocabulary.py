@@ -18,7 +18,13 @@ from dyknow_common import (
     unit_conversion,
     unknown,
 )
-from dyknow_configuration.regions import DISTANCES, StatedRegion, positioned_sorts
+from dyknow_configuration.regions import (
+    DISTANCES,
+    POSES,
+    StatedRegion,
+    has_headings,
+    positioned_sorts,
+)
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 from dyknow_configuration.yaml_values import YamlValue, texts
 from dyknow_reasoning import ANY_NUMBER, SPATIAL, ForecastBound, ForecastFeature
@@ -155,18 +161,23 @@ class _VocabularyReader:
             if not found:
                 raise each.key.error(f"say what '{each.region.name}' is, such as 'is: NoFly'")
             sorts |= dict.fromkeys(found, each.key)
-        if 'positions' not in self._values or not sorts:
+        if 'positions' in self._values:
+            self._read_positions(self._values['positions'], sorts)
+
+    def _read_positions(self, value: YamlValue, regions: Mapping[str, YamlValue]) -> None:
+        """Add the distances to sorts of regions, and the poses, to the features."""
+        positioned = {self._sort(each): each for each in positioned_sorts(value)}
+        units: dict[str, str] = dict.fromkeys(DISTANCES.values(), 'm') if regions else {}
+        if has_headings(value):
+            units |= {name: unit for name, (_, unit) in POSES.items()}
+        if not units:
             return
-        positioned = {
-            self._sort(each): each for each in positioned_sorts(self._values['positions'])
-        }
-        arguments = {
-            'object': self._join('Positioned', positioned),
-            'region': self._join('Region', sorts),
-        }
-        for name in DISTANCES.values():
-            self._checked_name(name, self._values['regions'], 'feature')
-            self._features[name] = RobotFeature(name, arguments, unit='m')
+        arguments = {'object': self._join('Positioned', positioned)}
+        region = {'region': self._join('Region', regions)} if regions else {}
+        for name, unit in units.items():
+            self._checked_name(name, value, 'feature')
+            of = arguments if name in POSES else arguments | region
+            self._features[name] = RobotFeature(name, of, unit=unit)
 
     def _add_object(self, name: str, sort: str, origin: YamlValue) -> None:
         if 'sorts' in self._values and sort not in self._sorts:

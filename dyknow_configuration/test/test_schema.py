@@ -71,7 +71,8 @@ regions:
   r: {is: Z, frame: map, circle: {center: [1, 2.5], radius: 3}, altitude: [0, 1.5], since: '2026'}
   s: {is: [Z, Y], frame: map, buffer: {of: r, by: -1.5}}
 positions:
-  - {of: {a: A}, frame: map, topic: /a, field: b, max_delay: 1 s, moves: straight}
+  - {of: {a: A}, frame: map, topic: /a, field: b, max_delay: 1 s, moves: straight, orientation: c}
+  - {of: {c: C}, frame: map, tf: '{c}', yaw: yaw}
   - {of: {b: B}, frame: wgs84, topic: /a, axes: [lon, lat, alt]}
 topics: {/a: , /b: {type: a/msg/B, min_rate: 1 Hz, max_rate: 1.5Hz, max_gap: 1 s, stamped: true}}
 federation:

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import cos, sin
 
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from recorded_flow import Flow
 
 from dyknow_stream_processing import load_units
@@ -82,3 +86,40 @@ def test_columns_of_a_unit() -> None:
     unit = load_units()['region_distances'](a='POLYGON ((0 0, 2 0, 2 2, 0 2, 0 0)); frame map')
     columns = {'frame': np.array(['map', 'map'], object), 'x': np.array([1, 5]), 'y': np.ones(2)}
     assert unit.many(np.arange(2), columns)['a'].tolist() == [-1, 3]
+
+
+POSES = """
+compunit (x: float, y: float, yaw: float)
+  planar_pose((frame: string, x: float, y: float, {fields}));
+sink planar_pose("/pose", frame = "map")
+"""
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
+def test_the_yaw_of_an_orientation(yaw: float, pitch: float, roll: float) -> None:
+    fields = 'qx: float, qy: float, qz: float, qw: float'
+    flow = Flow().create(POSES.format(fields=fields))
+    half = [angle / 2 for angle in (roll, pitch, yaw)]
+    (cr, cp, cy), (sr, sp, sy) = map(cos, half), map(sin, half)
+    # The rotation by roll, then by pitch, then by yaw, about axes that stand still.
+    qx, qy = sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy
+    qz, qw = cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy
+    flow.push('/pose', 0, frame='map', x=-0.0, y=2.0, qx=qx, qy=qy, qz=qz, qw=qw)
+    ((_, found),) = flow.take()
+    assert found == {'x': 0, 'y': 2, 'yaw': pytest.approx(yaw, abs=1e-9)}
+    assert str(found['x']) == '0.0'
+
+
+def test_poses_that_are_not_usable() -> None:
+    flow = Flow().create(POSES.format(fields='yaw: float'))
+    flow.push('/pose', 0, frame='map', x=1.0, y=2.0, yaw=-4.0)
+    flow.push('/pose', 10, frame='odom', x=1.0, y=2.0, yaw=0.0)
+    flow.push('/pose', 20, frame='map', x=np.nan, y=2.0, yaw=np.inf)
+    assert flow.take() == [(0, {'x': 1.0, 'y': 2.0, 'yaw': -4.0})]
+    assert [each.message.partition('Error: ')[2] for each in flow.violations] == [
+        "the pose is in frame 'odom', but stated in frame 'map'; use poses of that frame",
+        'the pose is not finite: x, yaw',
+    ]
+    unit = load_units()['planar_pose']
+    with pytest.raises(ValueError, match='not normalised: its length is 0'):
+        unit({'x': 0, 'y': 0, 'qx': 0, 'qy': 0, 'qz': 0, 'qw': 0}, frame='map')

@@ -117,6 +117,12 @@ def _parse(text: str, constants: Constants) -> Formula:
 _parse_again = lru_cache(1024)(_parse)
 
 
+@lru_cache
+def definition_of(relation: str) -> Any:
+    """Return the syntax of what a relation of two objects, r and s, stands for."""
+    return LANGUAGE.parse(sugar.SPATIAL[relation], _FormulaBuilder(NO_CONSTANTS))
+
+
 def _shown(node: Formula | Term) -> str:
     """Return the text of a node for a message."""
     LANGUAGE.check_depth(node, syntax.parts)
@@ -467,8 +473,9 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def feature(self, token: Token, arguments: tuple[terms.Object, ...]) -> Formula | Term:
         if token in FUNCTIONS:
             raise not_a_function(token)
-        if token in sugar.SPATIAL and len(arguments) == 2:  # noqa: PLR2004 - object and region
-            return sugar.spatial(token, arguments)
+        if token in sugar.SPATIAL and len(arguments) == 2:  # noqa: PLR2004 - two objects
+            given = dict(zip('rs', arguments, strict=True))
+            return sugar.spatial(definition_of(str(token)), given, TextPosition.of(token))
         return terms.Feature(str(token), arguments)
 
     def arguments(self, *tokens: Token) -> tuple[terms.Object, ...]:

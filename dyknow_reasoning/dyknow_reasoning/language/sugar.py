@@ -7,10 +7,7 @@ the left side must hold from the present state on:
     F unless[a, b] G         F holds until[a, b] G, or always[0, b] F
     F release[a, b] G        not ((not F) holds until[a, b] (not G))
 
-Relations of objects and regions are comparisons of features, which are in metres:
-
-    inside(r, z)             distance(r, z) <= 0
-    crosses(r, z)            swept_distance(r, z) <= 0
+Relations of two objects in space are comparisons of features; see `SPATIAL`.
 
 Of the spatial operators, as in STREL:
 
@@ -19,39 +16,63 @@ Of the spatial operators, as in STREL:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import islice
-from typing import Final
-
-from lark import Token
+from typing import Any, Final
 
 from dyknow_common import PositionedError, TextPosition
 from dyknow_reasoning.language.formula import (
     Always,
     And,
-    Comparison,
     Formula,
     Not,
     Or,
     Until,
     walk,
+    with_changed_parts,
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.spatial import DistanceInterval, Spatial
-from dyknow_reasoning.language.terms import Feature, Number, Object
+from dyknow_reasoning.language.terms import Object, Term, Variable
 
 _MAX_PARTS: Final = 20_000
 """The most parts of a formula that is written out: sides are repeated, so they may grow fast."""
 
 
-SPATIAL: Final = {'inside': 'distance', 'crosses': 'swept_distance'}
-"""The features that the relations of an object and a region compare with 0."""
+_DX: Final = '(position_x[s] - position_x[r])'
+_DY: Final = '(position_y[s] - position_y[r])'
+
+HEADINGS: Final[Mapping[str, str]] = {
+    'longitudinal_distance': f'cos(yaw[r]) * {_DX} + sin(yaw[r]) * {_DY}',
+    'lateral_distance': f'cos(yaw[r]) * {_DY} - sin(yaw[r]) * {_DX}',
+    'bearing_to': f'angle_difference(atan2({_DY}, {_DX}), yaw[r])',
+}
+"""Where an object s is, seen from an object r with a yaw: ahead (m), to its left (m, rad)."""
+
+SPATIAL: Final[Mapping[str, str]] = {
+    'inside': 'distance[r, s] <= 0',
+    'crosses': 'swept_distance[r, s] <= 0',
+    **HEADINGS,
+    'ahead_of': 'longitudinal_distance(s, r) > 0',
+    'left_of': 'lateral_distance(s, r) > 0',
+    'facing': 'longitudinal_distance(r, s) > abs(lateral_distance(r, s))',
+}
+"""The relations of two objects r and s, with the texts that they stand for."""
 
 
-def spatial(relation: Token, arguments: tuple[Object, ...]) -> Formula:
-    """Return the comparison that `inside` or `crosses` of an object and a region stands for."""
-    position = TextPosition.of(relation)
-    feature = Feature(SPATIAL[relation], arguments, position=position)
-    return Comparison('<=', feature, Number(0, position=position), position=position)
+def spatial(
+    definition: Formula | Term, arguments: Mapping[str, Object | Variable], position: TextPosition
+) -> Formula | Term:
+    """Return what a relation stands for, given the syntax of its definition."""
+
+    def of_arguments(node: Any) -> Any:
+        if isinstance(node, Object):
+            return arguments[node.name]
+        return replace(with_changed_parts(node, of_arguments), position=position)
+
+    found: Formula | Term = of_arguments(definition)
+    return found
 
 
 def holds_until(

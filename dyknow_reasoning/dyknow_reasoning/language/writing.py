@@ -7,9 +7,10 @@ Parsing converts numbers, and writes `unless` and the like with other operators
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import islice, product
+from typing import Any, Final
 
-from dyknow_common import SyntaxNode
+from dyknow_common import NOWHERE, SyntaxNode
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -18,11 +19,24 @@ from dyknow_reasoning.language.formula import (
     Or,
     PastAtom,
     Until,
+    walk,
     with_changed_parts,
 )
 from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.parsing import definition_of
 from dyknow_reasoning.language.spatial import Spatial
-from dyknow_reasoning.language.terms import Function, Number, ShownQuantity, operand_text
+from dyknow_reasoning.language.sugar import HEADINGS, spatial
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
+    Function,
+    Number,
+    ShownQuantity,
+    operand_text,
+)
+
+_LONGEST_HEADING: Final = 20
+"""More parts than the definition of a heading has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +72,23 @@ def as_written(node: Any) -> Any:
     if isinstance(node, Spatial):
         ends = {name: as_written(getattr(node.distances, name)) for name in ('start', 'end')}
         node = replace(node, distances=replace(node.distances, **ends))
+    if heading := _written_heading(node):
+        return heading
     if found := written_operator(node):
         return replace(found, left=as_written(found.left), right=as_written(found.right))
     return with_changed_parts(node, as_written)
+
+
+def _written_heading(node: Any) -> Function | None:
+    """Return the distance or bearing of two objects that a term stands for."""
+    if not isinstance(node, Arithmetic | Function):
+        return None
+    features = (each for each in islice(walk(node), _LONGEST_HEADING) if isinstance(each, Feature))
+    objects = dict.fromkeys(each.arguments[0] for each in features if len(each.arguments) == 1)
+    for name, (r, s) in product(HEADINGS, product([*objects][:2], repeat=2)):
+        if spatial(definition_of(name), {'r': r, 's': s}, NOWHERE) == node:
+            return Function(name, (r, s))
+    return None
 
 
 def written_operator(node: Any) -> WrittenOperator | None:

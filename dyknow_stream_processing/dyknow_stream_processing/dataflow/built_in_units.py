@@ -6,8 +6,11 @@ import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from statistics import fmean
+from typing import Any
 
-from dyknow_common import SECOND_NS, unit_conversion
+from dyknow_common import SECOND_NS, listed, unit_conversion
+from dyknow_space import SpaceError
+from dyknow_stream_processing.dataflow.built_in.transforms import checked_transform
 
 
 def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
@@ -27,6 +30,36 @@ def electrical_power(battery: Mapping[str, float]) -> float:
 def magnitude(vector: Mapping[str, float]) -> float:
     """Return the Euclidean length of a vector, such as the speed of a velocity."""
     return math.hypot(*vector.values())
+
+
+def planar_pose(pose: Mapping[str, Any], *, frame: str) -> dict[str, float]:
+    """Return the position of an object in the plane, `x` and `y`, and its `yaw` if it is known.
+
+    Args:
+        pose: `x` and `y`; `yaw` in radians, or the quaternion from `qx` to `qw`, or neither; and
+            its `frame` if that is to be checked.
+        frame: the frame that it must be in.
+
+    Raises:
+        SpaceError: if it is in another frame, or has a number that is not finite.
+        ValueError: if the quaternion is not normalised.
+    """
+    if pose.get('frame', frame) != frame:
+        raise SpaceError(
+            f"the pose is in frame '{pose['frame']}', but stated in frame '{frame}'; use poses of "
+            'that frame'
+        )
+    wrong = [name for name, value in pose.items() if name != 'frame' and not math.isfinite(value)]
+    if wrong:
+        raise SpaceError(f'the pose is not finite: {listed(wrong)}')
+    # Without -0.0, the direction between objects at one place is always that of the x axis.
+    found = {axis: pose[axis] + 0.0 for axis in 'xy'}
+    if 'qw' in pose:
+        rotation = pose['qx'], pose['qy'], pose['qz'], pose['qw']
+        found['yaw'] = float(checked_transform((0.0, 0.0, 0.0), rotation).fields()['yaw'])
+    elif 'yaw' in pose:
+        found['yaw'] = pose['yaw']
+    return found
 
 
 class Convert:

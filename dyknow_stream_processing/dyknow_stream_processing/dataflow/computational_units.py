@@ -66,6 +66,7 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
     'mean': units.Mean,
     'minimum': units.Minimum,
     'moving_distance': MovingDistance,
+    'planar_pose': units.planar_pose,
     'rate_of_change': units.RateOfChange,
     'region_distances': RegionDistances,
     'speed': units.Speed,
@@ -80,6 +81,7 @@ STATELESS_UNITS: Final[frozenset[Unit]] = frozenset(
         units.Convert,
         units.electrical_power,
         units.magnitude,
+        units.planar_pose,
     }
 )
 """Units whose result depends on one sample alone, so it does not matter how often they compute."""
