@@ -1,7 +1,7 @@
 """Hostile, buggy and normal clients together: all answers of the normal ones are judged.
 
 python benchmarks/soak_clients.py [--minutes 20] [--seed 1] [--clients 2] [--rows ROW ...] [--each]
-    [--p99 SECONDS] [--logs FOLDER] [--domain N] [--list] [--json]
+    [--p99 SECONDS] [--composition] [--logs FOLDER] [--domain N] [--list] [--json]
 
 Hostile clients perform rows of harmful requests and messages at random, and are killed in the
 middle. With --each, each row is performed alone, by a system of its own, for --minutes. The exit
@@ -213,7 +213,9 @@ def _last_line(lines: Sequence[str]) -> str:
 def soak(arguments: argparse.Namespace, rows: Sequence[str], logs: Path) -> dict[str, Any]:
     """Run all clients for a time and return the results."""
     chance = random.Random(arguments.seed)  # noqa: S311
-    with RunningSystem(VEHICLES, RATE, 1, CONSTRAINTS, logs=logs) as system:
+    with RunningSystem(
+        VEHICLES, RATE, 1, CONSTRAINTS, logs=logs, composition=arguments.composition
+    ) as system:
         system.warm_up()
         nodes, normal = Nodes(system, logs), NormalClients(system, chance)
         surges = Faults(system, chance, (), topics=False)
@@ -259,7 +261,8 @@ def _run(
     while (now := time.monotonic()) < end or (now < last and not normal.is_answered):
         if now < end:
             normal.step()
-            surges.step()
+        # A high level ends formulas that would else hold until their timeouts.
+        surges.step()
         hostile.step()
         nodes.step()
         system.wait(STEP_S)
@@ -338,6 +341,9 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument('--each', action='store_true', help='one row after the other, alone')
     parser.add_argument('--list', action='store_true', help='list the rows')
+    parser.add_argument(
+        '--composition', action='store_true', help='all nodes in one process, as "dyknow up" has it'
+    )
     parser.add_argument('--logs', type=Path, help='an existing folder for the logs of the nodes')
     parser.add_argument('--domain', type=int, help='a ROS domain that nobody else uses')
     parser.add_argument('--json', action='store_true', help='print one JSON object a line')

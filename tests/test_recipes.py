@@ -6,6 +6,7 @@ import json
 import re
 from collections import ChainMap
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,11 +152,11 @@ def recorded_topics(objects: dict[str, list[str]]) -> dict[str, str]:
 
 @pytest.fixture(scope='module')
 def all_recipes() -> str:
-    """A robot.yaml with all recipes."""
-    text = 'objects: {Robot: [robot1, robot2]}\n'
-    for each in RECIPES.values():
-        text = add_recipe(Path('robot.yaml'), text, each).text
-    return text
+    """A robot.yaml with all recipes, as if they were one: what they share is in it once."""
+    parts = {(part.section, part.name): part for each in RECIPES.values() for part in each.parts}
+    first, *_ = RECIPES.values()
+    together = replace(first, parts=tuple(parts.values()))
+    return add_recipe(Path('robot.yaml'), 'objects: {Robot: [robot1, robot2]}\n', together).text
 
 
 def test_all_recipes_fit_the_messages_that_they_need(

@@ -25,6 +25,7 @@ ROWS = (
 def test_normal_clients_get_their_verdicts_beside_hostile_ones(tmp_path: Path) -> None:
     options = (
         '--clients=1',
+        '--composition',
         f'--minutes={MINUTES}',
         f'--domain={reserve_domain()}',
         f'--logs={tmp_path}',

@@ -6,9 +6,10 @@ from itertools import accumulate, cycle, islice
 from math import inf, nan
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from margin_reference import Step, ended, margin
+from reasoning_reference import random_cases
 
 from dyknow_reasoning.language.formula import (
     Always,
@@ -143,6 +144,7 @@ def check(
             assert (at_last.lower, at_last.upper) == (found.lower, found.upper)
 
 
+@settings(max_examples=random_cases(20))
 @given(
     monitored,
     traces,

@@ -1,4 +1,4 @@
-"""Checks on a Dask cluster of a scheduler and one or two workers, each a process."""
+"""Checks on a Dask cluster: a scheduler, and one or two workers for each test, all processes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -37,45 +37,57 @@ pytestmark = [
 
 @dataclass
 class DaskCluster:
+    """A scheduler, which tests give workers of their own; the last test kills it."""
+
     address: str
-    processes: list[subprocess.Popen[bytes]]
-    """The scheduler, and its workers."""
+    scheduler: subprocess.Popen[bytes]
+    folder: Path
+    workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
+
+    def start_workers(self, number: int) -> None:
+        """Start workers, of which one is awaited by whoever uses the cluster."""
+        self.workers += [
+            dask(
+                'worker',
+                *('--no-nanny', '--nthreads', '1', '--local-directory', str(self.folder)),
+                folder=self.folder,
+            )
+            for _ in range(number)
+        ]
+
+    def kill_workers(self) -> None:
+        while self.workers:
+            worker = self.workers.pop()
+            worker.kill()
+            worker.wait()
 
 
-ONE_WORKER = pytest.mark.parametrize('cluster', [('only',)], indirect=True, ids=['one worker'])
+def dask(program: str, *options: str, folder: Path) -> subprocess.Popen[bytes]:
+    common = ('--host', '127.0.0.1', '--no-dashboard', '--scheduler-file', folder / 'scheduler')
+    return subprocess.Popen(
+        [sys.executable, '-m', f'distributed.cli.dask_{program}', *common, *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
 
 
-@pytest.fixture(params=[('first', 'second')], ids=['two workers'])
-def cluster(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[DaskCluster]:
-    description = tmp_path / 'scheduler.json'
-    common = ['--no-dashboard', '--scheduler-file', str(description)]
-    commands = [
-        ['distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port', '0', *common],
-        *(
-            [
-                'distributed.cli.dask_worker',
-                *('--host', '127.0.0.1', '--no-nanny', '--nthreads', '1'),
-                *('--local-directory', str(tmp_path / name), *common),
-            ]
-            for name in request.param
-        ),
-    ]
-    processes = [
-        subprocess.Popen(
-            [sys.executable, '-m', *command],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        for command in commands
-    ]
+@pytest.fixture(scope='module')
+def of_all_tests(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DaskCluster]:
+    folder = tmp_path_factory.mktemp('cluster')
+    description = folder / 'scheduler'
+    scheduler = dask('scheduler', '--port', '0', folder=folder)
     try:
         wait_for(lambda: description.exists() and description.read_text(), 'scheduler')
-        address = json.loads(description.read_text())['address']
-        yield DaskCluster(address, processes)
+        yield DaskCluster(json.loads(description.read_text())['address'], scheduler, folder)
     finally:
-        for each in processes:
-            each.kill()
-            each.wait()
+        scheduler.kill()
+        scheduler.wait()
+
+
+@pytest.fixture
+def cluster(of_all_tests: DaskCluster) -> Iterator[DaskCluster]:
+    yield of_all_tests
+    of_all_tests.kill_workers()
 
 
 def checked(*arguments: str) -> tuple[str, int]:
@@ -93,10 +105,11 @@ def checked(*arguments: str) -> tuple[str, int]:
 def test_a_worker_that_dies(
     cluster: DaskCluster, bags: list[str], endless: EndlessRecording
 ) -> None:
+    cluster.start_workers(2)
     recordings = [str(endless.path), *bags, f'{bags[0]}/missing']
     with checking(*recordings, '--json', '--cluster', cluster.address) as process:
         worker = endless.reader()
-        assert worker in [each.pid for each in cluster.processes[1:]]
+        assert worker in [each.pid for each in cluster.workers]
         # The other worker finds a recording there.
         shutil.copy(f'{bags[1]}/{Path(bags[1]).name}.mcap', endless.path.with_suffix('.new'))
         endless.path.with_suffix('.new').replace(endless.path)
@@ -107,24 +120,13 @@ def test_a_worker_that_dies(
     assert (out, process.returncode) == checked(*recordings)
 
 
-@ONE_WORKER
-def test_the_scheduler_dies(cluster: DaskCluster, endless: EndlessRecording) -> None:
-    with checking(str(endless.path), '--json', '--cluster', cluster.address) as process:
-        # The worker would compute until the test ends.
-        os.kill(endless.reader(), signal.SIGSTOP)
-        cluster.processes[0].kill()
-        out, err = process.communicate(timeout=LIMIT_S)
-    assert names(out) == [(str(endless.path), 'UNAVAILABLE')]
-    assert 'Client lost the connection to the scheduler' in err
-    assert process.returncode == 2
-
-
 def test_all_workers_die(
     cluster: DaskCluster,
     endless: EndlessRecording,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    cluster.start_workers(1)
     monkeypatch.setattr(cluster_module, '_LOOK_PERIOD_S', 0.5)
     monkeypatch.setattr(cluster_module, '_MAX_LOOKS', 2)
     with ThreadPoolExecutor(1) as threads:
@@ -138,12 +140,11 @@ def test_all_workers_die(
 
 def kill_workers(cluster: DaskCluster, endless: EndlessRecording) -> None:
     endless.wait_for_reader()
-    for each in cluster.processes[1:]:
-        each.kill()
+    cluster.kill_workers()
 
 
-@ONE_WORKER
 def test_an_interruption(cluster: DaskCluster, bags: list[str], endless: EndlessRecording) -> None:
+    cluster.start_workers(1)
     recordings = [bags[0], str(endless.path)]
     with checking(*recordings, '--json', '--cluster', cluster.address) as process:
         assert process.stdout
@@ -154,6 +155,18 @@ def test_an_interruption(cluster: DaskCluster, bags: list[str], endless: Endless
     assert names(first + rest) == [(bags[0], None)]
     assert err == 'dyknow check: interrupted; not checked: 1\n'
     assert process.returncode == 130
+
+
+def test_the_scheduler_dies(cluster: DaskCluster, endless: EndlessRecording) -> None:
+    cluster.start_workers(1)
+    with checking(str(endless.path), '--json', '--cluster', cluster.address) as process:
+        # The worker would compute until the test ends.
+        os.kill(endless.reader(), signal.SIGSTOP)
+        cluster.scheduler.kill()
+        out, err = process.communicate(timeout=LIMIT_S)
+    assert names(out) == [(str(endless.path), 'UNAVAILABLE')]
+    assert 'Client lost the connection to the scheduler' in err
+    assert process.returncode == 2
 
 
 @pytest.mark.parametrize(

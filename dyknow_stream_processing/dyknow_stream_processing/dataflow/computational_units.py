@@ -21,9 +21,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import entry_points
 from inspect import isclass, signature
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -94,8 +95,9 @@ _PYTHON_TYPES: Final[Mapping[ValueType, type[Value]]] = {
 }
 
 
+@cache  # To read what all installed packages register takes tens of milliseconds.
 def load_units() -> Mapping[str, Unit]:
-    """Load all computational units: the built-in ones and those that packages register.
+    """Load all computational units, once: the built-in ones and those that packages register.
 
     Raises:
         StreamError: if a registered unit cannot be loaded.
@@ -110,7 +112,7 @@ def load_units() -> Mapping[str, Unit]:
                 f"computational unit '{entry_point.name}' ({entry_point.value}) cannot be loaded: "
                 f'{type(error).__name__}: {error}'
             ) from error
-    return registered
+    return MappingProxyType(registered)
 
 
 class UnitCall:

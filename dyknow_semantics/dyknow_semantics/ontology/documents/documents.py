@@ -37,6 +37,10 @@ from dyknow_semantics.ontology.vocabulary import (
     UPPER_ONTOLOGY,
 )
 
+# owlready2 holds the last 65,536 entities of all stores, and walks through them whenever a store is
+# closed, as after each change and each query. We read statements, of which no entity is made.
+del owlready2.namespace._cache[1024:]  # noqa: SLF001 - it has no option
+
 _UNKNOWN: Final = 'http://unknown/'
 """The IRI of an ontology before its text has been read."""
 
