@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from importlib.metadata import EntryPoint
 
@@ -65,6 +66,13 @@ def test_windows_span_one_second(flow: Flow, unit: str, expected: list[float]) -
 def test_windows_of_another_length(flow: Flow, unit: str, expected: list[float]) -> None:
     values = [{'x': x} for x in (1.0, 3.0, 5.0)]
     assert run(flow, unit, values, ', window = 1001 ms') == expected
+
+
+@pytest.mark.parametrize('unit', ['mean', 'minimum', 'maximum'])
+def test_a_window_with_an_unknown_value_is_unknown(flow: Flow, unit: str) -> None:
+    values = [{'x': x} for x in (1.0, math.nan, 3.0, 4.0, 5.0)]
+    found = [math.isnan(each) for each in run(flow, unit, values, ', window = 1001 ms')]
+    assert found == [False, True, True, True, False]
 
 
 @pytest.mark.parametrize('window', ['0', '-5 s', '2.5', 'true', '"long"'])

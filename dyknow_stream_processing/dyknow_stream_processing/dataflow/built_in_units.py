@@ -136,12 +136,16 @@ class WindowAggregate(SlidingWindow):
     """Base of the units that compute one number from all values in the window."""
 
     def __call__(self, number: Mapping[str, float], valid_time: int) -> float:
-        """Return the aggregate of the window that ends with this sample."""
+        """Return the aggregate of the window that ends with this sample; NaN if it holds NaN."""
         (value,) = number.values()
         samples, begin = self._samples, valid_time - self._window
         samples.append((valid_time, value))
         while samples[0][0] <= begin:
             samples.popleft()
+        if any(math.isnan(each) for _, each in samples):
+            return (
+                math.nan
+            )  # What is least and greatest of numbers with NaN depends on their order.
         return self._aggregate(each for _, each in samples)
 
     def _aggregate(self, values: Iterable[float]) -> float:
