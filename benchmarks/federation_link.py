@@ -33,6 +33,7 @@ from dyknow_common import SECOND_NS, Alternatives, Value, parse_duration
 from dyknow_configuration import RequestedFederation
 from dyknow_federation import Peer, PeerSettings, SharedFeature, ValueKnown, encode
 from dyknow_federation.ros.transport import ZenohTransport
+from dyknow_federation.sending import Thinning
 
 PERIOD_NS = SECOND_NS // 20
 ZENOH = '{scouting: {multicast: {enabled: false}}}'
@@ -191,6 +192,11 @@ def join(base: Host, hosts: dict[str, Host]) -> None:
 
 def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float, every: int) -> None:
     """Publish both ways for some time."""
+    thinnings = {
+        f'{each}_{name}': Thinning(SECOND_NS if each == 'Charge' else every)
+        for name in hosts
+        for each in FEATURES
+    }
     begin = time.time_ns()
     for step in range(round(seconds * SECOND_NS / PERIOD_NS)):
         time.sleep(max(begin + step * PERIOD_NS - time.time_ns(), 0) / SECOND_NS)
@@ -201,8 +207,8 @@ def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float, ev
                 bridge.send(host.transport.session, f'{name}/{index}', data)
             with host.lock:
                 for each, value in values.items():
-                    stream, rate = f'{each}_{name}', SECOND_NS if each == 'Charge' else every
-                    if step % max(rate // PERIOD_NS, 1):
+                    stream = f'{each}_{name}'
+                    if not thinnings[stream].passes(now, value):
                         host.peer.promise(stream, now, now)
                         continue
                     host.peer.publish(stream, now, value, now)
