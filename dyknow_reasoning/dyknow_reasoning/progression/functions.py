@@ -71,9 +71,9 @@ def hypotenuse(*values: _Number) -> float:
     """Return the square root of the sum of squares."""
     if len(values) > _PAIR:
         return math.hypot(*values)
-    first, second = map(float, values)
-    with np.errstate(all='ignore'):
-        return float(np.hypot(first, second))
+    found = math.hypot(*values)
+    # Numpy warns of an overflow. Else its result counts, which may differ in the last bit.
+    return float(np.hypot(*map(float, values))) if math.isfinite(found) else found
 
 
 def _angle_difference(first: _Number, second: _Number) -> float:
