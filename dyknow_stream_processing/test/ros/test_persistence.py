@@ -11,8 +11,11 @@ from dyknow_stream_processing.management.persistence import (
     streams_from_json,
     streams_to_json,
 )
-from dyknow_stream_processing.management.stream_files import read_streams
-from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
+from dyknow_stream_processing.management.streams import (
+    CreatedStream,
+    RegisteredStream,
+    read_streams,
+)
 
 MANAGER = '/robot1/stream_manager'
 BATTERY = RegisteredStream('battery', '/uav1/battery', 'sensor_msgs/msg/BatteryState')
