@@ -44,8 +44,7 @@ def test_a_false_formula_says_which_vehicle_and_why(system: System, batteries: B
     future = system.ask('forall u in UAV: always Power[u] < 150')
     system.wait_until_running(future)
     batteries.power['uav2'] = 240.0
-    system.client.spin_until(future.done, 'the answer')
-    answer = future.result()
+    answer = system.client.result(future, 'the answer')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FormulaResult.FALSE
     assert 'Power[uav2] = 24' in answer.explanation
@@ -144,8 +143,7 @@ def test_telemetry_that_stops_is_a_violation(system: System, batteries: Batterie
     future = system.ask('forall u in UAV: always Power[u] < 150')
     system.wait_until_running(future)
     batteries.silent.add('uav1')
-    system.client.spin_until(future.done, 'the answer')
-    answer = future.result()
+    answer = system.client.result(future, 'the answer')
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
     assert answer.verdict == FormulaResult.UNDECIDED
     assert 'uav1' in answer.exit_status.message
@@ -160,8 +158,7 @@ def test_telemetry_that_is_ahead_of_the_clock_is_a_violation(
     batteries.silent.add('uav1')
     batteries.power.update(uav1=240.0, uav2=240.0)
     batteries.publish_after_latest('uav1', 5 * SECOND)
-    system.client.spin_until(future.done, 'the answer')
-    answer = future.result()
+    answer = system.client.result(future, 'the answer')
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
     assert answer.verdict == FormulaResult.UNDECIDED
     for word in ('uav1_battery', 'ahead of the clock', 'future: ', '100 ms allowed'):
@@ -176,8 +173,7 @@ def test_periodic_telemetry_without_max_delay_that_stops_is_an_error(
     future = system.ask('always regular.voltage > 9', timeout=60.0)
     evaluations.wait_for_state()
     batteries.silent.add('uav1')
-    system.client.spin_until(future.done, 'the answer')
-    answer = future.result()
+    answer = system.client.result(future, 'the answer')
     assert answer.exit_status.code == ExitStatus.UNAVAILABLE, answer
     assert answer.verdict == FormulaResult.UNDECIDED
     assert "topic '/uav1/battery' has been silent for " in answer.exit_status.message
@@ -206,7 +202,6 @@ def test_states_that_somebody_destroys_are_made_anew(system: System, batteries: 
         lambda: bool(system.streams() - system.fleet_streams - {states}), 'other states'
     )
     batteries.power['uav2'] = 240.0
-    system.client.spin_until(future.done, 'the answer')
-    answer = future.result()
+    answer = system.client.result(future, 'the answer')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FormulaResult.FALSE
