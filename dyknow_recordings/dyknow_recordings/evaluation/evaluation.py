@@ -38,8 +38,8 @@ from dyknow_recordings.evaluation.episodes import (
 from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
 from dyknow_recordings.evaluation.observation import EvaluationObserver, SignalRecorder, terms_of
 from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
+from dyknow_recordings.evaluation.standby import GroupStream
 from dyknow_recordings.evaluation.state_group import StateGroup
-from dyknow_recordings.evaluation.states.standby import GroupStream
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import (
     NO_FILES,
