@@ -17,7 +17,7 @@ from recording_files import TOPICS, recording
 from rosbags.rosbag2 import Reader
 
 from dyknow_recordings import RecordingReport, RequestedFormula, evaluate_recording, open_recording
-from dyknow_recordings.evaluation.column_states import ColumnStates
+from dyknow_recordings.evaluation.evaluation import ColumnStates
 
 CHECKED_MESSAGES = 20_000
 FORMULAS, MANY_FORMULAS = 20, 200

@@ -25,6 +25,7 @@ from browser import Browser, missing_programs, open_browser
 from dashboards import dashboard
 from evaluations import Evaluations, Spares
 from fork_server import ForkingPopen
+from stream_nodes import StreamNodes
 from system import Batteries, Client, SharedSystem, System, private_environment
 
 FOLDER = Path(__file__).parent
@@ -220,6 +221,13 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
             scope='module',
             indirect=True,
         )
+
+
+@pytest.fixture
+def nodes(tmp_path: Path) -> Iterator[StreamNodes]:
+    """The nodes of streams alone; the test starts them."""
+    with StreamNodes(tmp_path) as running:
+        yield running
 
 
 @pytest.fixture(scope='module')

@@ -162,8 +162,7 @@ class Monitored:
 
     def result(self) -> Any:
         """Waits for the answer."""
-        self._client.spin_until(self._result.done, 'the result')
-        result = self._result.result()
+        result = self._client.result(self._result, 'the result')
         self._action.destroy()
         return result.result
 

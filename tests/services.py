@@ -151,8 +151,7 @@ class Nodes:
     def call(self, node: str, service_type: Any, **fields: Any) -> Any:
         """The response of a service, whatever its exit status."""
         future = self.request(node, service_type, **fields)
-        self.client.spin_until(future.done, f'answer of {node}')
-        response = future.result()
+        response = self.client.result(future, f'answer of {node}')
         assert response.exit_status.message or not response.exit_status.code
         return response
 

@@ -152,11 +152,15 @@ class Client:
         self.spin_until(client.service_is_ready, f'service {service}')
         return client.call_async(service_type.Request(**fields))
 
+    def result(self, future: Any, what: str, limit: float = LIMIT) -> Any:
+        """The result of a future, which `what` names."""
+        self.spin_until(future.done, what, limit)
+        return future.result()
+
     def call(self, service_type: Any, service: str, limit: float = LIMIT, **fields: Any) -> Any:
         """The response of a service."""
         future = self.request(service_type, service, **fields)
-        self.spin_until(future.done, f'answer of {service}', limit)
-        return future.result()
+        return self.result(future, f'answer of {service}', limit)
 
     def wait_for_coordinator(self) -> None:
         """Waits until the coordinator has found all nodes that it needs."""
@@ -178,6 +182,12 @@ SOON_NOTICED: Mapping[str, Mapping[str, ParameterValue]] = {
     'stream_processing_engine': {'default_transport_delay': 2.0},
 }
 """Parameters with which silence and progress are reported sooner than by default."""
+
+ALWAYS = 'forall u in UAV: always Power[u] < 150'
+"""A formula that fails once a battery gives more."""
+
+SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
+"""A formula that becomes true soon."""
 
 SPARES = ('spare1', 'spare2', 'uav3')
 """Batteries that come into use while formulas are evaluated."""
@@ -362,8 +372,7 @@ class System:
     def evaluate(self, formula: str, timeout: float = LIMIT, **fields: Any) -> Any:
         """The coordinator's answer to a formula."""
         future = self.ask(formula, timeout, **fields)
-        self.client.spin_until(future.done, f'answer to {formula}', timeout + LIMIT)
-        return future.result()
+        return self.client.result(future, f'answer to {formula}', timeout + LIMIT)
 
     def ask(self, formula: str, timeout: float = LIMIT, **fields: Any) -> Any:
         """The future of the coordinator's answer to a formula."""
@@ -400,6 +409,8 @@ class SharedSystem:
 
 
 __all__ = [
+    'ALWAYS',
+    'SOON',
     'Batteries',
     'Client',
     'SharedSystem',

@@ -14,10 +14,7 @@ from dyknow_interfaces.msg import FormulaResult
 from dyknow_common.executables import FAULT
 from dyknow_common.ros.below_rclpy import senders, versions
 from node_processes import end_of, node_that
-from system import LIMIT, System, private_environment
-
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
-SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
+from system import ALWAYS, LIMIT, SOON, System, private_environment
 
 SIZES = """
 #include <stddef.h>

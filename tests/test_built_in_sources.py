@@ -28,12 +28,6 @@ def tf2(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return tf2_environment(tmp_path_factory.mktemp('tf2'))
 
 
-@pytest.fixture
-def nodes(tmp_path: Path) -> Iterator[StreamNodes]:
-    with StreamNodes(tmp_path) as running:
-        yield running
-
-
 @contextmanager
 def transforms(nodes: StreamNodes, tf2: dict[str, str]) -> Iterator[None]:
     """Publish transforms."""

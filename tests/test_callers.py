@@ -14,10 +14,7 @@ import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
 from evaluations import COORDINATOR, Evaluations, Monitored
-from system import Batteries, System, short_lease_of
-
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
-SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
+from system import ALWAYS, SOON, Batteries, System, short_lease_of
 
 pytestmark = pytest.mark.usefixtures('calm')
 

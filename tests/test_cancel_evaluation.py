@@ -14,9 +14,8 @@ from dyknow_coordinator import Plan, PlanAction, PlanFormula, PlanPhase
 from dyknow_coordinator.ros import FormulaClient
 from evaluations import COORDINATOR, Evaluations, Monitored
 from services import assert_refused
-from system import System
+from system import ALWAYS, System
 
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
 UNTIMED = 'always "/uav1/battery".current < 150'
 """No constraint of a stream ends it, however busy the machine is."""
 

@@ -142,8 +142,7 @@ def test_an_annotation_that_is_taken_away(
     system.client.spin_until(lambda: batteries.stamp > changed + 3 * 10**9, 'three seconds')
     assert not future.done(), future.result()
     spares.forget('level')
-    system.client.spin_until(future.done, 'the answer')
-    answer = future.result()
+    answer = system.client.result(future, 'the answer')
     assert answer.exit_status.code == ExitStatus.NOT_FOUND, answer
     assert 'Load[uav1]' in answer.exit_status.message
     system.client.call(ConceptDestroy, 'ontology_manager/concept_destroy', concept_name='Load')

@@ -5,10 +5,7 @@ from __future__ import annotations
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
-from system import NOTICED, Batteries, System
-
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
-SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
+from system import ALWAYS, NOTICED, SOON, Batteries, System
 
 
 def assert_all_is_well(system: System, batteries: Batteries) -> None:
@@ -27,8 +24,7 @@ def test_a_node_killed_during_an_evaluation(
     future = system.ask(ALWAYS, timeout=60.0)
     system.wait_until_running(future)
     with system.killed(executable):
-        system.client.spin_until(future.done, 'the answer', NOTICED)
-        answer = future.result()
+        answer = system.client.result(future, 'the answer', NOTICED)
         assert answer.exit_status.code == ExitStatus.UNAVAILABLE
         assert executable.replace('_', ' ') in answer.exit_status.message.replace('_', ' ')
         assert answer.verdict == FormulaResult.UNDECIDED

@@ -19,10 +19,7 @@ from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
 from evaluations import COORDINATOR, Evaluations
-from system import NOTICED, Batteries, Client, System
-
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
-SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
+from system import ALWAYS, NOTICED, SOON, Batteries, Client, System
 
 
 @pytest.fixture(autouse=True)

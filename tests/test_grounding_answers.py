@@ -172,8 +172,7 @@ def test_what_is_before_the_start_does_not_count(system: System, batteries: Batt
     future = system.ask('always[0 s, 600 ms] Power[uav1] < 150', constraints=constraints)
     system.client.spin_until(lambda: batteries.stamp >= start - 2 * SECOND, 'nearly')
     assert batteries.change(uav1=100.0) < start
-    system.client.spin_until(future.done, 'the verdict')
-    answer = future.result()
+    answer = system.client.result(future, 'the verdict')
     assert answer.verdict == TRUE, answer
     assert nanoseconds(answer.decided_at) >= start + 600 * MILLISECOND
 

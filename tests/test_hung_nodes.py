@@ -15,10 +15,8 @@ from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import Process
 from evaluations import Evaluations
 from services import nanoseconds
-from system import LIMIT, NOTICED, Batteries, System
+from system import ALWAYS, LIMIT, NOTICED, SOON, Batteries, System
 
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
-SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
 REASONER, ENGINE = 'stream_reasoning_engine', 'stream_processing_engine'
 SECOND = 1_000_000_000
 
@@ -33,8 +31,7 @@ def only_fleet_streams(system: System, calm: Batteries) -> None:  # noqa: ARG001
 
 def assert_unavailable(system: System, future: Any, name: str) -> None:
     """Long before the timeout of the formula, and naming the node."""
-    system.client.spin_until(future.done, 'the answer', NOTICED)
-    answer = future.result()
+    answer = system.client.result(future, 'the answer', NOTICED)
     assert answer.exit_status.code == ExitStatus.UNAVAILABLE, answer.exit_status
     assert name in answer.exit_status.message
     assert answer.verdict == FormulaResult.UNDECIDED
@@ -197,8 +194,7 @@ def surge_for_half_a_second(system: System, batteries: Batteries) -> None:
 
 def assert_nothing_is_known(system: System, evaluations: Evaluations, future: Any) -> None:
     """True if there was a surge."""
-    system.client.spin_until(future.done, 'the answer')
-    status = future.result().exit_status
+    status = system.client.result(future, 'the answer').exit_status
     assert status.code == ExitStatus.CONSTRAINT_VIOLATION, evaluations.told()
     assert 'missing' in status.message
 

@@ -29,7 +29,7 @@ from dyknow_dashboard.model import (
 from dyknow_dashboard.model import streams as shown_streams
 from dyknow_dashboard.model.typed_formulas import MAX_FORMULA
 from dyknow_dashboard.ros import dashboard as served
-from dyknow_dashboard.server import pages, serving
+from dyknow_dashboard.server import serving
 from dyknow_reasoning.execution.past.past_comparisons import MAX_COUNTED
 from dyknow_reasoning.execution.standing.standing_monitor import MAX_RUNS
 from dyknow_reasoning.language.sugar import _MAX_PARTS
@@ -81,12 +81,12 @@ ROWS = {
     ),
     'digits of an integer in a Sample': (sample_messages.MAX_DIGITS,),
     'absolute name of a topic': (texts.MAX_TOPIC_LENGTH,),
-    'pages that are open': (pages.MAX_PAGES,),
+    'pages that are open': (serving.MAX_PAGES,),
     'formula and name in a request': (MAX_FORMULA, requests.MAX_TIMEOUT_S / DAY_S),
     'request; its headers': (
         serving.MAX_BODY // KIB,
         serving.MAX_HEADERS // KIB,
-        pages.MAX_FRAME // KIB,
+        serving.MAX_FRAME // KIB,
     ),
     'formulas that one page has open': (requests.MAX_OPEN, served.MAX_ASKED),
     'formulas that are shown': (formulas.MAX_SHOWN, formulas.MAX_ENDED),
@@ -108,7 +108,7 @@ ROWS = {
     'text that says who has acknowledged': (requests.MAX_OPERATOR,),
     'failures that wait for the file': (history.MAX_WAITING, collector.MAX_WAITING),
     'time in which the collector': (collector.TIMEOUT_S,),
-    'time between two messages to a page': (Fraction(str(pages.PERIOD_S)),),
+    'time between two messages to a page': (Fraction(str(serving.PERIOD_S)),),
     'parts that `holds until`': (_MAX_PARTS,),
     'runs of states': (MAX_RUNS,),
     'states at which F held': (MAX_COUNTED,),

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus, StreamSpec, StreamStatusArray
@@ -26,12 +24,6 @@ CHAIN = {
     'quarter': 'select half as quarter from half',
     'both': 'sync(level, quarter)',
 }
-
-
-@pytest.fixture
-def nodes(tmp_path: Path) -> Iterator[StreamNodes]:
-    with StreamNodes(tmp_path) as running:
-        yield running
 
 
 def topics(*names: str, prefix: str = '/dyknow/streams') -> list[str]:

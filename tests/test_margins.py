@@ -15,10 +15,9 @@ from dyknow_common import ExitCode, Margin, Verdict
 from dyknow_common.ros import LATCHED
 from dyknow_coordinator import Answer, Progress
 from dyknow_coordinator.ros import FormulaClient
-from system import Batteries, System
+from system import ALWAYS, Batteries, System
 
 COORDINATOR = '/stream_reasoning_coordinator'
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
@@ -75,8 +74,7 @@ def test_a_mistyped_topic_is_named_with_the_nearest_one(reasoning: Nodes) -> Non
 
     reasoning.client.spin_until(lambda: answer.done() or bool(waiting()), 'it is waiting')
     assert [each.waits_for for each in waiting()[:1]] == [MISTYPED]
-    reasoning.client.spin_until(answer.done, 'the answer')
-    status = answer.result().exit_status
+    status = reasoning.client.result(answer, 'the answer').exit_status
     assert status.code == ExitStatus.TIMEOUT
     assert status.message == f'no verdict within 8 s (no state has come: {MISTYPED})'
     # Users know the formula, not the stream of its states: the coordinator warns, by its name.
@@ -120,12 +118,6 @@ def test_a_publisher_without_messages_is_named(reasoning: Nodes) -> None:
     reasoning.client.spin_until(answer.done, 'the answer')
     reason = 'no state has come: /odom has a publisher but no message has come'
     assert answer.result().exit_status.message == f'no verdict within 8 s ({reason})'
-
-
-@pytest.fixture
-def nodes(tmp_path: Path) -> Iterator[StreamNodes]:
-    with StreamNodes(tmp_path) as running:
-        yield running
 
 
 def report_of(nodes: StreamNodes, name: str) -> Any:

@@ -14,7 +14,7 @@ from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from rclpy.action import ActionClient
 
 from services import assert_refused, nanoseconds
-from system import Batteries, System
+from system import ALWAYS, Batteries, System
 
 COORDINATOR = '/stream_reasoning_coordinator'
 INVALID = ExitStatus.INVALID_ARGUMENT
@@ -52,9 +52,6 @@ def telemetry(system: System, batteries: Batteries) -> Batteries:
     """Of vehicles that fly calmly, with no evaluation left from before."""
     system.wait_for_streams()
     return batteries
-
-
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
 
 
 @pytest.mark.usefixtures('telemetry')

@@ -215,8 +215,7 @@ def test_goals_that_make_no_sense(asker: Asker) -> None:
         (MonitorPlan.Goal(name='mission', grounding=9), 'SYNTACTIC'),
     ):
         sent = action.send_goal_async(goal)
-        client.spin_until(sent.done, 'the goal is accepted')
-        result = sent.result().get_result_async()
+        result = client.result(sent, 'the goal is accepted').get_result_async()
         client.spin_until(result.done, 'the result')
         assert result.result().status == GoalStatus.STATUS_ABORTED
         status = result.result().result.exit_status

@@ -17,10 +17,7 @@ from dyknow_common.executables import CANNOT_START, FAULT
 from dyknow_common.ros import STREAM
 from dyknow_configuration import PACKAGES
 from node_processes import end_of, process_of
-from system import Batteries, System, private_environment
-
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
-SOON = 'forall u in UAV: always[0 s, 500 ms] Power[u] < 150'
+from system import ALWAYS, SOON, Batteries, System, private_environment
 
 
 @pytest.fixture(scope='module')
@@ -70,8 +67,7 @@ def test_states_of_an_engine_in_another_process(
         launcher.kill('stream_processing_engine')
         # The states are made in this process from then on: with a gap, or an error within seconds.
         batteries.power['uav2'] = 240.0
-        system.client.spin_until(future.done, 'the answer')
-        answer = future.result()
+        answer = system.client.result(future, 'the answer')
         decided = answer.verdict == FormulaResult.FALSE
         assert decided or answer.exit_status.code == ExitStatus.UNAVAILABLE, answer
     batteries.reset()

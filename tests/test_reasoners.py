@@ -121,8 +121,7 @@ def test_a_reasoner_is_told_of_each_change(nodes: Nodes, tmp_path: Path) -> None
 def test_an_inconsistent_ontology_is_not_loaded(nodes: Nodes, tmp_path: Path) -> None:
     text = HARBOUR.replace('harbour', 'wrong') + ':Wrong rdfs:subClassOf :Ship , :Crane .'
     loading = load(nodes, tmp_path, f'{text} :Wrong a owl:Class .')
-    nodes.client.spin_until(loading.done, 'the refusal')
-    status = loading.result().exit_status
+    status = nodes.client.result(loading, 'the refusal').exit_status
     assert_refused(status, ExitStatus.INVALID_ARGUMENT, 'unsatisfiable classes Wrong;')
     answer = nodes.call(ONTOLOGY, srv.ConceptGetInstances, concept_name='Wrong')
     assert_refused(answer.exit_status, ExitStatus.NOT_FOUND, "'Wrong'")

@@ -242,8 +242,7 @@ def plan(limited: System, actions: int, name: str = 'plan', formulas: int = 0) -
     goal = MonitorPlan.Goal(name=name, actions=[PlanAction(name=f'a{n}') for n in range(actions)])
     goal.formulas = [PlanFormula(name=f'f{n}', formula=CALM) for n in range(formulas)]
     sent = client.send_goal_async(goal)
-    limited.client.spin_until(sent.done, 'the goal is accepted')
-    return sent.result().get_result_async(), sent.result()
+    return limited.client.result(sent, 'the goal is accepted').get_result_async(), sent.result()
 
 
 def test_too_many_plans(limited: System) -> None:

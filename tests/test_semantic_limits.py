@@ -99,8 +99,7 @@ def load(nodes: Nodes, **fields: str) -> Any:
     future = nodes.request(ONTOLOGY, srv.OntologyLoad, **fields)
     nodes.obtain(ONTOLOGY, srv.ConceptGetInstances, concept_name='UAV')
     nodes.obtain(ONTOLOGY, srv.OntologyQuery, sparql='SELECT ?x { ?x a owl:Class }')
-    nodes.client.spin_until(future.done, 'the refusal')
-    status = future.result().exit_status
+    status = nodes.client.result(future, 'the refusal').exit_status
     assert_brief(status)
     return status
 
@@ -157,8 +156,7 @@ def test_hostile_queries(nodes: Nodes, name: str) -> None:
     nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name='x', concept_names=['UAV'])
     nodes.obtain(ONTOLOGY, srv.InstanceDestroy, instance_name='x')
     nodes.obtain(ONTOLOGY, srv.OntologyQuery, sparql='SELECT ?x { ?x a owl:Class }')
-    nodes.client.spin_until(future.done, 'the answer')
-    status = future.result().exit_status
+    status = nodes.client.result(future, 'the answer').exit_status
     if status.code != ExitStatus.SUCCESS:
         assert_brief(status)
     assert status.code == TIMEOUT or name not in {'product', 'regex'}

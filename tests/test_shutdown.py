@@ -13,9 +13,7 @@ from rclpy.action import ActionClient
 
 from commands import started
 from dyknow_common.ros import SERVICE
-from system import LIMIT, System, private_environment
-
-ALWAYS = 'forall u in UAV: always Power[u] < 150'
+from system import ALWAYS, LIMIT, System, private_environment
 
 NODE = """
 import ctypes

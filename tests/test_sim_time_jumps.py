@@ -100,8 +100,7 @@ def test_all_follows_the_clock(
     evaluations.wait_for_state()
     begun = simulation.now
     simulation.periods = 2
-    system.client.spin_until(future.done, 'the verdict')
-    answer = future.result()
+    answer = system.client.result(future, 'the verdict')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FormulaResult.TRUE
     assert begun + SECOND < nanoseconds(answer.decided_at) <= simulation.now
@@ -116,8 +115,7 @@ def test_a_clock_that_lags_the_data(
     simulation.clock_is_last = True
     system.client.spin_until(lambda: simulation.now % Batteries.PERIOD == 0, 'data')
     simulation.tick, simulation.periods = Batteries.PERIOD, Batteries.PERIOD // TICK
-    system.client.spin_until(future.done, 'the verdict')
-    answer = future.result()
+    answer = system.client.result(future, 'the verdict')
     assert answer.verdict == FormulaResult.TRUE, answer.exit_status.message
 
 

@@ -43,8 +43,7 @@ def test_a_stream_that_falls_silent_is_replaced(
     evaluations.wait_for_event('uav1', SPARE)
     since = batteries.stamp
     batteries.power['spare1'] = 240.0
-    system.client.spin_until(future.done, 'the verdict')
-    answer = future.result()
+    answer = system.client.result(future, 'the verdict')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FALSE
     assert 'Power[uav1] = 24' in answer.explanation
@@ -66,8 +65,7 @@ def test_a_pause_of_the_coordinator_is_no_silence(
     with system.stopped(NODES if composition else 'stream_reasoning_coordinator'):
         paused = batteries.stamp
         system.client.spin_until(lambda: batteries.stamp > paused + 4 * SECOND, 'four seconds')
-    system.client.spin_until(future.done, 'the verdict')
-    answer = future.result()
+    answer = system.client.result(future, 'the verdict')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == TRUE
 
@@ -84,8 +82,7 @@ def test_a_stream_that_is_ahead_of_the_clock_is_replaced(
     evaluations.wait_for_event('uav1_battery', 'ahead of the clock', SPARE)
     since = batteries.stamp
     batteries.power['spare1'] = 240.0
-    system.client.spin_until(future.done, 'the verdict')
-    answer = future.result()
+    answer = system.client.result(future, 'the verdict')
     assert answer.verdict == FALSE, answer.exit_status.message
     assert nanoseconds(answer.decided_at) > since
     assert SPARE in answer.groundings[0].stream
@@ -159,8 +156,7 @@ def test_a_stand_in_that_published_all_the_time_loses_no_state(
     (calm,) = ask_beside_standby(system, evaluations, spares, formula)
     batteries.silent.add('uav1')
     evaluations.wait_for_event(SPARE)
-    system.client.spin_until(calm.done, 'the verdict')
-    answer = calm.result()
+    answer = system.client.result(calm, 'the verdict')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == TRUE
     assert 'missing' not in answer.explanation
@@ -261,8 +257,7 @@ def test_without_a_stand_in_the_caller_hears_what_broke(
     future = system.ask('forall u in UAV: always Power[u] < 150')
     evaluations.wait_for(1)
     batteries.silent.add('uav2')
-    system.client.spin_until(future.done, 'the answer', 5.0)
-    answer = future.result()
+    answer = system.client.result(future, 'the answer', 5.0)
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
     assert answer.verdict == UNDECIDED
     for word in ('uav2_battery', 'sample_period: ', 's observed', '250 ms allowed'):
@@ -280,8 +275,7 @@ def test_a_stand_in_that_fails_too(
     evaluations.wait_for_event(SPARE)
     evaluations.wait_for(1)
     batteries.silent.add('spare1')
-    system.client.spin_until(future.done, 'the answer')
-    answer = future.result()
+    answer = system.client.result(future, 'the answer')
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
     assert f'{SPARE}_battery' in answer.exit_status.message
     assert answer.verdict == UNDECIDED
@@ -318,8 +312,7 @@ def test_a_sample_that_should_not_be(
     future = system.ask('always Power[uav1] < 150')
     evaluations.wait_for_state()
     batteries.publish_after_latest('uav1', -age, 240.0)
-    system.client.spin_until(future.done, 'the answer')
-    answer = future.result()
+    answer = system.client.result(future, 'the answer')
     assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION, answer
     assert f'{constraint}: ' in answer.exit_status.message
     assert measured in answer.exit_status.message
@@ -351,8 +344,7 @@ def test_samples_that_overtake_each_other_within_the_delay(
         batteries.publish('uav1', first + number * Batteries.PERIOD)
     batteries.publish('uav1', first + 3 * Batteries.PERIOD)
     batteries.silent.clear()
-    system.client.spin_until(future.done, 'the verdict')
-    answer = future.result()
+    answer = system.client.result(future, 'the verdict')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FALSE
     assert nanoseconds(answer.decided_at) > first + Batteries.PERIOD
@@ -415,7 +407,6 @@ def test_silence_without_constraints(
         levels.silent.add('barometer')
     evaluations.wait_for_event(levels.topics['barometer'], '2.5 s', 'from laser')
     levels.level['laser'] = 60.0
-    system.client.spin_until(future.done, 'the verdict')
-    answer = future.result()
+    answer = system.client.result(future, 'the verdict')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FALSE

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
 from dyknow_interfaces.msg import (
@@ -26,12 +24,6 @@ MANAGER = '/stream_manager'
 REQUESTED = f'select data as level from "{TANK}"'
 OTHER = 'select data as level from "/pool/level"'
 BOTH = REQUESTED, OTHER
-
-
-@pytest.fixture
-def nodes(tmp_path: Path) -> Iterator[StreamNodes]:
-    with StreamNodes(tmp_path) as running:
-        yield running
 
 
 def start_manager_with_level(nodes: StreamNodes, folder: Path) -> None:

@@ -281,8 +281,7 @@ def test_an_engine_that_dies_concerns_its_own_robot(two_robots: Robots) -> None:
     two_robots.client.spin_until(
         lambda: not reports['robot1'][-1].engines, 'the engine is known to be gone'
     )
-    two_robots.client.spin_until(asked.done, 'the answer', 2 * LIMIT)
-    answer = asked.result()
+    answer = two_robots.client.result(asked, 'the answer', 2 * LIMIT)
     assert answer.verdict == FormulaResult.TRUE, answer
     assert all(
         each.engines == ['/robot2/stream_processing_engine'] for each in reports['robot2'][-5:]

@@ -127,8 +127,7 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
         client.spin_until(
             lambda: alarm in terminal.text, 'the alarm', instead=lambda: terminal.text
         )
-        client.spin_until(other.done, 'the end of the other monitor')
-        done = other.result()
+        done = client.result(other, 'the end of the other monitor')
         assert 'as formula_monitor monitors them' in done.stderr
         outcomes = [json.loads(each)['outcome'] for each in done.stdout.splitlines()]
         assert (done.returncode, outcomes[-1]) == (1, 'false')

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -73,12 +71,6 @@ class Robot:
                 message = BatteryState(current=level)
                 message.header.stamp = nanoseconds_to_time(self._stamp)
                 publisher.publish(message)
-
-
-@pytest.fixture
-def nodes(tmp_path: Path) -> Iterator[StreamNodes]:
-    with StreamNodes(tmp_path) as running:
-        yield running
 
 
 def start(nodes: StreamNodes, max_delay: str) -> Robot:

@@ -35,9 +35,7 @@ VERBS: Final[Mapping[str, Verb]] = {
     'up': Verb('dyknow_bringup.ros.up', 'start the nodes'),
     'evaluate': Verb('dyknow_bringup.ros.evaluate', 'evaluate a formula with the running system'),
     'monitor': Verb('dyknow_bringup.ros.monitor', 'monitor the formulas of a robot.yaml'),
-    'guard': Verb(
-        'dyknow_reactions.ros.guard.guard_command', 'pass messages on while formulas hold'
-    ),
+    'guard': Verb('dyknow_reactions.ros.guard.guard', 'pass messages on while formulas hold'),
     'evaluations': Verb('dyknow_coordinator.ros.evaluations', 'show what is being evaluated'),
     'streams': Verb('dyknow_stream_processing.ros.streams', 'show the streams and their timing'),
     'semantics': Verb('dyknow_semantics.ros.semantics', 'show ontologies and what streams mean'),

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from dyknow_common import NANOSECONDS, shortened
+from dyknow_common import NANOSECONDS
 from dyknow_configuration.yaml_values import YamlValue, texts
 
 FEDERATION_KEYS: Final = (
@@ -86,7 +86,7 @@ def read_federation(value: YamlValue) -> RequestedFederation:
     stated = value.mapping(FEDERATION_KEYS, ('name',))
     default = RequestedFederation('')
     return RequestedFederation(
-        _matched(stated['name'], _NAME, 'a name of at most 64 letters, digits and _'),
+        stated['name'].matched(_NAME, 'a name of at most 64 letters, digits and _'),
         _endpoints(stated, 'connect'),
         _endpoints(stated, 'listen'),
         share=_shares(stated['share']) if 'share' in stated else (),
@@ -113,16 +113,9 @@ def _shares(value: YamlValue) -> tuple[RequestedShare, ...]:
     return tuple(found.values())
 
 
-def _matched(value: YamlValue, pattern: re.Pattern[str], description: str) -> str:
-    text = value.text(description).strip()
-    if not pattern.fullmatch(text):
-        raise value.error(f"'{shortened(text)}' is not {description}")
-    return text
-
-
 def _endpoints(stated: Mapping[str, YamlValue], key: str) -> tuple[str, ...]:
     description = 'an endpoint such as tcp/basestation:7447'
-    return tuple(_matched(each, _ENDPOINT, description) for each in texts(stated, key))
+    return tuple(each.matched(_ENDPOINT, description) for each in texts(stated, key))
 
 
 def _limit(stated: Mapping[str, YamlValue], key: str, default: int) -> int:

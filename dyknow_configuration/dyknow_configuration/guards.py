@@ -104,7 +104,7 @@ def _guard(
     known: Mapping[str, RequestedFormula],
     constants: Constants,
 ) -> RequestedGuard:
-    topic, output = (_matched(stated[key], _TOPIC, 'the name of a topic') for key in _TOPICS)
+    topic, output = (stated[key].matched(_TOPIC, 'the name of a topic') for key in _TOPICS)
     if topic == output:
         raise stated['output'].error('the output is the input; use another topic')
     formulas: list[RequestedFormula] = []
@@ -116,12 +116,12 @@ def _guard(
     if not formulas:
         raise stated['formulas'].error('a guard without formulas guards nothing; add one')
     return RequestedGuard(
-        name=_matched(stated['name'], _NAME, 'a name of letters, digits and _'),
+        name=stated['name'].matched(_NAME, 'a name of letters, digits and _'),
         input=topic,
         output=output,
         formulas=tuple(formulas),
         message_type=(
-            _matched(stated['type'], _TYPE, 'a type such as geometry_msgs/msg/Twist')
+            stated['type'].matched(_TYPE, 'a type such as geometry_msgs/msg/Twist')
             if 'type' in stated
             else ''
         ),
@@ -130,13 +130,6 @@ def _guard(
         **{key: _duration(stated[key]) for key in ('period', 'timeout') if key in stated},
         latch='latch' in stated and stated['latch'].truth(),
     )
-
-
-def _matched(value: YamlValue, pattern: re.Pattern[str], description: str) -> str:
-    text = value.text(description).strip()
-    if not pattern.fullmatch(text):
-        raise value.error(f"'{shortened(text)}' is not {description}")
-    return text
 
 
 def _duration(value: YamlValue) -> int:

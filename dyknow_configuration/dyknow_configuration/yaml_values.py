@@ -222,6 +222,13 @@ class YamlValue:
             raise self.error(f'a text cannot hold the character {found[0]!r}; remove it')
         return value
 
+    def matched(self, pattern: re.Pattern[str], description: str) -> str:
+        """Return the text without space around it, which is to match a pattern."""
+        text = self.text(description).strip()
+        if not pattern.fullmatch(text):
+            raise self.error(f"'{shortened(text)}' is not {description}")
+        return text
+
     def word(self) -> str:
         """Return a name, also one that is a boolean in YAML 1.1, such as `on`, as it is written."""
         is_boolean = self.node.tag == _TAG + 'bool'

@@ -16,7 +16,6 @@ from dyknow_coordinator.grounding.feature_sources import (
     with_caveat,
 )
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, stream_topic
-from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.source_choice import (
@@ -35,9 +34,11 @@ from dyknow_coordinator.grounding.state_specification import FormulaInputs, stat
 from dyknow_coordinator.grounding.stream_fields import field_names
 from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
 from dyknow_coordinator.grounding.units import (
+    feature_units,
     find_uncertainties,
     find_units,
     has_units,
+    with_unit,
     with_units,
 )
 from dyknow_coordinator.grounding.unknown_features import unknown_features

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from dyknow_common import Margin, Symbol, SymbolKind
-from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
+from dyknow_coordinator.grounding.units import feature_units, with_unit
 
 UNITS = {'Power': 'W', 'Limit': 'W', 'Altitude': 'm', 'Mode': '', 'wind.speed': ''}
 

@@ -24,8 +24,14 @@ from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board
 from dyknow_dashboard.model.metrics import CONTENT_TYPE
 from dyknow_dashboard.server.guards import RateLimit, is_loopback, is_own_host, is_same_origin
-from dyknow_dashboard.server.pages import MAX_FRAME, MAX_PAGES
-from dyknow_dashboard.server.serving import MAX_BODY, MAX_HEADERS, DashboardServer, ServerOptions
+from dyknow_dashboard.server.serving import (
+    MAX_BODY,
+    MAX_FRAME,
+    MAX_HEADERS,
+    MAX_PAGES,
+    DashboardServer,
+    ServerOptions,
+)
 
 pytestmark = pytest.mark.long
 

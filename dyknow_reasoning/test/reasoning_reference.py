@@ -10,7 +10,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from dyknow_common import Value
-from dyknow_reasoning import FormulaGroup, FormulaLimits
+from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -51,6 +51,19 @@ def random_cases(usual: int) -> int:
     return int(os.environ.get('DYKNOW_RANDOM_CASES', '0')) or usual
 
 
+def started(
+    *texts: str,
+    domains: Mapping[str, Sequence[str]] | None = None,
+    limits: FormulaLimits | None = None,
+) -> FormulaGroup:
+    """A group of formulas, named by their texts, that waits for its first state."""
+    group = FormulaGroup(limits or FormulaLimits())
+    for text in texts:
+        group.add_formula(text, text)
+    group.begin(domains or {})
+    return group
+
+
 def begun(
     text: str,
     domains: Mapping[str, Sequence[str]] | None = None,
@@ -87,6 +100,14 @@ def negation(value: bool | None) -> bool | None:  # noqa: FBT001
 
 def conjunction(values: Iterable[bool | None]) -> bool | None:
     return negation(disjunction(negation(value) for value in values))
+
+
+def comparable(results: Iterable[FormulaResult]) -> list[Any]:
+    """What results say, of which errors are no equal objects."""
+    return [
+        (each.formula_id, each.verdict, each.decided_at, each.explanation, str(each.error))
+        for each in results
+    ]
 
 
 def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901, PLR0911, PLR0912

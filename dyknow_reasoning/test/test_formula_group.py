@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
+from functools import partial
 
 import numpy as np
 import pytest
 from reasoning_reference import begun
+from reasoning_reference import started as started_over
 
 from dyknow_common import ExitCode, LanguageError, Symbol, SymbolKind, Value, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, ReasoningError
 
 MS = 1_000_000
 FLEET = {'UAV': ['uav1', 'uav2']}
+started = partial(started_over, domains=FLEET)
 
 POWER = (
     'forall u in UAV: always (Power[u] > 150 -> '
@@ -22,14 +25,6 @@ POWER = (
 DISTANCE = 'forall x in UAV: x != uav1 -> always XYDist[x, uav1] > 10'
 CROWDED = 'always (p -> eventually[1 s, 3 s] p)'
 RESPONSE = 'always not p -> eventually[0,1000] always[0,999] p'
-
-
-def started(*texts: str, node_limit: int = 100_000) -> FormulaGroup:
-    group = FormulaGroup(FormulaLimits(node_limit=node_limit))
-    for text in texts:
-        group.add_formula(text, text)
-    group.begin(FLEET)
-    return group
 
 
 def run(text: str, states: list[tuple[int, dict[str, Value]]]) -> list[FormulaResult]:
@@ -307,7 +302,7 @@ EXPLOSIVE = 'always (p -> eventually[0, 50 s] (q and always[0, 20 s] (r or event
 
 
 def test_node_limit() -> None:
-    group = started(EXPLOSIVE, 'always p', node_limit=200)
+    group = started(EXPLOSIVE, 'always p', limits=FormulaLimits(node_limit=200))
     results = [
         result
         for index in range(100)

@@ -8,7 +8,7 @@ from itertools import accumulate, product
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import NAMES, Trace, formulas, holds, random_cases
+from reasoning_reference import NAMES, Trace, formulas, holds, random_cases, started
 
 from dyknow_common import ExitCode, Verdict, round_time
 from dyknow_reasoning import FormulaGroup, FormulaResult
@@ -19,14 +19,6 @@ STATES = [dict(zip(NAMES, bits, strict=True)) for bits in product((False, True),
 
 Segments = list[Trace]
 """Parts of a trace with a gap between each and the next."""
-
-
-def started(*texts: str, domain: tuple[str, ...] = ()) -> FormulaGroup:
-    group = FormulaGroup()
-    for text in texts:
-        group.add_formula(text, text)
-    group.begin({'S': domain})
-    return group
 
 
 def results(group: FormulaGroup, segments: Segments) -> list[FormulaResult]:
@@ -173,7 +165,7 @@ def test_instances_in_a_gap(
     for batch, progressed in product((1, 1000), (results, at_once)):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(instance_pool, '_MIN_BATCH_SIZE', batch)
-            found = progressed(started(text, domain=OBJECTS), together(fleet))
+            found = progressed(started(text, domains={'S': OBJECTS}), together(fleet))
             told.append([(each.verdict, each.explanation, str(each.error)) for each in found])
     assert all(each == told[0] for each in told)
     if found and found[0].verdict is Verdict.TRUE:
@@ -250,7 +242,9 @@ def test_an_explanation_mentions_the_gap_where_it_matters() -> None:
 
 
 def test_a_formula_is_false_for_one_object_though_another_is_unknown() -> None:
-    group = started('forall x in S: (A[x] -> always B[x]) and eventually B[x]', domain=('a', 'b'))
+    group = started(
+        'forall x in S: (A[x] -> always B[x]) and eventually B[x]', domains={'S': ['a', 'b']}
+    )
     state = {'A[a]': False, 'A[b]': True, 'B[a]': False, 'B[b]': True}
     assert group.progress(0, state) == []
     group.gap()

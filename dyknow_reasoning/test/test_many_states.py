@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reasoning_reference import begun, formulas, random_cases
+from reasoning_reference import begun, comparable, formulas, random_cases
 
-from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult
+from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import block_progression, instance_monitor, instance_pool
 from dyknow_reasoning.execution.automata import automaton, configurations
@@ -72,13 +72,6 @@ def rows(batch: Batch) -> Iterator[tuple[int, dict[str, Any]]]:
                 for name, column in columns.items()
             },
         )
-
-
-def comparable(results: Sequence[FormulaResult]) -> list[Any]:
-    return [
-        (each.formula_id, each.verdict, each.decided_at, each.explanation, str(each.error))
-        for each in results
-    ]
 
 
 def remaining(group: FormulaGroup) -> list[Any]:

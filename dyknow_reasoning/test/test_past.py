@@ -19,6 +19,7 @@ from reasoning_reference import (
     holds,
     negation,
     random_cases,
+    started,
     with_history,
 )
 
@@ -47,14 +48,6 @@ from dyknow_reasoning.language.terms import Feature, Truth
 from dyknow_reasoning.progression.past_operators import ALL_ROWS, SinceMemory
 
 CASES = random_cases(80)
-
-
-def started(*texts: str) -> FormulaGroup:
-    group = FormulaGroup()
-    for text in texts:
-        group.add_formula(text, text)
-    group.begin({})
-    return group
 
 
 def truths(text: str, trace: Trace) -> str:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from reasoning_reference import comparable
 
-from dyknow_reasoning import FormulaGroup, FormulaResult
+from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.execution import instance_monitor, instance_pool
 
 PERIOD_NS = 100_000_000
@@ -21,13 +22,6 @@ def group_of(formulas: list[str], objects: int) -> FormulaGroup:
         group.add_formula(f'formula {number}', formula)
     group.begin({'Thing': [f'o{number}' for number in range(objects)]})
     return group
-
-
-def comparable(results: list[FormulaResult]) -> list[Any]:
-    return [
-        (each.formula_id, each.verdict, each.decided_at, each.explanation, str(each.error))
-        for each in results
-    ]
 
 
 def assert_paths_agree(

@@ -292,19 +292,16 @@ def test_recordings_give_the_same() -> None:
         assert [many.residual(each) for each in (1, 2)] == [alone.residual(each) for each in (1, 2)]
 
 
-def test_a_gap_after_an_unknown_value_is_an_error() -> None:
-    group = started('always x > 1')
-    group.progress(0, {'x': None})
+@pytest.mark.parametrize(
+    ('text', 'before', 'after'), [('always x > 1', None, 2), ('eventually x > 1', 0, None)]
+)
+def test_a_gap_beside_an_unknown_value_is_an_error(
+    text: str, before: int | None, after: int | None
+) -> None:
+    group = started(text)
+    group.progress(0, {'x': before})
     group.gap()
-    (result,) = group.progress(9, {'x': 2})
-    assert 'depends on states that are missing' in str(result.error)
-
-
-def test_an_unknown_value_after_a_gap_is_an_error() -> None:
-    group = started('eventually x > 1')
-    group.progress(0, {'x': 0})
-    group.gap()
-    (result,) = group.progress(9, {'x': None})
+    (result,) = group.progress(9, {'x': after})
     assert 'depends on states that are missing' in str(result.error)
 
 

@@ -10,9 +10,8 @@ from dyknow_recordings.black_boxes import (
 from dyknow_recordings.cutting.bag_writing import BAG_VERSION, offered_profile
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
-from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.evaluation import evaluate_recording, load_vocabulary
 from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
-from dyknow_recordings.evaluation.loading import load_vocabulary
 from dyknow_recordings.evaluation.results import (
     Episode,
     FormulaReport,

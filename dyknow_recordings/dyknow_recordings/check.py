@@ -213,7 +213,7 @@ def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
         from dyknow_recordings.reporting.table import Tables  # noqa: PLC0415
 
         yield Tables(options.undecided)
-    yield Messages('dyknow check', with_notes=not options.json)
+    yield Messages(with_notes=not options.json)
     if options.junit is not None:
         from dyknow_recordings.reporting.junit import JUnitReport  # noqa: PLC0415
 

@@ -18,9 +18,8 @@ from dyknow_common import SECOND_NS, ExitCode, InlineText, Verdict
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
-from dyknow_recordings.evaluation.column_states import ColumnStates
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
-from dyknow_recordings.evaluation.evaluation import evaluate_recording
+from dyknow_recordings.evaluation.evaluation import ColumnStates, evaluate_recording
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, NoVocabulary
 

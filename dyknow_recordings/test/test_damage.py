@@ -2,7 +2,6 @@
 
 import struct
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -16,8 +15,6 @@ from small_logs import log, logged_numbers
 from dyknow_recordings import Bag, RecordingError, in_order, open_recording
 
 COUNT = 120
-HEADER_OF_CHUNK = 9 + 28
-Damage = Callable[[bytes], bytes]
 
 
 @pytest.fixture(scope='module', params=COMPRESSIONS, ids='-'.join)

@@ -10,7 +10,7 @@ from unittest import mock
 import pytest
 
 from dyknow_recordings.check import main
-from dyknow_recordings.evaluation.column_states import ColumnStates
+from dyknow_recordings.evaluation.evaluation import ColumnStates
 
 ROBOT = """\
 objects: {Robot: [r1, r2]}

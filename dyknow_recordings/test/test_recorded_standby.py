@@ -10,7 +10,7 @@ from dyknow_coordinator import Candidates, FeatureSource, FormulaInputs, Groundi
 from dyknow_coordinator.grounding.source_choice import EXCLUSION_NS
 from dyknow_reasoning import StateLine
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.evaluation.states.standby import RecordedStandby, RecordedStates
+from dyknow_recordings.evaluation.standby import RecordedStandby, RecordedStates
 
 
 def source(topic: str) -> FeatureSource:

@@ -41,7 +41,7 @@ from dyknow_stream_processing.language.specification import (
 )
 from dyknow_stream_processing.language.type_rules import Unit
 from dyknow_stream_processing.management.relocation import in_namespace
-from dyknow_stream_processing.management.stream_files import read_streams
+from dyknow_stream_processing.management.streams import read_streams
 from dyknow_stream_processing.path_values import value_reader
 from dyknow_stream_processing.reporting.silence import (
     SILENT_PERIODS,

@@ -190,8 +190,8 @@ def shipped_policies() -> Mapping[str, str]:
     return {name: policy_text(enclaves, _SHIPPED) for name, enclaves in found.items()}
 
 
-def _uav_monitoring(vehicles: int = 3) -> tuple[Enclave, ...]:
-    names = vehicle_names(vehicles)
+def _uav_monitoring() -> tuple[Enclave, ...]:
+    names = vehicle_names(3)  # as many as the launch file starts by default
     telemetry = frozenset(topic(*each) for each in product(names, Channel))
     odometry = frozenset(topic(name, Channel.ODOMETRY) for name in names)
     system = SecuredSystem(topics=telemetry)

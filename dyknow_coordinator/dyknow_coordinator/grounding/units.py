@@ -1,4 +1,4 @@
-"""Units and uncertainties of features, for formulas that need them.
+"""Units and uncertainties of features, for formulas that need them, and of margins.
 
 In the canonical text of a formula, the unit of a number is in double quotes: `Power[u] > 1 "kW"`.
 If the ontology says that `Power` is in W, the formula is `let Power: "W" in (Power[u] > 1 "kW")`,
@@ -6,16 +6,21 @@ from which the reasoning engine makes `Power[u] > 1000.0`.
 
 If the ontology says how uncertain `Height` is, the formula `P(always Height[u] > 3) > 0.9` is
 `let Height ~ normal(Height, sqrt(Height_variance)) in (P(always Height[u] > 3) > 0.9)`.
+
+The reasoning engine does not know the ontology, so a margin gets here the unit of the features in
+the comparison that limits it. Sums have the unit of their features; products and quotients have
+none that is known.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from typing import Final
 
-from dyknow_common import ExitCode, Symbol, quoted
+from dyknow_common import ExitCode, Margin, Symbol, quoted
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.declared_properties import (
     FEATURE_QUERY,
@@ -31,6 +36,14 @@ _QUOTED: Final = re.compile(r'(?P<unit>(?<=[0-9]) )?"(?:\\.|[^"\\])*"')
 
 
 _PROBABILITY: Final = re.compile(r'\bP\(')
+
+# A syntactic reference to a quoted stream, the arguments of a feature, or a name.
+_TOKEN: Final = re.compile(
+    r'"(?:\\.|[^"\\])*"\S*|\[[^\]]*\]|(?P<name>[A-Za-z_][\w.]*\'*)(?P<call>\()?'
+)
+
+_SAME_UNIT: Final = {'abs', 'hypot', 'max', 'min', 'mod', 'sum'}
+"""The functions whose value has the unit of their arguments."""
 
 
 def has_units(formula: str) -> bool:
@@ -132,3 +145,51 @@ def with_units(
     stated = [f'{name}: {quoted(unit)}' for name, unit in units.items()]
     stated += [f'{name} ~ {text}' for name, text in (uncertainties or {}).items()]
     return f'let {", ".join(stated)} in ({formula})' if stated else formula
+
+
+async def feature_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, str]:
+    """Return the unit of each feature; empty for one without a unit, or with an unknown one.
+
+    Args:
+        symbols: of the formula.
+        query: returns the solutions of a SPARQL query of the ontology.
+
+    Raises:
+        DyKnowError: if the query fails.
+    """
+    features = feature_symbols(symbols)
+    rows = await stated_units(features, query)
+    units = {name: _known_unit(name, found) for name, found in rows.items()}
+    return {**{each.name: '' for each in features if each.is_reference}, **units}
+
+
+def _known_unit(feature: str, rows: Rows) -> str:
+    try:
+        return only_unit(feature, rows)
+    except CoordinationError:
+        return ''
+
+
+def with_unit(margin: Margin, units: Mapping[str, str]) -> Margin:
+    """Return a margin in the unit of its comparison.
+
+    Args:
+        margin: without its unit.
+        units: the unit of each feature.
+    """
+    return replace(margin, unit=_unit_of(margin.atom, units))
+
+
+def _unit_of(atom: str, units: Mapping[str, str]) -> str:
+    if ' * ' in atom or ' / ' in atom:
+        return ''
+    found = set()
+    for token in _TOKEN.finditer(atom):
+        name = token['name']
+        if token['call']:
+            found |= set() if name in _SAME_UNIT else {''}
+        elif name in units:
+            found.add(units[name])
+        elif token[0].startswith('"'):
+            found.add('')
+    return found.pop() if len(found) == 1 else ''

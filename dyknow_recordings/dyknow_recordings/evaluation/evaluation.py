@@ -13,18 +13,21 @@ reasoning engine). One loop drives all of them by the log times of the recording
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import chain
 from operator import attrgetter
 from typing import Final
+
+import numpy as np
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode, one_line
 from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import with_caveat
 from dyknow_reasoning import Range, UnknownFeatures
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.evaluation.column_states import ColumnStates
 from dyknow_recordings.evaluation.episodes import (
     FROM_FIRST_STATE,
     EpisodeGroup,
@@ -33,13 +36,18 @@ from dyknow_recordings.evaluation.episodes import (
     FormulaEpisodes,
 )
 from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
-from dyknow_recordings.evaluation.loading import load_vocabulary
 from dyknow_recordings.evaluation.observation import EvaluationObserver, SignalRecorder, terms_of
 from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
+from dyknow_recordings.evaluation.standby import GroupStream
 from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
-from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
-from dyknow_recordings.reading.columns import MessageColumns
+from dyknow_recordings.evaluation.vocabulary import (
+    NO_FILES,
+    MonitoringFiles,
+    NoVocabulary,
+    Vocabulary,
+)
+from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.lost_messages import BEGINNING, LostMessages
 from dyknow_recordings.reading.recording import (
     RecordingReader,
@@ -54,6 +62,11 @@ SILENCE_PERIOD_NS: Final = 500 * NANOSECONDS['ms']
 
 SILENCE_LOOKS_NS: Final = 60 * SECOND_NS
 """The time after the silence limit in which they are: later, the silence of all is known."""
+
+MAX_STEP_NS: Final = 30 * SECOND_NS
+"""The longest time without a message: after a longer one, the clock may have been stopped."""
+
+_TopicParts = Mapping[str, Sequence[MessageColumns]]
 
 
 @dataclass(slots=True)
@@ -364,3 +377,85 @@ class RecordingEvaluation:
             probability=None if probability is None else probability.interval(),
             probability_so_far=None if probability is None else probability.interval_at_end(),
         )
+
+
+class ColumnStates:
+    """The states of groups, made as columns where that gives the same ones: many at once, by numpy.
+
+    A batch is processed as columns if nothing happens in it but states: no operator refuses its
+    part, no group is to be given other streams, and no topic is silent. Any other batch goes
+    message by message through the same operators.
+
+    Args:
+        streams: of the recording.
+        start: the log time at which it begins, in nanoseconds.
+        silence_limit: the time without a message after which a topic is silent, in nanoseconds.
+    """
+
+    def __init__(self, streams: RecordedStreams, start: int, silence_limit: int) -> None:
+        self._streams, self._start = streams, start
+        self._silence_limit = silence_limit
+
+    def progress(self, batch: Sequence[MessageColumns], groups: Sequence[StateGroup]) -> bool:
+        """Progress groups over a batch; return False, without an effect, if that needs messages."""
+        used = [group.group_streams for group in groups]
+        times = np.sort(np.concatenate([part.log_times for part in batch]))
+        before, end = max(self._start, self._streams.latest_receipt), int(times[-1])
+        longest = max(int(times[0]) - before, int(np.diff(times).max(initial=0)))
+        if not all(used) or longest > MAX_STEP_NS:
+            return False
+        parts: dict[str, list[MessageColumns]] = defaultdict(list)
+        for part in batch:
+            parts[part.topic].append(part)
+        streams = list(chain(*used))
+        if self._begins_others(streams, parts):
+            return False
+        if any(self._may_change(each, parts, end) for each in streams):
+            return False
+        states = self._streams.step_many(parts, end)
+        if states is None:
+            return False
+        for each in streams:
+            each.receive_many(states[each.name])
+        return True
+
+    def _begins_others(self, streams: Sequence[GroupStream], parts: _TopicParts) -> bool:
+        """Return True if sources begin that may be better than those in use."""
+        topics = {topic for each in streams for topic in self._streams.topics(each.name)}
+        have_begun = all(map(self._streams.received_at, parts.keys() - topics))
+        return not have_begun and any(each.is_replaceable for each in streams)
+
+    def _may_change(self, state: GroupStream, parts: _TopicParts, end: int) -> bool:
+        """Return True if a group may be given another stream, or fail, until a time."""
+        if state.until is not None and end >= state.until:
+            return True
+        if not (state.is_replaceable or self._streams.is_regular(state.name)):
+            return False
+        for topic in self._streams.topics(state.name):
+            latest = max(self._streams.received_at(topic), state.created_at)
+            log_times = np.sort(
+                np.concatenate(
+                    [[latest], *(part.log_times for part in parts.get(topic, ())), [end]]
+                )
+            )
+            if np.diff(log_times).max() > self._silence_limit:
+                return True
+        return False
+
+
+def load_vocabulary(files: MonitoringFiles, topics: Mapping[str, TopicContent]) -> Vocabulary:
+    """Return the vocabulary of some files.
+
+    Args:
+        files: the files.
+        topics: the recorded topics, against whose fields the annotations are checked.
+
+    Raises:
+        DyKnowError: naming a file that cannot be read.
+    """
+    if not (files.ontologies or files.annotations):
+        return NoVocabulary(files.domains)
+    # The libraries for ontologies take a second to load.
+    from dyknow_recordings.evaluation.semantics import SemanticVocabulary  # noqa: PLC0415
+
+    return SemanticVocabulary(files, topics)

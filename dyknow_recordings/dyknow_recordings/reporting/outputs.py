@@ -79,12 +79,10 @@ class Messages:
     """Errors of recordings and faults that are no errors, on the standard error output.
 
     Args:
-        command: begins the lines of errors.
         with_notes: True to print faults that are no errors.
     """
 
-    def __init__(self, command: str, *, with_notes: bool) -> None:
-        self._command = command
+    def __init__(self, *, with_notes: bool) -> None:
         self._with_notes = with_notes
 
     def add(self, report: RecordingReport) -> None:
@@ -95,12 +93,12 @@ class Messages:
 
     def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: ARG002
         """Print an error, which names the recording."""
-        sys.stderr.write(f'{self._command}: {error.message}\n')
+        sys.stderr.write(f'dyknow check: {error.message}\n')
 
     def close(self, unchecked: Sequence[str]) -> None:
         """Say what an interruption has left out."""
         if unchecked:
-            sys.stderr.write(f'{self._command}: interrupted; not checked: {len(unchecked)}\n')
+            sys.stderr.write(f'dyknow check: interrupted; not checked: {len(unchecked)}\n')
 
 
 class ExitStatus:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -22,7 +22,6 @@ from dyknow_stream_processing.dataflow.operators import (
     SourceType,
 )
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING, Scheduler
-from dyknow_stream_processing.dataflow.waiting import waiting_reasons
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.required_fields import total_demand
 from dyknow_stream_processing.language.resolution import Fields, Resolved, resolve
@@ -33,6 +32,9 @@ from dyknow_stream_processing.violation import Fault, Violation
 
 DEFAULT_MAX_LEAD: Final = 100 * NANOSECONDS['ms']
 """The time by which stamps may be ahead of the clock where a stream gives no `max_lead`."""
+
+_MAX_NAME: Final = 80
+"""The length of a text that names an operator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -447,3 +449,46 @@ def _topics_of(operator: Operator) -> dict[str, None]:
     if not operator.inputs:
         return {operator.label: None}
     return {topic: None for each in operator.inputs for topic in _topics_of(each)}
+
+
+def waiting_reasons(
+    operator: Operator,
+    since: int,
+    topic_reason: Callable[[str], str],
+    name_of: Callable[[str], str],
+) -> Iterator[str]:
+    """Yield why an operator emits no samples, if it emits none: what its operators wait for.
+
+    Example: `sync("/a", (select x from "/b" where x > 9), "/c")`, of which only /b has delivered,
+    with x = 1. The `sync` waits for the two others; so the reasons are those of /a and of /c, such
+    as `nobody publishes /a`. Once these deliver, the `sync` waits for the `select`, whose input
+    delivers samples while it emits none. So the reason is its own: `no sample of /b satisfies
+    x > 9`.
+
+    Args:
+        operator: is taken to emit none.
+        since: samples before this time, nanoseconds, do not count.
+        topic_reason: returns why a topic has no messages; empty if it needs none.
+        name_of: returns the name of the stream that the label of an operator states.
+    """
+
+    def name(each: Operator) -> str:
+        text = name_of(each.label)
+        return text if len(text) <= _MAX_NAME else f'{text[:_MAX_NAME]}...'
+
+    if not operator.inputs:
+        if reason := topic_reason(operator.label):
+            yield reason
+        return
+    silent = [each for each in operator.awaited() if not _delivers(each, operator, since)]
+    for each in silent:
+        yield from waiting_reasons(each, since, topic_reason, name_of)
+    if not silent and (obstacle := operator.obstacle(name)):
+        yield obstacle
+
+
+def _delivers(source: Operator, consumer: Operator, since: int) -> bool:
+    """Return True if an operator has emitted a sample since then, and after the consumer's last."""
+    if source.emitted_at is None or source.emitted_at <= since:
+        return False
+    return consumer.emitted_at is None or source.emitted_at > consumer.emitted_at

@@ -1,12 +1,23 @@
-"""Streams, as a stream manager knows them."""
+"""Streams, as a stream manager knows them, and as files in the stream language state them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
-from dyknow_common import StreamConstraints, cached_by_text
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    ExitCode,
+    InlineText,
+    StreamConstraints,
+    cached_by_text,
+    read_file,
+)
+from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.parsing import parse_specification
+from dyknow_stream_processing.language.sinks import specifications_by_sink
+from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE
 
 
@@ -67,3 +78,23 @@ Stream = CreatedStream | RegisteredStream
 def canonical(specification: str) -> str:
     """Return the canonical text of a specification."""
     return str(parse_specification(specification))
+
+
+def read_streams(files: Iterable[Path | InlineText]) -> Iterator[CreatedStream]:
+    """Yield a stream for each sink in files in the stream language.
+
+    Raises:
+        StreamError: naming a file that cannot be read or parsed.
+    """
+    known: set[str] = set()
+    for path in files:
+        for name, part in read_file(path, 'streams', _specifications, StreamError).items():
+            if name in known:
+                message = f"{path}: there is a sink '{name}' in another file already; keep one"
+                raise StreamError(message, ExitCode.ALREADY_EXISTS)
+            known.add(name)
+            yield CreatedStream(name, str(part), NO_CONSTRAINTS)
+
+
+def _specifications(text: str) -> Mapping[str, Specification]:
+    return specifications_by_sink(parse_specification(text))

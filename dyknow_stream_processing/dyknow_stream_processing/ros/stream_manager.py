@@ -30,13 +30,17 @@ from dyknow_common.ros import (
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.management.namespaces import Namespaces
 from dyknow_stream_processing.management.naming import NamingConvention, check_name
+from dyknow_stream_processing.management.persistence import PersistenceFile
 from dyknow_stream_processing.management.registry import DEFAULT_CONVENTION, StreamRegistry
-from dyknow_stream_processing.management.stream_files import read_streams
-from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream, Stream
+from dyknow_stream_processing.management.streams import (
+    CreatedStream,
+    RegisteredStream,
+    Stream,
+    read_streams,
+)
 from dyknow_stream_processing.reporting.silence import with_origins
 from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
 from dyknow_stream_processing.ros.management.engines import Engines
-from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile
 from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher

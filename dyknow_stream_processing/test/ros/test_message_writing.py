@@ -51,8 +51,6 @@ CLASSES = [
 TREES = 2
 """The random trees of each class."""
 
-OFTEN = 0.8
-
 
 class RandomTrees:
     """Trees of values that fit."""

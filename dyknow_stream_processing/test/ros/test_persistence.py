@@ -6,10 +6,16 @@ from pathlib import Path
 import pytest
 
 from dyknow_common import DyKnowError, StreamConstraints
-from dyknow_stream_processing.management.persistence import streams_from_json, streams_to_json
-from dyknow_stream_processing.management.stream_files import read_streams
-from dyknow_stream_processing.management.streams import CreatedStream, RegisteredStream
-from dyknow_stream_processing.ros.management.persistence_files import PersistenceFile
+from dyknow_stream_processing.management.persistence import (
+    PersistenceFile,
+    streams_from_json,
+    streams_to_json,
+)
+from dyknow_stream_processing.management.streams import (
+    CreatedStream,
+    RegisteredStream,
+    read_streams,
+)
 
 MANAGER = '/robot1/stream_manager'
 BATTERY = RegisteredStream('battery', '/uav1/battery', 'sensor_msgs/msg/BatteryState')

@@ -8,6 +8,7 @@ from typing import Any, Final
 from dyknow_interfaces.msg import SemanticsVersion
 
 from dyknow_common.ros import LATCHED, DyKnowNode, only_owner
+from dyknow_coordinator.ros.reporting.change_batch import ChangeBatch
 
 DELAYS_S: Final = (0.3, 2.0)
 """Times of reactions to a change: soon, and when every node must have received it."""
@@ -24,9 +25,7 @@ class ChangeListener:
     def __init__(
         self, node: DyKnowNode, topics: Iterable[str], on_change: Callable[[], None]
     ) -> None:
-        self._node = node
-        self._on_change = on_change
-        self._pending: set[float] = set()
+        self._batches = [ChangeBatch(node, delay_s, on_change) for delay_s in DELAYS_S]
         for topic in topics:
             node.create_subscription(
                 SemanticsVersion,
@@ -38,11 +37,5 @@ class ChangeListener:
             )
 
     def _on_version(self, _version: Any) -> None:
-        for delay_s in set(DELAYS_S) - self._pending:
-            self._pending.add(delay_s)
-            due = self._node.deadlines.after(delay_s)
-            due.add_done_callback(lambda _, delay_s=delay_s: self._report(delay_s))
-
-    def _report(self, delay_s: float) -> None:
-        self._pending.discard(delay_s)
-        self._on_change()
+        for each in self._batches:
+            each.add()

@@ -21,21 +21,21 @@ from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed
 from dyknow_common.ros import margin_from_message, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
-from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase
-from dyknow_coordinator.evaluation.history import History
+from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase, History
 from dyknow_coordinator.evaluation.request import EvaluationRequest
 from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
-from dyknow_coordinator.grounding.margin_units import feature_units, with_unit
 from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.grounding.symbols import check_symbols, sort_names
 from dyknow_coordinator.grounding.units import (
+    feature_units,
     find_uncertainties,
     find_units,
     has_units,
+    with_unit,
     with_units,
 )
 from dyknow_coordinator.grounding.unknown_features import unknown_features

@@ -1,4 +1,4 @@
-"""The node `guard`: passes messages on while formulas hold, and a safe message otherwise.
+"""The node of `dyknow guard`: passes messages on while formulas hold, else a safe message.
 
 A guard depends on its own process alone: it reads the states of its formulas, decides itself, and
 counts silence by the monotonic clock. `Gate` decides whether messages pass; this module tells it
@@ -8,6 +8,7 @@ safe message in the same callback.
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -19,6 +20,7 @@ from dyknow_interfaces.msg import EvaluationStatusArray, GuardStatus, Heartbeat
 from std_srvs.srv import Trigger
 
 from dyknow_common import DyKnowError
+from dyknow_common.executables import describe
 from dyknow_common.ros import (
     HEARTBEAT,
     LATCHED,
@@ -339,3 +341,37 @@ def age_of(info: Mapping[str, Any]) -> int:
 def main() -> int:
     """Run the executable guard."""
     return run(GuardNode)
+
+
+def guard(options: argparse.Namespace) -> int:
+    """Run a guard until SIGINT or SIGTERM."""
+    path = str(options.robot.resolve())
+    chosen = chosen_guard(read_robot(options.robot).guards, options.name, path)
+    arguments = ['--ros-args', '-r', f'__node:={chosen.name}']
+    if options.namespace:
+        arguments += ['-r', f'__ns:=/{options.namespace.strip("/")}']
+    for name, value in {
+        'robot': path,
+        'guard': chosen.name,
+        'use_sim_time': options.use_sim_time,
+    }.items():
+        arguments += ['-p', f'{name}:={value}']
+    return run(GuardNode, arguments=arguments)
+
+
+def add_guard_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    parser.set_defaults(command=guard)
+    describe(
+        parser,
+        'Run a guard of a robot.yaml: messages pass from its input to its output while its '
+        'formulas hold. "dyknow up robot.yaml" starts all guards of the file.',
+        ('dyknow guard robot.yaml', 'dyknow guard robot.yaml base_guard --namespace /robot1'),
+        '0 after a stop by a signal, 2 for an error',
+    )
+    parser.add_argument('robot', type=Path, help='robot.yaml, which describes the guard')
+    parser.add_argument(
+        'name', nargs='?', default='', help='of the guard; may be left out for the only one'
+    )
+    parser.add_argument('--namespace', default='', help='of the guard (default: none)')
+    parser.add_argument('--use-sim-time', action='store_true', help='take time from /clock')

@@ -17,17 +17,16 @@ is wrong. Example, `always (p -> eventually[0, 2 s] q)`, with `E` for `eventuall
 
 from __future__ import annotations
 
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, TypeVar
 
 from dyknow_common import Alternatives, ExitCode, amount, round_duration
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Times
 from dyknow_reasoning.execution.past.histories import PastRegister
 from dyknow_reasoning.execution.past.registers import Register
-from dyknow_reasoning.execution.unknown.choices import Choices, all_runs
 from dyknow_reasoning.execution.unknown.parts import FormulaPart
 from dyknow_reasoning.language.formula import Atom
 from dyknow_reasoning.progression.atoms import Values
@@ -38,6 +37,8 @@ from dyknow_reasoning.progression.unknown_features import UnknownValueError
 
 Place: TypeAlias = tuple[Location, Times]
 """Where an instance is in its automaton."""
+
+_Result = TypeVar('_Result')
 
 
 @dataclass(frozen=True, slots=True)
@@ -355,3 +356,37 @@ def too_many(limit: int, names: Collection[str] = ()) -> ReasoningError:
         'raise the limit',
         ExitCode.UNAVAILABLE,
     )
+
+
+class Choices:
+    """The choices of one run, in their order.
+
+    Args:
+        first: the number of the option that each of the first choices takes; later ones take the
+            first option.
+    """
+
+    def __init__(self, first: tuple[int, ...] = ()) -> None:
+        self._taken = list(first)
+        self._next = 0
+        self.others: list[tuple[int, ...]] = []
+        """The first choices of the runs that differ from this one in a later choice first."""
+
+    def choose(self, options: Sequence[Any]) -> Any:
+        """Return one of some options."""
+        if self._next == len(self._taken):
+            taken = tuple(self._taken)
+            self.others += [(*taken, number) for number in range(1, len(options))]
+            self._taken.append(0)
+        found = options[self._taken[self._next]]
+        self._next += 1
+        return found
+
+
+def all_runs(function: Callable[[Choices], _Result]) -> Iterator[_Result]:
+    """Yield the results of a function for all that it can choose."""
+    pending: list[tuple[int, ...]] = [()]
+    while pending:
+        choices = Choices(pending.pop())
+        yield function(choices)
+        pending += choices.others

@@ -1,1 +1,0 @@
-"""State streams of a group of formulas."""
