@@ -69,11 +69,11 @@ def _value_or_nan(name: str, values: Sequence[_Number]) -> _Number:
 
 def hypotenuse(*values: _Number) -> float:
     """Return the square root of the sum of squares."""
-    if len(values) > _PAIR:
-        return math.hypot(*values)
     found = math.hypot(*values)
-    # Numpy warns of an overflow. Else its result counts, which may differ in the last bit.
-    return float(np.hypot(*map(float, values))) if math.isfinite(found) else found
+    if len(values) > _PAIR or not math.isfinite(found):
+        return found
+    # For two, the result is numpy's, which may differ in the last bit. It warns of an overflow.
+    return float(np.hypot(float(values[0]), float(values[1])))
 
 
 def _angle_difference(first: _Number, second: _Number) -> float:
