@@ -4,7 +4,6 @@ import subprocess
 import sys
 from fractions import Fraction
 
-import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +24,8 @@ assert 'pint' in sys.modules
 
 
 def test_common_units_are_known_to_pint() -> None:
+    import pint  # noqa: PLC0415 - it takes half a second, which each process that collects would need
+
     registry = pint.UnitRegistry()
     assert all(registry.parse_units(unit) is not None for unit in COMMON_UNITS)
 

@@ -24,7 +24,6 @@ from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import entry_points
 from inspect import isclass, signature
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -106,13 +105,12 @@ def load_units() -> Mapping[str, Unit]:
     for entry_point in entry_points(group=ENTRY_POINTS):
         try:
             registered[entry_point.name] = entry_point.load()
-        # A module may raise any exception while it is imported.
-        except Exception as error:
+        except Exception as error:  # A module may raise any while it is imported.
             raise StreamError(
                 f"computational unit '{entry_point.name}' ({entry_point.value}) cannot be loaded: "
                 f'{type(error).__name__}: {error}'
             ) from error
-    return MappingProxyType(registered)
+    return registered
 
 
 class UnitCall:
