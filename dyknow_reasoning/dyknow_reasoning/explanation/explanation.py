@@ -54,7 +54,7 @@ from dyknow_reasoning.progression.atoms import (
     Values,
     evaluate,
 )
-from dyknow_reasoning.progression.instances import wording_of
+from dyknow_reasoning.progression.instances import wording_of, written_atoms
 from dyknow_reasoning.progression.nodes import (
     TRUE,
     AtLeast,
@@ -159,7 +159,7 @@ class _Explainer:
         # Finds what past operators are at this state.
         self._progression.advance(before.node, fresh=before.is_fresh)
         self._atoms = before.instance.atoms
-        self._written_atoms = tuple(map(as_written, self._atoms))
+        self._written_atoms = written_atoms(before.instance)
         self._intervals = _intervals(before.instance.node)
         # Simplification may have joined some of these.
         self._stated_intervals = {

@@ -14,9 +14,8 @@ from typing import TypeAlias
 
 from dyknow_common import amount
 from dyknow_reasoning.execution import InstanceMonitor, InstanceState, PossibleFormula, want_text
-from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.progression.gaps import Half
-from dyknow_reasoning.progression.instances import wording_of
+from dyknow_reasoning.progression.instances import wording_of, written_atoms
 from dyknow_reasoning.progression.nodes import (
     AtLeast,
     Junction,
@@ -96,7 +95,7 @@ def text_of(states: Sequence[InstanceState], latest: int) -> str:
             each.node,
             each.times,
             latest,
-            tuple(map(as_written, each.instance.atoms)),
+            written_atoms(each.instance),
             wording_of(each.instance),
         )
         for each in shown

@@ -83,7 +83,10 @@ def _written_heading(node: Any) -> Function | None:
     """Return the distance or bearing of two objects that a term stands for."""
     if not isinstance(node, Arithmetic | Function):
         return None
-    features = (each for each in islice(walk(node), _LONGEST_HEADING) if isinstance(each, Feature))
+    parts = islice(walk(node), _LONGEST_HEADING)
+    features = [each for each in parts if isinstance(each, Feature)]
+    if all(each.name != 'yaw' for each in features):
+        return None
     objects = dict.fromkeys(each.arguments[0] for each in features if len(each.arguments) == 1)
     for name, (r, s) in product(HEADINGS, product([*objects][:2], repeat=2)):
         if spatial(definition_of(name), {'r': r, 's': s}, NOWHERE) == node:

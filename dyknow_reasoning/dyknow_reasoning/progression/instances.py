@@ -130,6 +130,12 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
 
 
 @lru_cache(maxsize=128)
+def written_atoms(instance: Instance) -> tuple[Atom, ...]:
+    """Return the atoms of an instance as its formula says them; see `wording_of`."""
+    return tuple(map(as_written, instance.atoms))
+
+
+@lru_cache(maxsize=128)
 def wording_of(instance: Instance) -> Wording:
     """Return the parts of an instance as its formula says them.
 

@@ -156,10 +156,8 @@ class Possibilities:
             ReasoningError: for too many possibilities, a possibility that is too large, or a value
                 that is unusable.
         """
-        state, limit = (
-            _OpenState.of(self.part, values, opened),
-            self.part.of.limits.possibility_limit,
-        )
+        state = _OpenState.of(self.part, values, opened)
+        limit = self.part.of.limits.possibility_limit
         found: dict[Hashable, Possibility] = {}
         asked: set[str] = set()
         runs = 0
