@@ -124,19 +124,23 @@ def checked_text(value: YamlValue) -> ComposedText:
     return ComposedText().add_value(value)
 
 
-def constraint_text(name: str, value: YamlValue) -> str:
-    """Return the value of a constraint in SSL."""
+def _constraint_text(name: str, value: YamlValue) -> str:
     if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
         return 'true' if value.truth() else 'false'
     value.duration()
     return value.line()
 
 
-def constraints_text(stated: Mapping[str, YamlValue]) -> str:
-    """Return the constraints of a stream that are among some keys, ` with max_gap = 1 s`."""
-    given = [
-        f'{name} = {constraint_text(name, each)}'
+def constraint_texts(stated: Mapping[str, YamlValue]) -> dict[str, str]:
+    """Return the constraints that are among some keys, with their values in SSL."""
+    return {
+        name: _constraint_text(name, each)
         for name, each in stated.items()
         if name in CONSTRAINT_KINDS
-    ]
+    }
+
+
+def constraints_text(stated: Mapping[str, YamlValue]) -> str:
+    """Return the constraints of a stream that are among some keys, ` with max_gap = 1 s`."""
+    given = [f'{name} = {text}' for name, text in constraint_texts(stated).items()]
     return f' with {", ".join(given)}' if given else ''

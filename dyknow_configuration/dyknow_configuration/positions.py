@@ -197,9 +197,7 @@ class _PositionSource:
                 text.add(f'stream {name}_{unit} = {unit}(', self.value)
                 self._add_position(text, name, axes)
                 text.add(f', {shapes});\nsink {name}_{unit};\n', self.value)
-        with text.errors():
-            specifications_by_sink(parse_specification(str(text)))
-        return InlineText(self.value.place, str(text))
+        return self._checked(text)
 
     def _moving_streams(self, region: MovingRegion) -> InlineText:
         axes = _axes_for([region])
@@ -212,6 +210,9 @@ class _PositionSource:
             text.add(', ', self.value).add(region.source, region.origin)
             text.add(f', {region.name} = {quoted(region.text)});\n', self.value)
             text.add(f'sink {name}_distance_to_{region.name};\n', self.value)
+        return self._checked(text)
+
+    def _checked(self, text: ComposedText) -> InlineText:
         with text.errors():
             specifications_by_sink(parse_specification(str(text)))
         return InlineText(self.value.place, str(text))
@@ -237,8 +238,7 @@ class _PositionSource:
             yield InlineText(self.value.place, text)
 
     def _pose_streams(self) -> InlineText:
-        frame = 'frame: string, ' if self._frame_field else ''
-        inputs = f'({frame}{_typed(["x", "y", *self._heading])})'
+        inputs = self._fields(['x', 'y', *self._heading])
         text = ComposedText()
         text.add(f'compunit ({_typed(self._pose_fields().values())}) ', self.value)
         text.add(f'planar_pose({inputs});\n', self.value)
@@ -249,9 +249,7 @@ class _PositionSource:
             text.add(self._selections('xy'), self._field_value)
             self._add_source(text, name)
             text.add(f', frame = {quoted(self.frame)});\nsink {name}_planar_pose;\n', self.value)
-        with text.errors():
-            specifications_by_sink(parse_specification(str(text)))
-        return InlineText(self.value.place, str(text))
+        return self._checked(text)
 
     def _pose_fields(self) -> Mapping[str, str]:
         """Return the field of each feature of a pose; of an object without a heading, no yaw."""
@@ -273,9 +271,9 @@ class _PositionSource:
         fields = zip(self._axes, axes, strict=False)
         return ', '.join([*frame, *(f'{before}{name} as {axis}' for name, axis in fields)])
 
-    def _fields(self, axes: str) -> str:
+    def _fields(self, names: Iterable[str]) -> str:
         frame = 'frame: string, ' if self._frame_field else ''
-        return f'({frame}{_typed(axes)})'
+        return f'({frame}{_typed(names)})'
 
     def _add_position(self, text: ComposedText, name: str, axes: str) -> None:
         text.add('select ', self.value).add(self._selections(axes), self._field_value)

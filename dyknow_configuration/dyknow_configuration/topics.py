@@ -26,7 +26,7 @@ from dyknow_common import (
     quoted,
     unit_conversion,
 )
-from dyknow_configuration.composed_text import ComposedText, constraint_text, variables
+from dyknow_configuration.composed_text import ComposedText, constraint_texts, variables
 from dyknow_configuration.robot import RobotFeature, RobotVocabulary, choices
 from dyknow_configuration.yaml_values import YamlValue
 
@@ -106,7 +106,7 @@ class FeatureCarrier:
             raise self.stated['expires'].error(
                 f"a value that expires is unknown; add 'missing: unknown' to '{feature.name}'"
             )
-        self._constraints = self._read_constraints()
+        self._constraints = constraint_texts(self.stated)
         self._objects = self._read_objects(vocabulary)
 
     def annotations(self) -> Iterator[InlineText]:
@@ -202,10 +202,6 @@ class FeatureCarrier:
 
     def _expires(self) -> bool:
         return 'expires' in self.stated and self.stated['expires'].truth()
-
-    def _read_constraints(self) -> dict[str, str]:
-        given = {name: value for name, value in self.stated.items() if name in CONSTRAINT_KINDS}
-        return {name: constraint_text(name, value) for name, value in given.items()}
 
     def _read_objects(self, vocabulary: RobotVocabulary) -> dict[str, tuple[str, ...]]:
         """Return the objects of each variable that the message does not name."""

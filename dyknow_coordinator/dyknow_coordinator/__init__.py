@@ -21,6 +21,7 @@ from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.source_choice import (
     EXCLUSION_NS,
     SILENCE_LIMIT_NS,
+    SILENCE_LIMITS_S,
     TRANSIENT,
     SourceChoice,
     StateFault,
@@ -61,6 +62,7 @@ from dyknow_coordinator.reporting.verdict_topics import verdict_token
 __all__ = [
     'EXCLUSION_NS',
     'FOLLOWED',
+    'SILENCE_LIMITS_S',
     'SILENCE_LIMIT_NS',
     'TRANSIENT',
     'Answer',

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Final
 
 from dyknow_common import SECOND_NS
 from dyknow_configuration import (
@@ -14,14 +13,11 @@ from dyknow_configuration import (
     read_robot,
     warn_of_notes,
 )
-from dyknow_coordinator import SILENCE_LIMIT_NS
+from dyknow_coordinator import SILENCE_LIMIT_NS, SILENCE_LIMITS_S
 from dyknow_reasoning import add_domain_option, read_domains
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.reading.opening import ENDINGS, add_reading_options
-
-_SILENCE_LIMITS_S: Final = (0.1, 1e9)
-"""As the coordinator has them."""
 
 
 def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) -> None:
@@ -112,7 +108,7 @@ def _silence_limit(robot: RobotConfiguration) -> int:
     """Return the limit that the coordinator would have, in nanoseconds."""
     node, name = 'stream_reasoning_coordinator', 'silence_limit'
     limit = robot.parameters.get(node, {}).get(name, SILENCE_LIMIT_NS / SECOND_NS)
-    lowest, highest = _SILENCE_LIMITS_S
+    lowest, highest = SILENCE_LIMITS_S
     if not isinstance(limit, (int, float)) or not lowest <= limit <= highest:
         text = f'{limit!r} is no number of seconds from {lowest:g} to {highest:.0f}'
         raise RecordingError(f'nodes: {node}: {name}: {text}')

@@ -15,6 +15,9 @@ from dyknow_stream_processing import Violation, ViolationKind
 SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
 """The default time after which a topic without a message is silent, as is a stream of states."""
 
+SILENCE_LIMITS_S: Final = (0.1, 1e9)
+"""The least and the greatest time that can be set instead, in seconds."""
+
 _MAX_LAG_NS: Final = SECOND_NS
 
 EXCLUSION_NS: Final = 10 * SECOND_NS

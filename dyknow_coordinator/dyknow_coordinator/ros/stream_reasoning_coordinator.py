@@ -32,7 +32,7 @@ from dyknow_common.ros import (
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.grounding.source_choice import SILENCE_LIMIT_NS
+from dyknow_coordinator.grounding.source_choice import SILENCE_LIMIT_NS, SILENCE_LIMITS_S
 from dyknow_coordinator.reporting.evaluation_status import (
     EvaluationStatus,
     Level,
@@ -107,7 +107,7 @@ class _Settings:
                 SILENCE_LIMIT_NS / SECOND_NS,
                 'Seconds after which a silent stream is replaced, if others match, and operators '
                 'get a warning.',
-                (0.1, 1e9),
+                SILENCE_LIMITS_S,
             ),
         )
 

@@ -142,10 +142,9 @@ class WindowAggregate(SlidingWindow):
         samples.append((valid_time, value))
         while samples[0][0] <= begin:
             samples.popleft()
+        # The least and the greatest of numbers with NaN would depend on their order.
         if any(math.isnan(each) for _, each in samples):
-            return (
-                math.nan
-            )  # What is least and greatest of numbers with NaN depends on their order.
+            return math.nan
         return self._aggregate(each for _, each in samples)
 
     def _aggregate(self, values: Iterable[float]) -> float:
