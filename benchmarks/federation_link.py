@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import socket
 import sys
 import tempfile
 import threading
@@ -29,6 +28,7 @@ from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 
+from dyknow_bringup.simulation.link import HERE, free_port
 from dyknow_common import SECOND_NS, Alternatives, Value, parse_duration
 from dyknow_configuration import RequestedFederation
 from dyknow_federation import Peer, PeerSettings, SharedFeature, ValueKnown, encode
@@ -142,9 +142,7 @@ def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:
 
 def run(robots: int, seconds: float, every: int) -> dict[str, Any]:
     """Run the fleet for some time, and return the figures."""
-    with socket.socket() as found:
-        found.bind(('127.0.0.1', 0))
-        end = f'tcp/127.0.0.1:{found.getsockname()[1]}'
+    end = f'tcp/{HERE}:{free_port()}'
     with tempfile.TemporaryDirectory() as folder:
         zenoh = Path(folder, 'zenoh.json5')
         zenoh.write_text(ZENOH)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 import subprocess
 import urllib.request
 from pathlib import Path
@@ -15,6 +14,7 @@ from selenium.webdriver.common.keys import Keys
 from browser import Browser
 from commands import command, output_of
 from dashboards import LivePage, dashboard
+from dyknow_bringup.simulation.link import free_port
 from guards import guarded_base
 from system import LIMIT, System, private_environment
 
@@ -37,12 +37,6 @@ def ask(page: LivePage, formula: str, name: str, *, every_state: bool = False) -
     if page.find('#every').is_selected() is not every_state:
         page.find('#every').click()
     page.find('#ask button.main').click()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        return int(probe.getsockname()[1])
 
 
 def test_a_formula_is_asked_drawn_and_cancelled(page: LivePage, served: tuple[System, str]) -> None:

@@ -74,6 +74,14 @@ def times(steps: Sequence[int]) -> list[int]:
     return list(accumulate(steps))
 
 
+def traced(
+    states: Sequence[tuple[int, float, float]],
+) -> tuple[list[int], list[tuple[int, Mapping[str, Any]]]]:
+    """The times of states, given as steps with x and y, and these states."""
+    at = times([step for step, _, _ in states])
+    return at, [(time, {'x': x, 'y': y}) for time, (_, x, y) in zip(at, states, strict=True)]
+
+
 # Three atoms: two share a number, so that their truths depend on each other.
 SHARED = {
     'aa': 'normal(x, 1, 0 s) > 0',
@@ -102,8 +110,7 @@ def truths(x: float, y: float) -> list[tuple[dict[str, bool], float]]:
 def test_independent_errors_are_exact(
     formula: Formula, states: Sequence[tuple[int, float, float]]
 ) -> None:
-    at = times([step for step, _, _ in states])
-    trace = [(time, {'x': x, 'y': y}) for time, (_, x, y) in zip(at, states, strict=True)]
+    at, trace = traced(states)
     found = taken(over(formula, SHARED), trace)
     true = false = 0.0
     for path in product(*(truths(x, y) for _, x, y in states)):
@@ -260,8 +267,7 @@ def bounded_truths(x: float, y: float) -> list[dict[str, bool]]:
 def test_bounded_errors_are_certain_or_unknown(
     formula: Formula, states: Sequence[tuple[int, float, float]]
 ) -> None:
-    at = times([step for step, _, _ in states])
-    trace = [(time, {'x': x, 'y': y}) for time, (_, x, y) in zip(at, states, strict=True)]
+    at, trace = traced(states)
     found = taken(over(formula, BOUNDED), trace)
     check_nested(found)
     known = {

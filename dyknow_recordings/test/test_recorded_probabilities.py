@@ -28,6 +28,14 @@ HEIGHT = 'normal("/odom".pose.pose.position.z, sqrt("/odom".pose.covariance[14])
 TRACE = 'time_s,x,var,busy\n0,3,1,true\n1,2,1,true\n2,3,0.5,false\n'
 
 
+def recorded(tmp_path: Path, text: str) -> tuple[str, ...]:
+    """The options of a recording, and of a robot.yaml with a text."""
+    bag, robot = tmp_path / 'bag', tmp_path / 'robot.yaml'
+    write(bag, 'mcap', 'none', messages(60))
+    robot.write_text(text)
+    return str(bag), '--config', str(robot)
+
+
 def formulas(capsys: pytest.CaptureFixture[str], *options: str) -> list[dict[str, Any]]:
     main([*options, '--probability', '--json'])
     document = json.loads(capsys.readouterr().out)
@@ -40,12 +48,9 @@ def formulas(capsys: pytest.CaptureFixture[str], *options: str) -> list[dict[str
 def test_a_robot_states_its_uncertainty(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], constant: str
 ) -> None:
-    bag, robot = tmp_path / 'bag', tmp_path / 'robot.yaml'
-    write(bag, 'mcap', 'none', messages(60))
-    robot.write_text(ROBOT % constant)
     found = formulas(
         capsys,
-        *(str(bag), '--config', str(robot)),
+        *recorded(tmp_path, ROBOT % constant),
         *('--formula', 'forall r in Rover: always Height[r] > -900 cm'),
         *('--formula', f'P(always {HEIGHT % constant} > -9.0) > 0'),
         *('--formula', 'always P(Height[r1] > 60 m) < 0.5'),
@@ -68,13 +73,10 @@ def test_a_robot_states_its_uncertainty(
 def test_a_robot_states_the_greatest_error(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], error: str
 ) -> None:
-    bag, robot = tmp_path / 'bag', tmp_path / 'robot.yaml'
-    write(bag, 'mcap', 'none', messages(60))
-    robot.write_text(BOUNDED_ROBOT % error)
     asked = 'P(Height[r1] > -5000 m) >= 1', 'P(Height[r1] > 5000 m) < 0.1', 'Height[r1] > 0 m'
     found = formulas(
         capsys,
-        *(str(bag), '--config', str(robot)),
+        *recorded(tmp_path, BOUNDED_ROBOT % error),
         *(option for text in asked for option in ('--formula', text)),
     )
     assert [each['outcome'] for each in found[:2]] == ['true', 'true']
