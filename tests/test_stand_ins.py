@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
-from dyknow_interfaces.srv import EvaluateFormula
+from dyknow_interfaces.srv import CancelEvaluation, EvaluateFormula
 from std_msgs.msg import Float64
 
 from dyknow_bringup.processes.composition import NODES
-from evaluations import Evaluations, Spares
+from evaluations import COORDINATOR, Evaluations, Spares
 from services import nanoseconds
 from system import POLL, SOON_NOTICED, SPARES, Batteries, SharedSystem, System
 
@@ -361,7 +361,7 @@ class Levels:
 
     def __init__(self, system: System, *names: str) -> None:
         self._node = system.client.node
-        self.silent: set[str] = set()
+        self.silent = set(names)
         self.level = dict.fromkeys(names, 10.0)
         number = next(self._numbers)
         self.topics = {name: f'/{name}/level{number}' for name in names}
@@ -393,15 +393,25 @@ def levels(system: System, spares: Spares) -> Iterator[Levels]:
     levels.close()
 
 
+def ask_over(system: System, evaluations: Evaluations, stream: str, formula: str) -> Any:
+    """Ask a formula again until it begins with a stream: somebody must know of its publisher."""
+    for _ in range(20):
+        future = system.ask(formula, timeout=15.0)
+        (found,) = evaluations.wait_for(1)
+        if f'from {stream}' in found.groundings[0].stream:
+            return future
+        name = f'{COORDINATOR}/cancel_evaluation'
+        system.client.call(CancelEvaluation, name, name=found.name)
+        evaluations.wait_for_nothing()
+    raise AssertionError(f'{formula} never begins with {stream}')
+
+
 @pytest.mark.parametrize('speaks', [True, False], ids=['falls silent', 'never spoke'])
 def test_silence_without_constraints(
     system: System, evaluations: Evaluations, levels: Levels, *, speaks: bool
 ) -> None:
-    if not speaks:
-        levels.silent.add('barometer')
-    future = system.ask('always Altitude[uav1] < 50', timeout=15.0)
-    (before,) = evaluations.wait_for(1)
-    assert 'from barometer' in before.groundings[0].stream
+    levels.silent = set() if speaks else {'barometer'}
+    future = ask_over(system, evaluations, 'barometer', 'always Altitude[uav1] < 50')
     if speaks:
         evaluations.wait_for_state()
         levels.silent.add('barometer')

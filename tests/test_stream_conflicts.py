@@ -107,6 +107,15 @@ def test_a_request_for_a_name_that_is_taken(nodes: StreamNodes) -> None:
     assert OTHER in refused.exit_status.message
 
 
+def replace_level(nodes: StreamNodes) -> None:
+    """Have an engine make another `level`; the manager sees the streams before and after."""
+    nodes.signal(MANAGER, signal.SIGSTOP)
+    # If the manager was asking just then, it hears of the stream before.
+    nodes.call(ONE, srv.ListStreams)
+    destroy_other(nodes, ONE)
+    nodes.create('level', OTHER, node=ONE)
+
+
 def make_level_and_half(nodes: StreamNodes) -> None:
     """Two streams; the second reads the topic of the first."""
     nodes.start(ONE)
@@ -133,10 +142,7 @@ def wait_until_nothing_flows(nodes: StreamNodes) -> None:
 
 def test_a_stream_that_is_replaced_at_its_engine(nodes: StreamNodes) -> None:
     make_level_and_half(nodes)
-    # The manager sees the streams before and after.
-    nodes.signal(MANAGER, signal.SIGSTOP)
-    destroy_other(nodes, ONE)
-    nodes.create('level', OTHER, node=ONE)
+    replace_level(nodes)
     nodes.signal(MANAGER, signal.SIGCONT)
     wait_for_conflict(nodes, f'{ONE} makes')
     wait_until_nothing_flows(nodes)
@@ -187,9 +193,7 @@ def test_a_stream_that_reads_another_one_than_requested_is_not_certain(nodes: St
     told: list[StreamStatusArray] = []
     node = nodes.client.node
     node.create_subscription(StreamStatusArray, f'{TWO}/streams', made.append, LATCHED)
-    nodes.signal(MANAGER, signal.SIGSTOP)
-    destroy_other(nodes, ONE)
-    nodes.create('level', OTHER, node=ONE)
+    replace_level(nodes)
     pool = node.create_publisher(Float64, '/pool/level', 10)
     timer = node.create_timer(0.02, lambda: pool.publish(Float64(data=9.0)))
     nodes.until(

@@ -542,6 +542,19 @@ def test_a_violation_that_waits_is_reported_before_later_samples(client: Client)
     proxy.destroy()
 
 
+def test_a_sample_that_overtakes_a_violation_is_reported(client: Client) -> None:
+    source = client.node.create_publisher(SampleMessage, '/a', RELIABLE)
+    recording = Recording(client, '/a')
+    client.spin_until(lambda: source.get_subscription_count() == 1, 'the match')
+    for _ in range(2):
+        now = time_of(client.node.get_clock().now().nanoseconds)
+        fields = [Field(type='int', name='data', value='1')]
+        source.publish(SampleMessage(valid_time=now, fields=fields, violated_at=now))
+    client.spin_until(lambda: len(recording.samples) == 2, 'samples')
+    assert recording.broken() == ['lost', 'lost']
+    assert 'has not arrived' in recording.violations[0].message
+
+
 def test_violations_cross_engines(tmp_path: Path) -> None:
     with Nodes(tmp_path, stream_processing_engine={}) as nodes:
         near = 'select data from "/tank" with max_delay = 1 s'

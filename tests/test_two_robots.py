@@ -132,6 +132,8 @@ class Robots:
         """Have an engine make another `my_speed`, which its manager does not see in between."""
         manager = self.running[f'{engine.split("/")[1]}/stream_manager']
         manager.send_signal(signal.SIGSTOP)
+        # If the manager was asking just then, it hears of the stream before.
+        self.client.call(ListStreams, f'{engine}/list_streams')
         spec = StreamSpec(name='my_speed', specification=specification)
         for answer in (
             self.client.call(StreamDestroy, f'{engine}/stream_destroy', stream_name='my_speed'),

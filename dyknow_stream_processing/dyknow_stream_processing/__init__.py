@@ -12,6 +12,7 @@ from dyknow_stream_processing.dataflow.computational_units import STATELESS_UNIT
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
 from dyknow_stream_processing.dataflow.forecasts import MAX_STEPS, Forecast
 from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
+from dyknow_stream_processing.dataflow.received_violations import OVERTAKEN, ReceivedViolations
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
 from dyknow_stream_processing.language.parsing import parse_specification
@@ -56,6 +57,7 @@ __all__ = [
     'ALL',
     'MAX_STEPS',
     'OTHER_CLOCK_NS',
+    'OVERTAKEN',
     'SAMPLE_TYPE',
     'SILENT_PERIODS',
     'STATELESS_UNITS',
@@ -73,6 +75,7 @@ __all__ = [
     'NeedsStepsError',
     'NoValueError',
     'PartialFields',
+    'ReceivedViolations',
     'Sample',
     'SampleBatch',
     'Select',

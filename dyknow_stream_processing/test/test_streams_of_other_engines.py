@@ -15,7 +15,14 @@ from hypothesis import strategies as st
 from recorded_flow import Flow
 
 from dyknow_common import NO_CONSTRAINTS
-from dyknow_stream_processing import Dataflow, Sample, SourceType, Violation, parse_specification
+from dyknow_stream_processing import (
+    Dataflow,
+    ReceivedViolations,
+    Sample,
+    SourceType,
+    Violation,
+    parse_specification,
+)
 from dyknow_stream_processing.dataflow.received_watermarks import (
     PATIENCE,
     ReceivedWatermarks,
@@ -316,3 +323,35 @@ def test_a_stream_that_was_chosen_in_place_of_the_one_so_far() -> None:
     # The one so far may come again, as its last samples may still be on their way.
     assert received.note_sample(ID, 6) is SampleOrigin.RECREATED
     assert received.expect(9) is SampleOrigin.FORMER
+
+
+@given(st.lists(st.booleans(), max_size=12), st.integers(0, 6), st.data())
+def test_no_sample_overtakes_a_violation_unnoticed(
+    published: list[bool], start: int, data: st.DataObject
+) -> None:
+    """Violations (True) and samples are two topics, each in order; a sample names what was before.
+
+    A reader may trust a sample only if all violations before it since `start` were received.
+    """
+    violations = deque(time for time, is_violation in enumerate(published) if is_violation)
+    samples = deque(time for time, is_violation in enumerate(published) if not is_violation)
+    received, heard, is_doubtful = ReceivedViolations(start), -1, False
+    while samples:
+        if violations and data.draw(st.booleans()):
+            heard = violations.popleft()
+            assert received.note(heard) == (heard >= start)
+            continue
+        time = samples.popleft()
+        before = [each for each in range(time) if published[each]]
+        is_doubtful |= received.note_sample(max(before, default=0))
+        missing = [each for each in before if each >= max(start, heard + 1) and each]
+        assert is_doubtful or not missing
+
+
+def test_a_sample_after_violations_that_were_received() -> None:
+    received = ReceivedViolations(10)
+    assert not received.note_sample(9)
+    assert received.note(12)
+    assert not received.note_sample(12)
+    assert [received.note_sample(15), received.note_sample(15)] == [True, False]
+    assert received.note(15)

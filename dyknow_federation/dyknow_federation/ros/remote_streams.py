@@ -89,6 +89,7 @@ class RemoteStream:
             valid_time: from which on samples are in doubt; None: from the latest one.
         """
         now = self._node.now()
+        self._writer.note_violation(now)
         valid_time = self._latest if valid_time is None else valid_time
         self._violations.publish(
             ConstraintViolation(

@@ -17,10 +17,12 @@ from dyknow_common.ros import (
 )
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.state_line import Breach, ReadStream
+from dyknow_stream_processing import OVERTAKEN, ReceivedViolations
 from dyknow_stream_processing.ros import (
     SequenceGaps,
     publishers_of,
     sample_valid_time,
+    sample_violated_at,
     violation_from_message,
 )
 
@@ -66,12 +68,11 @@ class StateSubscription(ReadStream[State]):
         self.topic = topic
         self._on_state = on_state
         self._on_breach = on_breach
-        self._start_time = node.now()
+        self._received = ReceivedViolations(node.now())
         self._sequence = SequenceGaps(lambda: publishers_of(node, topic), self._on_loss)
         self._loss = ''
         self._owner = TopicOwner(node.heartbeats, node.resolve_topic_name(topic))
-        # If both have messages, the subscription that is created first is served first. So no state
-        # after a violation is processed before the violation.
+        # If both have messages, the subscription that is created first is served first.
         self._violations = DirectSubscription(
             node,
             ConstraintViolation,
@@ -96,6 +97,8 @@ class StateSubscription(ReadStream[State]):
             # The next state reveals by its sequence number that this one is missing.
             raise ReasoningError('its valid time is before 1970')
         self._violations.retry()
+        if self._received.note_sample(sample_violated_at(message)):
+            self._break(Breach(valid_time, f"state stream '{self.topic}': {OVERTAKEN}"))
         self._loss = ''
         self._sequence.note(info.get('publication_sequence_number'))
         self._on_state(self, State(valid_time, message, self._loss))
@@ -106,7 +109,10 @@ class StateSubscription(ReadStream[State]):
     def _on_violation(self, message: Any, _info: object) -> None:
         # The topic is latched: violations before the subscription are ignored.
         violation = violation_from_message(message)
-        if violation.available_time >= self._start_time:
-            self.breach = Breach(violation.valid_time, violation.message)
+        if self._received.note(violation.available_time):
             self.doubt(violation.doubtful_from)
-            self._on_breach(self, self.breach)
+            self._break(Breach(violation.valid_time, violation.message))
+
+    def _break(self, breach: Breach) -> None:
+        self.breach = breach
+        self._on_breach(self, breach)

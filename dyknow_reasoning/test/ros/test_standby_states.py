@@ -20,6 +20,7 @@ from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 from dyknow_reasoning.ros.state_subscription import State, StateSubscription
 from dyknow_reasoning.state_line import HAND_OVER_LIMIT_NS
 from dyknow_stream_processing import Sample, ViolationKind
+from dyknow_stream_processing.ros import sample_to_message
 
 
 def run_to_end(coroutine: Coroutine[Any, Any, Any]) -> None:
@@ -274,6 +275,25 @@ def test_states_of_a_standby_that_broke_a_constraint_are_not_used(group: Group) 
     group.take_over()
     group.state('/standby', 4)
     assert group.progressed == [2]
+
+
+@pytest.mark.parametrize('topic', ['/former', '/standby'])
+def test_a_state_that_overtakes_a_violation_is_not_used(group: Group, topic: str) -> None:
+    """The violation was published before the state, and comes after it."""
+    group.state('/former', 2)
+    group.state('/standby', 2)
+    stamp = nanoseconds_to_time(3)
+    message = sample_to_message(Sample(3, 3, {'power': 200.0}))
+    message.violated_at = stamp
+    group.streams[topic]._on_sample(message, {})
+    group.violate(topic, 3)
+    if topic == '/standby':
+        group.take_over()
+    assert group.progressed == [2]
+    if topic == '/former':
+        group.state('/standby', 4)
+        group.take_over(gap=True, doubtful_from=3)
+        assert group.progressed == [2, 4]
 
 
 def test_a_loss_in_the_standby_is_a_gap(group: Group) -> None:

@@ -17,6 +17,7 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     sample_fields,
     sample_to_message,
     sample_valid_time,
+    sample_violated_at,
     violation_from_message,
 )
 from dyknow_stream_processing.ros.messages.writing import FieldError, MessageWriter
@@ -61,6 +62,7 @@ __all__ = [
     'sample_fields',
     'sample_to_message',
     'sample_valid_time',
+    'sample_violated_at',
     'scalar_fields',
     'source_type',
     'take_waiting',

@@ -327,6 +327,7 @@ class StreamProcessingEngine(DyKnowNode):
         )
         message.header.stamp = message.available_time
         self._outputs[name].violations.publish(message)
+        self._outputs[name].writer.note_violation(detected)
         text = f'{name}: {with_readable_times(violation.message)}'
         if not is_hidden(name):
             if self._warning.is_due():

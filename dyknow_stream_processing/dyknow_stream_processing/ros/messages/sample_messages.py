@@ -144,6 +144,10 @@ class SampleWriter:
         self.number = 0
         """The number of samples that were written since."""
 
+    def note_violation(self, time_ns: int) -> None:
+        """Let the next samples tell that a violation was published before them."""
+        _set_time(self._message.violated_at, time_ns)
+
     def write(self, sample: Sample) -> Any:
         """Return the message with a sample; the stamp of its header is the valid time."""
         message, fields = self._message, sample.fields
@@ -184,6 +188,14 @@ def sample_valid_time(message: Any) -> int:
     if isinstance(message, Sample):
         return message.valid_time
     return time_to_nanoseconds(message.valid_time)
+
+
+def sample_violated_at(message: Any) -> int:
+    """Return the time of the latest violation before a Sample message, in nanoseconds; 0: none.
+
+    A `Sample` of this process is received after the violations before it.
+    """
+    return 0 if isinstance(message, Sample) else time_to_nanoseconds(message.violated_at)
 
 
 def violation_from_message(message: Any) -> Violation:

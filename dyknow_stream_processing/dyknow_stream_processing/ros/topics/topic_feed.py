@@ -21,6 +21,7 @@ from dyknow_common.ros import (
 from dyknow_stream_processing.dataflow.received_watermarks import ReceivedWatermarks, SampleOrigin
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import is_sample, message_class
+from dyknow_stream_processing.ros.messages.sample_messages import sample_violated_at
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -79,7 +80,8 @@ class TopicFeed:
     relay: ViolationRelay | None = None
     gaps: SequenceGaps = field(init=False)
     watermarks: ReceivedWatermarks = field(default_factory=ReceivedWatermarks)
-    has_gap: bool = False
+    is_recreated: bool = False
+    """True if the present sample is known to be of another stream."""
     fault: str = ''
     refusal: str = ''
     latest_receipt: int = 0
@@ -161,11 +163,13 @@ class TopicFeed:
             guard.reject(error)
 
     def _process(self, message: ReceivedMessage) -> None:
-        self.has_gap = False
+        self.is_recreated = False
         self.gaps.note(message.number)
         if self.is_stream and not self._admits(message.message):
             self._drop(ViolationKind.SOURCE, 1)
             return
+        if self.relay is not None:
+            self.relay.note_sample(sample_violated_at(message.message))
         is_initial = self.is_latched and 0 < message.sent_at < self.subscribed_at
         for listener in self.listeners:
             listener.on_message(
@@ -183,7 +187,7 @@ class TopicFeed:
     def _admits(self, sample: Any) -> bool:
         """Return False for a sample of a stream that another one has replaced on the topic."""
         origin = self.watermarks.note_sample(sample.stream_id, sample.number)
-        if origin is SampleOrigin.RECREATED and not self.has_gap:
+        if origin is SampleOrigin.RECREATED and not self.is_recreated:
             self._on_gap(0)
         return origin is not SampleOrigin.FORMER
 
@@ -287,9 +291,10 @@ class TopicFeed:
         return ReceivedMessage(self, message, number, self.latest_receipt, sent_at)
 
     def _on_gap(self, count: int) -> None:
-        self.has_gap = True
         if count:
             self._drop(ViolationKind.LOST, count)
+        else:
+            self.is_recreated = True
         if self.relay is not None:
             self.relay.report_gap(count)
 

@@ -3,6 +3,7 @@
 For example, an engine makes `level`, and this node makes `half` from it. `half` reports
 
 - each violation published on `/dyknow/streams/level/violations` since it was created,
+- `lost`: a sample of `level` names a violation that has not arrived,
 - `lost`: 3 samples are missing by their sequence numbers,
 - `source`: the sequence numbers restart, as `level` was recreated, or the engine is gone.
 """
@@ -23,8 +24,9 @@ from dyknow_common.ros import (
     MessageGuard,
     PublisherWatch,
     only_publishers_of,
-    time_to_nanoseconds,
 )
+from dyknow_stream_processing.dataflow.received_violations import OVERTAKEN, ReceivedViolations
+from dyknow_stream_processing.ros.messages.sample_messages import violation_from_message
 from dyknow_stream_processing.ros.topics.publications import publishers_remark
 from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.violation import Violation, ViolationKind
@@ -59,7 +61,7 @@ class ViolationRelay:
         self._group = group
         self._heartbeats = heartbeats
         self._on_violation = on_violation
-        self._start = node.get_clock().now().nanoseconds
+        self._received = ReceivedViolations(node.get_clock().now().nanoseconds)
         self._guard: Any = None
         self._subscription: Any = None
         self._watch: PublisherWatch | None = None
@@ -94,6 +96,11 @@ class ViolationRelay:
             self._node.destroy_subscription(self._subscription)
             self._watch = self._subscription = None
 
+    def note_sample(self, violated_at: int) -> None:
+        """Report that a violation is missing which was published before a sample."""
+        if self._received.note_sample(violated_at):
+            self._report(ViolationKind.LOST, OVERTAKEN)
+
     def report_gap(self, count: int) -> None:
         """Report a number of lost samples; 0 if the sequence numbers restarted."""
         if count:
@@ -109,19 +116,9 @@ class ViolationRelay:
 
     def _on_message(self, message: Any) -> None:
         # The topic is latched: ignore violations from before this stream was created.
-        available_time = time_to_nanoseconds(message.available_time)
-        if available_time >= self._start:
-            self._on_violation(
-                Violation(
-                    stream_name=message.stream_name,
-                    constraint=message.constraint,
-                    valid_time=time_to_nanoseconds(message.valid_time),
-                    available_time=available_time,
-                    observed=time_to_nanoseconds(message.observed),
-                    allowed=time_to_nanoseconds(message.allowed),
-                    message=message.message,
-                )
-            )
+        violation = violation_from_message(message)
+        if self._received.note(violation.available_time):
+            self._on_violation(violation)
 
     def _report(self, kind: ViolationKind, message: str) -> None:
         now = self._node.get_clock().now().nanoseconds
