@@ -109,7 +109,7 @@ def _silence_limit(robot: RobotConfiguration) -> int:
     node, name = 'stream_reasoning_coordinator', 'silence_limit'
     limit = robot.parameters.get(node, {}).get(name, SILENCE_LIMIT_NS / SECOND_NS)
     lowest, highest = SILENCE_LIMITS_S
-    if not isinstance(limit, (int, float)) or not lowest <= limit <= highest:
+    if isinstance(limit, bool | str | list) or not lowest <= limit <= highest:
         text = f'{limit!r} is no number of seconds from {lowest:g} to {highest:.0f}'
         raise RecordingError(f'nodes: {node}: {name}: {text}')
     return round(limit * SECOND_NS)
