@@ -25,7 +25,8 @@ class ReceivedViolations:
 
     def __init__(self, start: int) -> None:
         self._start = start
-        self._latest = start - 1
+        # Simulated time may be zero yet, and a sample without a violation names zero.
+        self._latest = max(start - 1, 0)
 
     def note(self, available_time: int) -> bool:
         """Record the receipt of a violation; return False if it is from before the begin."""
