@@ -134,13 +134,16 @@ def test_the_answers_over_recordings_of_others(
 
 STORM = """
 objects: {UAV: [uav1, uav2]}
-regions: {cell: {is: Storm, frame: map, topic: /cell}}
+regions:
+  cell: {is: Storm, frame: map, topic: /cell}
+  wall: {is: Wall, frame: map, wkt: 'POLYGON ((-3 4, 2.5 4, 2.5 5, -3 5, -3 4))'}
 positions:
   of: {u: UAV}
   frame: map
   topic: /{u}/pose
   field: pose.position
   orientation: pose.orientation
+  walls: Wall
 """
 OUTSIDE = (
     'always not inside(uav1, cell)',
@@ -148,6 +151,7 @@ OUTSIDE = (
     'eventually distance(uav1, cell) < -0.5',
     'always ahead_of(uav2, uav1)',
     'forall u in UAV, v in UAV: always[0 s, 8 s] not facing(u, v)',
+    'always in_sight(uav2, uav1)',
 )
 
 
@@ -187,7 +191,7 @@ def test_the_answers_over_a_region_that_moves(tmp_path: Path) -> None:
     system.configuration = with_robot(SystemConfiguration(), robot, monitor=False)
     with system:
         found = compare(system, tmp_path / 'storm', OUTSIDE)
-    outside, near, deep, ahead, aside = found
+    outside, near, deep, ahead, aside, seen = found
     assert outside.verdict == FormulaResult.FALSE
     assert outside.decided_at.sec == START // SECOND_NS + 8
     assert near.verdict == FormulaResult.TRUE
@@ -195,3 +199,5 @@ def test_the_answers_over_a_region_that_moves(tmp_path: Path) -> None:
     assert ahead.verdict == FormulaResult.FALSE
     assert ahead.decided_at.sec == START // SECOND_NS + 8
     assert aside.verdict == FormulaResult.TRUE
+    assert seen.verdict == FormulaResult.FALSE
+    assert seen.decided_at.sec == START // SECOND_NS + 3

@@ -26,6 +26,7 @@ from dyknow_configuration.proposals.timing import (
 from dyknow_configuration.reading import read_robot
 from dyknow_configuration.recipes.catalogue import Recipe, RobotPart, read_recipes
 from dyknow_configuration.recipes.insertion import AddedRecipe, add_recipe
+from dyknow_configuration.regions import POSITION_FEATURES
 from dyknow_configuration.robot import (
     NO_MAP,
     FeatureForecast,
@@ -57,6 +58,7 @@ __all__ = [
     'NO_MAP',
     'PACKAGES',
     'PLACEHOLDERS',
+    'POSITION_FEATURES',
     'AddedRecipe',
     'ConfigurationError',
     'FeatureForecast',

@@ -18,14 +18,15 @@ and the annotation `stream uav1_region_distances contains distance[uav1, dock] =
 own for each object, which joins the two topics by time.
 
 With the `orientation` or the `yaw` of some objects, the poses of all that have positions in their
-frame are streams, too, computed by `planar_pose`.
+frame are streams, too, computed by `planar_pose`. With `walls`, a sort of regions, so are the lines
+of sight from each of the objects to each in their frame, computed by `sight_distance`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import combinations_with_replacement, product
 from typing import Final
 
 from dyknow_common import InlineText, listed, quoted
@@ -34,6 +35,7 @@ from dyknow_configuration.regions import (
     DISTANCES,
     POSES,
     POSITION_KEYS,
+    SIGHT,
     MovingRegion,
     StatedRegion,
     drawn_regions,
@@ -100,6 +102,9 @@ def read_positions(
         has_poses = source.frame == headings
         streams += source.streams(of_frame, has_poses=has_poses)
         annotations += source.annotations(of_frame, has_poses=has_poses)
+    for stream, annotation in _sight(sources, vocabulary, regions):
+        streams.append(stream)
+        annotations.append(annotation)
     drawn = next((each.frame for each in drawn_regions(regions)), '')
     topics = {
         name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
@@ -126,6 +131,50 @@ def _frame_of_headings(sources: Iterable[_PositionSource]) -> str | None:
                 'in one frame'
             )
         found = each.frame if each.orientation else found
+    return found
+
+
+def _sight(
+    sources: Sequence[_PositionSource],
+    vocabulary: RobotVocabulary,
+    regions: Sequence[StatedRegion],
+) -> Iterator[tuple[InlineText, InlineText]]:
+    """Yield the streams of the lines of sight of all pairs of sources, with their annotations."""
+    count = 0
+    for one, other in combinations_with_replacement(sources, 2):
+        stated = one.walls or other.walls
+        if stated is None or one.frame != other.frame:
+            continue
+        if other.walls and other.walls.text() != stated.text():
+            raise other.walls.error(f"others in this frame have the walls '{stated.text()}'")
+        walls = _walls(stated, vocabulary, regions, one.frame)
+        count += len(one.pairs(other)) * len(walls)
+        if count > MAX_TEXTS:
+            raise stated.error(
+                f'these are more than {MAX_TEXTS} pairs of a line of sight and a wall; state walls '
+                'for fewer objects, or join walls to a multipolygon'
+            )
+        yield one.sight_texts(other, walls)
+
+
+def _walls(
+    value: YamlValue, vocabulary: RobotVocabulary, regions: Sequence[StatedRegion], frame: str
+) -> list[Region]:
+    """Return the regions of a sort; all of them stand still in the frame of the positions."""
+    sort = value.choice('sort', tuple(vocabulary.sorts))
+    drawn = {each.name: each for each in drawn_regions(regions)}
+    found = []
+    for name in vocabulary.objects(sort):
+        if name not in drawn:
+            raise value.error(f"'{name}' is no region that stands still, so it is no wall")
+        if drawn[name].frame != frame:
+            raise value.error(
+                f"the wall '{name}' is in frame '{drawn[name].frame}', but the positions are in "
+                f"'{frame}'; state both in one frame"
+            )
+        found.append(drawn[name])
+    if not found:
+        raise value.error(f"no region is a '{sort}'; add one, or remove the walls")
     return found
 
 
@@ -158,6 +207,8 @@ class _PositionSource:
         self.orientation = stated.get('orientation', stated.get('yaw'))
         """The field that has the orientation or the yaw."""
         self._heading = self._heading_fields(stated)
+        self.walls = stated.get('walls')
+        """The sort of the regions that hide objects from these."""
 
     def _heading_fields(self, stated: Mapping[str, YamlValue]) -> Mapping[str, str]:
         """Return the fields of the orientation, by their names for `planar_pose`."""
@@ -250,6 +301,33 @@ class _PositionSource:
             self._add_source(text, name)
             text.add(f', frame = {quoted(self.frame)});\nsink {name}_planar_pose;\n', self.value)
         return self._checked(text)
+
+    def pairs(self, other: _PositionSource) -> list[tuple[str, str]]:
+        """Return the pairs of objects of this and another source, without their order."""
+        if other is self:
+            return [*combinations_with_replacement(self.objects, 2)]
+        return [*product(self.objects, other.objects)]
+
+    def sight_texts(
+        self, other: _PositionSource, walls: Sequence[Region]
+    ) -> tuple[InlineText, InlineText]:
+        """Return the streams of the lines of sight to the objects of another source, annotated."""
+        axes = _axes_for(walls)
+        shapes = ', '.join(f'{each.name} = {quoted(each.text)}' for each in walls)
+        text, annotations = ComposedText(), []
+        inputs = f'{self._fields(axes)}, {other._fields(axes)}'
+        text.add(f'compunit sight: float {SIGHT}({inputs});\n', self.value)
+        for one, seen in self.pairs(other):
+            stream = f'sight_of_{one}_and_{seen}'
+            text.add(f'stream {stream} = {SIGHT}(', self.value)
+            self._add_position(text, one, axes)
+            text.add(', ', self.value)
+            other._add_position(text, seen, axes)
+            text.add(f', {shapes});\nsink {stream};\n', self.value)
+            orders = dict.fromkeys([(one, seen), (seen, one)])
+            contents = ', '.join(f'{SIGHT}[{", ".join(each)}] = sight' for each in orders)
+            annotations.append(f'stream {stream} contains {contents};')
+        return self._checked(text), InlineText(self.value.place, '\n'.join(annotations))
 
     def _pose_fields(self) -> Mapping[str, str]:
         """Return the field of each feature of a pose; of an object without a heading, no yaw."""

@@ -70,7 +70,7 @@ REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES, *_MOVING_KEY
 
 POSITION_KEYS: Final = (
     'of', 'frame', 'topic', 'stream', 'tf', 'field', 'axes', 'header', 'moves',
-    'orientation', 'yaw', *_CONSTRAINTS
+    'orientation', 'yaw', 'walls', *_CONSTRAINTS
 )  # fmt: skip
 
 DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_distance'}
@@ -78,6 +78,12 @@ DISTANCES: Final = {'region_distances': 'distance', 'swept_distances': 'swept_di
 
 POSES: Final = {'position_x': ('x', 'm'), 'position_y': ('y', 'm'), 'yaw': ('yaw', 'rad')}
 """The features of poses: the fields of `planar_pose`, and their units."""
+
+SIGHT: Final = 'sight_distance'
+"""The feature of the lines of sight, and the unit that computes it."""
+
+POSITION_FEATURES: Final = frozenset({*DISTANCES.values(), *POSES, SIGHT})
+"""The features that positions give."""
 
 MAX_REGIONS: Final = 1_000
 """The number of regions of a robot.yaml."""
@@ -305,10 +311,10 @@ def numbers(value: YamlValue, count: int = 1) -> tuple[float, ...]:
     return tuple(map(float, found))
 
 
-def has_headings(value: YamlValue) -> bool:
-    """Return True if a file tells the yaw of objects, beside their positions."""
+def states_any(value: YamlValue, keys: Collection[str]) -> bool:
+    """Return True if a file states one of some keys beside the positions of objects."""
     return any(
-        {'orientation', 'yaw'} & each.mapping(POSITION_KEYS, ('of', 'frame')).keys()
+        not each.mapping(POSITION_KEYS, ('of', 'frame')).keys().isdisjoint(keys)
         for each in value.one_or_more()
     )
 

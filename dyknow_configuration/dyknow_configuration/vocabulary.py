@@ -21,9 +21,10 @@ from dyknow_common import (
 from dyknow_configuration.regions import (
     DISTANCES,
     POSES,
+    SIGHT,
     StatedRegion,
-    has_headings,
     positioned_sorts,
+    states_any,
 )
 from dyknow_configuration.robot import RobotFeature, RobotSort, RobotVocabulary
 from dyknow_configuration.yaml_values import YamlValue, texts
@@ -165,18 +166,21 @@ class _VocabularyReader:
             self._read_positions(self._values['positions'], sorts)
 
     def _read_positions(self, value: YamlValue, regions: Mapping[str, YamlValue]) -> None:
-        """Add the distances to sorts of regions, and the poses, to the features."""
+        """Add the distances to sorts of regions, the poses and the sight to the features."""
         positioned = {self._sort(each): each for each in positioned_sorts(value)}
         units: dict[str, str] = dict.fromkeys(DISTANCES.values(), 'm') if regions else {}
-        if has_headings(value):
+        if states_any(value, ('orientation', 'yaw')):
             units |= {name: unit for name, (_, unit) in POSES.items()}
+        if states_any(value, ('walls',)):
+            units[SIGHT] = 'm'
         if not units:
             return
         arguments = {'object': self._join('Positioned', positioned)}
+        others = dict.fromkeys(POSES, {}) | {SIGHT: {'other': arguments['object']}}
         region = {'region': self._join('Region', regions)} if regions else {}
         for name, unit in units.items():
             self._checked_name(name, value, 'feature')
-            of = arguments if name in POSES else arguments | region
+            of = arguments | others.get(name, region)
             self._features[name] = RobotFeature(name, of, unit=unit)
 
     def _add_object(self, name: str, sort: str, origin: YamlValue) -> None:

@@ -72,7 +72,7 @@ regions:
   s: {is: [Z, Y], frame: map, buffer: {of: r, by: -1.5}}
 positions:
   - {of: {a: A}, frame: map, topic: /a, field: b, max_delay: 1 s, moves: straight, orientation: c}
-  - {of: {c: C}, frame: map, tf: '{c}', yaw: yaw}
+  - {of: {c: C}, frame: map, tf: '{c}', yaw: yaw, walls: Z}
   - {of: {b: B}, frame: wgs84, topic: /a, axes: [lon, lat, alt]}
 topics: {/a: , /b: {type: a/msg/B, min_rate: 1 Hz, max_rate: 1.5Hz, max_gap: 1 s, stamped: true}}
 federation:

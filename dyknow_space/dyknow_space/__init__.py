@@ -17,7 +17,12 @@ from dyknow_space.regions.region import (
     parse_region,
 )
 from dyknow_space.regions.shapes import buffer_of, circle
-from dyknow_space.regions.units import MovingDistance, RegionDistances, SweptDistances
+from dyknow_space.regions.units import (
+    MovingDistance,
+    RegionDistances,
+    SightDistance,
+    SweptDistances,
+)
 from dyknow_space.relations.calculus import (
     ANY,
     RELATION_NAMES,
@@ -48,6 +53,7 @@ __all__ = [
     'Region',
     'RegionDistances',
     'RegionRelation',
+    'SightDistance',
     'SpaceError',
     'SpatialKnowledge',
     'SpatialStatement',

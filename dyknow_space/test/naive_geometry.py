@@ -48,6 +48,36 @@ def prism_distance(
     return math.hypot(max(flat, 0), max(height, 0))
 
 
+def line_meets(ring: Sequence[Point], begin: Point, end: Point) -> bool:
+    """Return True if the line between two points has a point in a polygon; without rounding."""
+    return is_inside(ring, *begin) or any(_meet(begin, end, *edge) for edge in edges(ring))
+
+
+def line_distance(ring: Sequence[Point], begin: Point, end: Point) -> float:
+    """Return the distance of a line between two points to a polygon that it does not meet."""
+    ends = (distance_to_boundary(ring, *point) for point in (begin, end))
+    return min(*ends, *(_to_segment(corner, begin, end) for corner in ring))
+
+
+def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
+    """Return True if the segments from a to b and from c to d have a common point."""
+    of_a, of_b = _side(c, d, a), _side(c, d, b)
+    of_c, of_d = _side(a, b, c), _side(a, b, d)
+    # Segments on one line, and points, meet if their bounding boxes do.
+    boxes = all(
+        max(min(one), min(other)) <= min(max(one), max(other))
+        for one, other in zip(zip(a, b, strict=True), zip(c, d, strict=True), strict=True)
+    )
+    return boxes and of_a * of_b <= 0 and of_c * of_d <= 0
+
+
+def _side(begin: Point, end: Point, point: Point) -> int:
+    """Return on which side of a line a point is: 1, -1, or 0 on it."""
+    (x0, y0), (x1, y1), (x, y) = (tuple(map(Fraction, each)) for each in (begin, end, point))
+    cross = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0)
+    return (cross > 0) - (cross < 0)
+
+
 def edges(ring: Sequence[Point]) -> list[tuple[Point, Point]]:
     """Return the edges of a ring whose last point is not its first one."""
     return list(zip(ring, [*ring[1:], ring[0]], strict=True))

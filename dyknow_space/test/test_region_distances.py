@@ -8,12 +8,19 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from naive_geometry import Point, prism_distance, signed_distance
+from naive_geometry import (
+    Point,
+    line_distance,
+    line_meets,
+    prism_distance,
+    signed_distance,
+)
 
 from dyknow_space import (
     MAX_VERTICES,
     MovingDistance,
     RegionDistances,
+    SightDistance,
     SpaceError,
     SweptDistances,
     geometry_of,
@@ -96,6 +103,39 @@ def test_swept_distances_are_those_of_dense_samples(
     assert found == pytest.approx(dense, abs=max(0.001, length / 200) + 1e-9)
     if abs(dense) > length / 200:
         assert (found <= 0) == (dense <= 0)
+
+
+@given(st.lists(rings(), min_size=1, max_size=4), POINTS, POINTS)
+def test_lines_of_sight_are_those_of_plain_geometry(
+    walls: list[list[Point]], one: tuple[float, float, float], other: tuple[float, float, float]
+) -> None:
+    unit = SightDistance(**{f'w{index}': text_of(each) for index, each in enumerate(walls)})
+    ends = [{'frame': 'map', 'x': x, 'y': y} for x, y, _ in (one, other)]
+    found = unit(*ends, 0)
+    begin, end = one[:2], other[:2]
+    assert (found <= 0) == any(line_meets(each, begin, end) for each in walls)
+    if found > 0:
+        expected = min(line_distance(each, begin, end) for each in walls)
+        assert found == pytest.approx(expected, abs=1e-9)
+    else:
+        line = np.linspace(begin, end, 200).tolist()
+        depth = min(signed_distance(each, x, y) for each in walls for x, y in line)
+        assert found == pytest.approx(depth, abs=max(0.001, math.dist(begin, end) / 200) + 1e-9)
+    assert unit(*reversed(ends), 0) == pytest.approx(found, abs=1e-9)
+
+
+def test_lines_of_sight_over_a_wall_while_it_stands() -> None:
+    wall = 'POLYGON ((4 0, 5 0, 5 9, 4 9, 4 0)); frame map; altitude 0 2; times 10 20'
+    unit = SightDistance(wall=wall)
+    low, high = ({'x': 0.0, 'y': 5.0, 'z': z} for z in (1.0, 5.0))
+    behind = {'x': 9.0, 'y': 5.0, 'z': 1.0}
+    assert unit(low, behind, 10) == pytest.approx(-0.5, abs=0.03)
+    assert unit(high, behind | {'z': 5.0}, 10) == pytest.approx(3)
+    assert unit(low, behind, 9) == unit(low, behind, 20) == math.inf
+    with pytest.raises(SpaceError, match='has no z'):
+        unit(low, {'x': 9.0, 'y': 5.0}, 10)
+    with pytest.raises(SpaceError, match='not finite: x'):
+        SightDistance(wall=wall.partition(';')[0])(low, {'x': math.nan, 'y': 0.0}, 0)
 
 
 @given(

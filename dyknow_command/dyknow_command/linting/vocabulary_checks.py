@@ -23,7 +23,7 @@ from dyknow_common import (
     read_file,
     read_text,
 )
-from dyknow_configuration import ConfigurationError, TextSource
+from dyknow_configuration import POSITION_FEATURES, ConfigurationError, TextSource
 from dyknow_reasoning import ForecastFeature, FormulaGroup
 from dyknow_recordings import (
     FormulaGrounder,
@@ -196,9 +196,9 @@ class VocabularyChecks:
         for feature in knowledge.features if inputs.formulas else ():
             near = {*knowledge.superconcepts(feature.name), *knowledge.subconcepts(feature.name)}
             is_used = near & used or _is_in(feature.name, inputs.refused)
-            # The bounds of a forecast are declared together, with their feature.
-            is_bound = ForecastFeature.of(feature.name) is not None
-            if not (is_used or is_bound) and not inputs.is_consequence(f"'{feature.name}'"):
+            # The bounds of a forecast are declared together, and so are the features of positions.
+            is_given = ForecastFeature.of(feature.name) or feature.name in POSITION_FEATURES
+            if not (is_used or is_given) and not inputs.is_consequence(f"'{feature.name}'"):
                 text = f"no formula uses the feature '{feature.name}'; add one, or remove it"
                 yield warning_at(self._place('features', feature.name), text)
         texts = {*inputs.refused, *(each.requested.text for each in inputs.formulas)}

@@ -53,6 +53,7 @@ HEADINGS: Final[Mapping[str, str]] = {
 SPATIAL: Final[Mapping[str, str]] = {
     'inside': 'distance[r, s] <= 0',
     'crosses': 'swept_distance[r, s] <= 0',
+    'in_sight': 'sight_distance[r, s] > 0',
     **HEADINGS,
     'ahead_of': 'longitudinal_distance(s, r) > 0',
     'left_of': 'lateral_distance(s, r) > 0',

@@ -70,6 +70,7 @@ class RegionShapes:
             [(each.altitude, each.times) != (ALL_HEIGHTS, ALL_TIMES) for each in regions]
         )
         self._bounds_time = any(each.times != ALL_TIMES for each in regions)
+        self._tree: Any = shapely().STRtree(geometries)
 
     def distances(self, positions: Positions) -> Floats:
         """Return the distance of each region and position, of shape (regions, n).
@@ -127,6 +128,23 @@ class RegionShapes:
             found[index] = self._least(index, _Way(begin, end, self._regions[index]))
         return found
 
+    def sight(self, one: Positions, other: Positions) -> float:
+        """Return the least of the distances that `swept` returns, of the line between two objects.
+
+        Raises:
+            SpaceError: as for `distances`.
+        """
+        if self._is_bounded.any():
+            return float(self.swept(one, other).min())
+        for each in (one, other):
+            _check_finite(each, needs_height=False)
+        line = _line(*([float(each.x[0]), float(each.y[0])] for each in (one, other)))
+        met = self._tree.query(line, predicate='intersects').tolist()
+        if met:
+            return min(self._least(index, _Way(one, other, self._regions[index])) for index in met)
+        _, nearest = self._tree.query_nearest(line, return_distance=True)
+        return max(float(nearest[0]), float(_LEAST))
+
     def _least(self, index: int, straight: _Way) -> float:
         """Return the least distance on a way to a region with bounds, or that the way meets."""
         if straight.existence is None:
@@ -173,6 +191,17 @@ class GeographicShapes:
                 shapes.swept(_in_plane(begin, plane), _in_plane(end, plane))
                 for plane, shapes in self._projected
             ]
+        )
+
+    def sight(self, one: Positions, other: Positions) -> float:
+        """Return the least distance of a line, as `RegionShapes` does.
+
+        Raises:
+            SpaceError: also if a coordinate is no degree.
+        """
+        return min(
+            shapes.sight(_in_plane(one, plane), _in_plane(other, plane))
+            for plane, shapes in self._projected
         )
 
 

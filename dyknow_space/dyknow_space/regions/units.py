@@ -15,6 +15,12 @@ The unit of a region that moves has the region for a second input, and its frame
     compunit d: float moving_distance((frame: string, x: float, y: float),
                                       (frame: string, outline: string));
     sink moving_distance("/rover1/position", "/storm", storm = "frame map");
+
+That of lines of sight has the positions of two objects, and walls as its settings:
+
+    compunit d: float sight_distance((frame: string, x: float, y: float),
+                                     (frame: string, x: float, y: float));
+    sink sight_distance("/rover1/position", "/rover2/position", shelf = "POLYGON (...); frame map");
 """
 
 from __future__ import annotations
@@ -92,6 +98,31 @@ class SweptDistances(RegionUnit):
     def _numbers(self, position: Positions) -> Floats:
         last, self._last = self._last or position, position
         return self._shapes.swept(last, position)
+
+
+class SightDistance:
+    """The least signed distance to walls on the straight line between two positions, in metres.
+
+    Args:
+        walls: the text of each region, by its name; see `parse_region`.
+
+    Raises:
+        SpaceError: if a text is no region, or the regions are of several frames.
+    """
+
+    def __init__(self, **walls: str) -> None:
+        self._shapes = shapes_of([parse_region(*each) for each in walls.items()])
+
+    def __call__(
+        self, position: Mapping[str, Any], other: Mapping[str, Any], valid_time: int
+    ) -> float:
+        """Return the distance of the line of sight to the nearest wall; negative in a wall.
+
+        Raises:
+            SpaceError: if a position is of another frame, or is not finite.
+        """
+        frame = self._shapes.frame
+        return self._shapes.sight(*(_single(each, valid_time, frame) for each in (position, other)))
 
 
 class MovingDistance:

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import Alternatives, Value, ValueType, choices, listed
-from dyknow_space import MovingDistance, RegionDistances, SweptDistances
+from dyknow_space import MovingDistance, RegionDistances, SightDistance, SweptDistances
 from dyknow_stream_processing.dataflow import built_in_units as units
 from dyknow_stream_processing.dataflow.batches import (
     Columns,
@@ -69,6 +69,7 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
     'planar_pose': units.planar_pose,
     'rate_of_change': units.RateOfChange,
     'region_distances': RegionDistances,
+    'sight_distance': SightDistance,
     'speed': units.Speed,
     'swept_distances': SweptDistances,
 }
