@@ -176,7 +176,7 @@ class _VocabularyReader:
         if not units:
             return
         arguments = {'object': self._join('Positioned', positioned)}
-        others = dict.fromkeys(POSES, {}) | {SIGHT: {'other': arguments['object']}}
+        others = {key: {} for key in POSES} | {SIGHT: {'other': arguments['object']}}
         region = {'region': self._join('Region', regions)} if regions else {}
         for name, unit in units.items():
             self._checked_name(name, value, 'feature')

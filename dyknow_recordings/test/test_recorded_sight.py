@@ -25,7 +25,7 @@ positions:
   - {of: {p: Person}, frame: map, topic: '/{p}/position', field: point}
   - {of: {b: Boat}, frame: sea, topic: '/{b}/position', field: point}
 formulas:
-  - {name: seen, formula: 'forall p in Person: always exists r in Robot: in_sight(r, p)', margin: true}
+  - {name: seen, formula: 'forall p in Person: always exists r in Robot: in_sight(r, p)'}
   - {name: mutual, formula: 'eventually not in_sight(person1, robot1)', margin: true}
   - {name: robots, formula: 'forall r in Robot, s in Robot: always in_sight(r, s)', margin: true}
   - {name: other frame, formula: 'always in_sight(robot1, boat1)'}

@@ -35,14 +35,12 @@ class Positions:
     """Positions at times, in one frame.
 
     Args:
-        x: in metres, or longitudes in degrees; of shape (n,).
-        y: in metres, or latitudes in degrees.
+        plane: x and y in metres, or longitudes and latitudes in degrees; of shape (n, 2).
         z: the heights in metres; None if they are unknown.
         times: in nanoseconds.
     """
 
-    x: Floats
-    y: Floats
+    plane: Floats
     z: Floats | None
     times: NDArray[np.int64]
 
@@ -71,6 +69,7 @@ class RegionShapes:
         )
         self._bounds_time = any(each.times != ALL_TIMES for each in regions)
         self._tree: Any = shapely().STRtree(geometries)
+        self._single: dict[int, RegionShapes] = {}
 
     def distances(self, positions: Positions) -> Floats:
         """Return the distance of each region and position, of shape (regions, n).
@@ -82,9 +81,9 @@ class RegionShapes:
         """
         library = shapely()
         _check_finite(positions, needs_height=self.bounds_height)
-        points = library.points(positions.x, positions.y)
+        points = library.points(positions.plane)
         size = library.distance(self._boundaries, points)
-        is_inside = library.intersects_xy(self._polygons, positions.x, positions.y)
+        is_inside = library.intersects(self._polygons, points)
         found: Floats = np.where(is_inside, 0.0 - size, np.maximum(size, _LEAST))
         if self.bounds_height:
             found = self._with_heights(found, positions.z)
@@ -121,7 +120,7 @@ class RegionShapes:
         for each in (begin, end):
             _check_finite(each, needs_height=self.bounds_height)
         library = shapely()
-        way = _line(*([float(each.x[0]), float(each.y[0])] for each in (begin, end)))
+        way = _line(begin.plane[0], end.plane[0])
         polygons = self._polygons[:, 0]
         found: Floats = np.maximum(library.distance(polygons, way), _LEAST)
         for index in np.nonzero(self._is_bounded | library.intersects(polygons, way))[0].tolist():
@@ -138,7 +137,7 @@ class RegionShapes:
             return float(self.swept(one, other).min())
         for each in (one, other):
             _check_finite(each, needs_height=False)
-        line = _line(*([float(each.x[0]), float(each.y[0])] for each in (one, other)))
+        line = _line(one.plane[0], other.plane[0])
         met = self._tree.query(line, predicate='intersects').tolist()
         if met:
             return min(self._least(index, _Way(one, other, self._regions[index])) for index in met)
@@ -152,8 +151,10 @@ class RegionShapes:
         inside = straight.inside_height()
         polygon = self._polygons[index, 0]
         is_met = inside is not None and bool(shapely().intersects(polygon, straight.way(*inside)))
-        base = RegionShapes([replace(self._regions[index], times=ALL_TIMES)])
-        found = float(base.distances(straight.samples()).min())
+        if index not in self._single:
+            timeless = replace(self._regions[index], times=ALL_TIMES)
+            self._single[index] = RegionShapes([timeless])
+        found = float(self._single[index].distances(straight.samples()).min())
         return min(found, 0.0) if is_met else max(found, float(_LEAST))
 
 
@@ -222,11 +223,11 @@ def _projected(region: Region) -> tuple[LocalPlane, RegionShapes]:
 
 def _in_plane(positions: Positions, plane: LocalPlane) -> Positions:
     # Coordinates that are not finite are reported with the distances.
-    for name, values, most in (('longitude', positions.x, 180), ('latitude', positions.y, 90)):
+    x, y = positions.plane.T
+    for name, values, most in (('longitude', x, 180), ('latitude', y, 90)):
         if (np.abs(values[np.isfinite(values)]) > most).any():
             raise SpaceError(f'the {name} of the position is beyond {most} degrees')
-    x, y = plane.coordinates(positions.x, positions.y)
-    return replace(positions, x=x, y=y)
+    return replace(positions, plane=np.column_stack(plane.coordinates(x, y)))
 
 
 class _Way:
@@ -241,8 +242,9 @@ class _Way:
     def __init__(self, begin: Positions, end: Positions, region: Region) -> None:
         self._region = region
         self._times = int(begin.times[0]), int(end.times[0])
-        axes = ('x', 'y') if begin.z is None or end.z is None else ('x', 'y', 'z')
-        self._ends = np.array([[getattr(each, axis)[0] for axis in axes] for each in (begin, end)])
+        self._ends = np.array([begin.plane[0], end.plane[0]])
+        if begin.z is not None and end.z is not None:
+            self._ends = np.column_stack([self._ends, [begin.z[0], end.z[0]]])
         self.existence = self._existence()
         """The begin and the end of that part, as fractions of the way; None: it does not exist."""
 
@@ -281,21 +283,22 @@ class _Way:
 
     def way(self, begin: float, end: float) -> Any:
         """Return a part of the way as a line, or as a point if it stands still."""
-        return _line(self._at(begin)[:2].tolist(), self._at(end)[:2].tolist())
+        return _line(self._at(begin)[:2], self._at(end)[:2])
 
     def samples(self) -> Positions:
         """Return positions so near to each other that none between them is much nearer."""
         begin, end = self.existence or (0.0, 1.0)
         length = float(np.linalg.norm(self._at(end) - self._at(begin)))
         count = 1 + min(128, math.ceil(length / 0.002))
-        points = np.array([self._at(each) for each in np.linspace(begin, end, count)])
+        first, last = self._ends
+        points = first + np.linspace(begin, end, count)[:, np.newaxis] * (last - first)
         if count > 1:
             points[-1] = self._at(end)
-        x, y, *z = points.T
-        return Positions(x, y, z[0] if z else None, np.zeros(count, np.int64))
+        z = points[:, 2] if points.shape[1] > 2 else None  # noqa: PLR2004 - x, y and z
+        return Positions(points[:, :2], z, np.zeros(count, np.int64))
 
 
-def _line(begin: list[float], end: list[float]) -> Any:
+def _line(begin: Floats, end: Floats) -> Any:
     """Return a line, or its ends if it is so short that GEOS would divide by 0."""
     if math.dist(begin, end) < _SHORTEST_M:
         return shapely().multipoints([begin, end])
@@ -332,11 +335,12 @@ def check_frame(found: str, wanted: str) -> None:
 
 
 def _check_finite(positions: Positions, *, needs_height: bool) -> None:
-    coordinates = {'x': positions.x, 'y': positions.y}
+    coordinates = positions.plane
     if needs_height:
         if positions.z is None:
             raise SpaceError('the regions have altitudes, but the position has no z')
-        coordinates['z'] = positions.z
-    wrong = [name for name, values in coordinates.items() if not np.isfinite(values).all()]
-    if wrong:
+        coordinates = np.column_stack([coordinates, positions.z])
+    is_finite = np.isfinite(coordinates)
+    if not is_finite.all():
+        wrong = [axis for axis, each in zip('xyz', is_finite.T, strict=False) if not each.all()]
         raise SpaceError(f'the position is not finite: {listed(wrong)}')

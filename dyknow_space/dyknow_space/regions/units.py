@@ -26,7 +26,9 @@ That of lines of sight has the positions of two objects, and walls as its settin
 from __future__ import annotations
 
 from collections.abc import Mapping
+from threading import get_ident
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +44,9 @@ from dyknow_space.regions.distances import (
 )
 from dyknow_space.regions.region import Region, parse_region
 
+_SHARED: WeakValueDictionary[object, RegionShapes | GeographicShapes] = WeakValueDictionary()
+"""The shapes that units use, by their thread and texts."""
+
 
 class RegionUnit:
     """Base of the units that compute a number for each of some regions.
@@ -55,7 +60,7 @@ class RegionUnit:
 
     def __init__(self, **regions: str) -> None:
         self._names = tuple(regions)
-        self._shapes = shapes_of([parse_region(*each) for each in regions.items()])
+        self._shapes = _shared_shapes(regions)
 
     def __call__(self, position: Mapping[str, Any], valid_time: int) -> dict[str, float]:
         """Return the number of each region.
@@ -81,7 +86,11 @@ class RegionDistances(RegionUnit):
         self, valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]
     ) -> dict[str, Floats]:
         """Return the distances of many positions, given as columns; as for each alone."""
-        found = self._shapes.distances(_positions(valid_times, columns, self._shapes.frame))
+        for frame in {*columns['frame'].tolist()} if 'frame' in columns else ():
+            check_frame(frame, self._shapes.frame)
+        columns = {axis: columns[axis].astype(np.float64) for axis in 'xyz' if axis in columns}
+        plane = np.column_stack([columns['x'], columns['y']])
+        found = self._shapes.distances(Positions(plane, columns.get('z'), valid_times))
         return dict(zip(self._names, found, strict=True))
 
 
@@ -111,7 +120,7 @@ class SightDistance:
     """
 
     def __init__(self, **walls: str) -> None:
-        self._shapes = shapes_of([parse_region(*each) for each in walls.items()])
+        self._shapes = _shared_shapes(walls)
 
     def __call__(
         self, position: Mapping[str, Any], other: Mapping[str, Any], valid_time: int
@@ -176,17 +185,24 @@ class MovingDistance:
         return float(self._shapes.distances(found)[0, 0])
 
 
-def _single(position: Mapping[str, Any], valid_time: int, frame: str) -> Positions:
-    columns = {name: np.array([value]) for name, value in position.items()}
-    return _positions(np.array([valid_time]), columns, frame)
+def _shared_shapes(regions: Mapping[str, str]) -> RegionShapes | GeographicShapes:
+    """Return the shapes of regions; those of all robots are the same, and stay in the cache.
+
+    Threads do not share them: GEOS completes prepared geometries while they are used.
+    """
+    key = get_ident(), *regions.items()
+    found = _SHARED.get(key)
+    if found is None:
+        found = shapes_of([parse_region(*each) for each in regions.items()])
+        _SHARED[key] = found
+    return found
 
 
-def _positions(
-    valid_times: NDArray[np.int64], columns: Mapping[str, NDArray[Any]], wanted: str
-) -> Positions:
-    for frame in {*columns['frame'].tolist()} if 'frame' in columns else ():
-        check_frame(frame, wanted)
-    if not {'x', 'y'} <= columns.keys():
+def _single(position: Mapping[str, Any], valid_time: int, wanted: str) -> Positions:
+    if 'frame' in position:
+        check_frame(position['frame'], wanted)
+    if not {'x', 'y'} <= position.keys():
         raise SpaceError('a position has x and y, and may have z and frame')
-    x, y, *z = (columns[name].astype(np.float64) for name in 'xyz' if name in columns)
-    return Positions(x, y, z[0] if z else None, valid_times)
+    plane = np.array([[position['x'], position['y']]], np.float64)
+    z = np.array([position['z']], np.float64) if 'z' in position else None
+    return Positions(plane, z, np.array([valid_time]))

@@ -138,6 +138,7 @@ class UnitCall:
         self._takes_time = _takes_time(self._call)
         self.outputs = {each.name: each.type for each in declaration.outputs}
         """The types of the fields of its results."""
+        self._plain_types = {_PYTHON_TYPES[each] for each in self.outputs.values()}
 
     def __call__(
         self, valid_time: int, inputs: Sequence[Mapping[str, Value]]
@@ -150,6 +151,8 @@ class UnitCall:
         found = value if isinstance(value, Mapping) else dict.fromkeys(self.outputs, value)
         if found.keys() != self.outputs.keys() or (found is not value and len(found) > 1):
             raise TypeError(f'returned {value!r}, not a value for each of {listed(self.outputs)}')
+        if len(self._plain_types) == 1 and self._plain_types == {*map(type, found.values())}:
+            return dict(found)
         return {name: _typed(each, self.outputs[name]) for name, each in found.items()}
 
     @property
