@@ -125,7 +125,9 @@ def live_states(bag: Path, robot: Path, options: argparse.Namespace) -> tuple[fl
             for name, value in state.fields.items():
                 robot_name, zone = name.partition('[')[2].removesuffix(']').split(', ')
                 x, y = position(int(robot_name[1:]), after)
-                assert abs(value - rectangle_distance(x, y, corners[zone])) < 1e-9, name
+                assert math.isclose(value, rectangle_distance(x, y, corners[zone]), abs_tol=1e-9), (
+                    name
+                )
         states.clear()
     return spent[0] / options.seconds, spent[1] / options.seconds
 
