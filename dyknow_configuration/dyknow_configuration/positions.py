@@ -79,20 +79,14 @@ def read_positions(
 
     Raises:
         ConfigurationError: with the place of the fault; if a region is in a frame in which no
-            object has a position, or headings are in several frames.
+            object has a position, or headings are in several frames, or walls are in another one.
     """
     if 'positions' not in values:
         return PositionTexts()
     value = values['positions']
     sources = [_PositionSource(each, vocabulary) for each in value.one_or_more()]
     _check_frames(regions, {each.frame for each in sources})
-    seen: set[str] = set()
-    for source in sources:
-        for name in source.objects:
-            if name in seen:
-                raise source.value.error(f"'{name}' has a position already; keep one")
-            seen.add(name)
-    if len(seen) * len(regions) > MAX_TEXTS:
+    if len(_objects(sources)) * len(regions) > MAX_TEXTS:
         raise value.error(f'these are more than {MAX_TEXTS} distances; split the file')
     headings = _frame_of_headings(sources)
     streams: list[InlineText] = []
@@ -110,6 +104,17 @@ def read_positions(
         name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
     }
     return PositionTexts(tuple(streams), tuple(annotations), topics)
+
+
+def _objects(sources: Iterable[_PositionSource]) -> set[str]:
+    """Return the objects that have positions, each from one source."""
+    found: set[str] = set()
+    for source in sources:
+        for name in source.objects:
+            if name in found:
+                raise source.value.error(f"'{name}' has a position already; keep one")
+            found.add(name)
+    return found
 
 
 def _check_frames(regions: Sequence[StatedRegion], frames: set[str]) -> None:

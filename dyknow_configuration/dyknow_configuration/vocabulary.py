@@ -176,11 +176,11 @@ class _VocabularyReader:
         if not units:
             return
         arguments = {'object': self._join('Positioned', positioned)}
-        others = {key: {} for key in POSES} | {SIGHT: {'other': arguments['object']}}
         region = {'region': self._join('Region', regions)} if regions else {}
         for name, unit in units.items():
             self._checked_name(name, value, 'feature')
-            of = arguments | others.get(name, region)
+            other = {'other': arguments['object']} if name == SIGHT else region
+            of = arguments if name in POSES else arguments | other
             self._features[name] = RobotFeature(name, of, unit=unit)
 
     def _add_object(self, name: str, sort: str, origin: YamlValue) -> None:
