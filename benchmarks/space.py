@@ -191,7 +191,7 @@ def main() -> None:
     parser.add_argument('--robots', type=int, default=100)
     parser.add_argument('--zones', type=int, default=50)
     parser.add_argument('--seconds', type=int, default=5)
-    parser.add_argument('--live', action='store_true', help='measure no checks')
+    parser.add_argument('--live', action='store_true', help='check no recording')
     options = parser.parse_args()
     for unit_class in (RegionDistances, SweptDistances):
         print(f'live {unit_class.__name__}: {live_share(unit_class, options):.1%} of a core')

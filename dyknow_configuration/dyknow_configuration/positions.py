@@ -19,7 +19,7 @@ own for each object, which joins the two topics by time.
 
 With the `orientation` or the `yaw` of some objects, the poses of all that have positions in their
 frame are streams, too, computed by `planar_pose`. With `walls`, a sort of regions, so are the lines
-of sight from each of the objects to each in their frame, computed by `sight_distance`.
+of sight between the objects and all in their frame, computed by `sight_distance`.
 """
 
 from __future__ import annotations
@@ -151,7 +151,9 @@ def _sight(
         if stated is None or one.frame != other.frame:
             continue
         if other.walls and other.walls.text() != stated.text():
-            raise other.walls.error(f"others in this frame have the walls '{stated.text()}'")
+            raise other.walls.error(
+                f"others in this frame have the walls '{stated.text()}'; state the same sort"
+            )
         walls = _walls(stated, vocabulary, regions, one.frame)
         count += len(one.pairs(other)) * len(walls)
         if count > MAX_TEXTS:

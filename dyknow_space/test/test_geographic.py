@@ -14,6 +14,7 @@ from dyknow_space import (
     LocalPlane,
     Region,
     RegionDistances,
+    SightDistance,
     SpaceError,
     SweptDistances,
     buffer_of,
@@ -86,6 +87,16 @@ def test_a_way_across_a_thin_fence_is_noticed() -> None:
     unit({'x': 14.99, 'y': 58.005}, 0)
     assert unit({'x': 15.01, 'y': 58.005}, 1)['fence'] <= 0
     assert unit({'x': 15.02, 'y': 58.005}, 2)['fence'] == pytest.approx(591, abs=1)
+
+
+def test_a_line_of_sight_across_a_thin_fence() -> None:
+    unit = SightDistance(
+        fence=rectangle(15.0, 58.0, 15.0 + METRE, 58.01),
+        far=rectangle(15.5, 58.0, 15.6, 58.01),
+    )
+    west, east, farther = ({'x': x, 'y': 58.005} for x in (14.99, 15.01, 15.02))
+    assert unit(west, east, 0) <= 0
+    assert unit(east, farther, 0) == pytest.approx(591, abs=1)
 
 
 def test_circles_and_buffers_are_in_metres() -> None:
