@@ -96,9 +96,9 @@ def read_positions(
         has_poses = source.frame == headings
         streams += source.streams(of_frame, has_poses=has_poses)
         annotations += source.annotations(of_frame, has_poses=has_poses)
-    for stream, annotation in _sight(sources, vocabulary, regions):
-        streams.append(stream)
-        annotations.append(annotation)
+    for lines, named in _sight(sources, vocabulary, regions):
+        streams.append(lines)
+        annotations += named
     drawn = next((each.frame for each in drawn_regions(regions)), '')
     topics = {
         name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
@@ -143,7 +143,7 @@ def _sight(
     sources: Sequence[_PositionSource],
     vocabulary: RobotVocabulary,
     regions: Sequence[StatedRegion],
-) -> Iterator[tuple[InlineText, InlineText]]:
+) -> Iterator[tuple[InlineText, list[InlineText]]]:
     """Yield the streams of the lines of sight of all pairs of sources, with their annotations."""
     count = 0
     for one, other in combinations_with_replacement(sources, 2):
@@ -317,8 +317,8 @@ class _PositionSource:
 
     def sight_texts(
         self, other: _PositionSource, walls: Sequence[Region]
-    ) -> tuple[InlineText, InlineText]:
-        """Return the streams of the lines of sight to the objects of another source, annotated."""
+    ) -> tuple[InlineText, list[InlineText]]:
+        """Return the streams of the lines of sight to the objects of a source, and annotations."""
         axes = _axes_for(walls)
         shapes = ', '.join(f'{each.name} = {quoted(each.text)}' for each in walls)
         text, annotations = ComposedText(), []
@@ -333,8 +333,9 @@ class _PositionSource:
             text.add(f', {shapes});\nsink {stream};\n', self.value)
             orders = dict.fromkeys([(one, seen), (seen, one)])
             contents = ', '.join(f'{SIGHT}[{", ".join(each)}] = sight' for each in orders)
-            annotations.append(f'stream {stream} contains {contents};')
-        return self._checked(text), InlineText(self.value.place, '\n'.join(annotations))
+            annotation = f'stream {stream} contains {contents};'
+            annotations.append(InlineText(self.value.place, annotation))
+        return self._checked(text), annotations
 
     def _pose_fields(self) -> Mapping[str, str]:
         """Return the field of each feature of a pose; of an object without a heading, no yaw."""
