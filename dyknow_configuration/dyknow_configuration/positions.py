@@ -48,6 +48,9 @@ from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import ALL_HEIGHTS, WGS84, Region
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
+MAX_WALLS: Final = 10_000_000
+"""The characters of the texts of walls, which each line of sight has."""
+
 _SOURCES: Final = ('topic', 'stream', 'tf')
 
 
@@ -96,9 +99,9 @@ def read_positions(
         has_poses = source.frame == headings
         streams += source.streams(of_frame, has_poses=has_poses)
         annotations += source.annotations(of_frame, has_poses=has_poses)
-    for lines, named in _sight(sources, vocabulary, regions):
-        streams.append(lines)
-        annotations += named
+    for stream, annotation in _sight(sources, vocabulary, regions):
+        streams.append(stream)
+        annotations.append(annotation)
     drawn = next((each.frame for each in drawn_regions(regions)), '')
     topics = {
         name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
@@ -143,9 +146,9 @@ def _sight(
     sources: Sequence[_PositionSource],
     vocabulary: RobotVocabulary,
     regions: Sequence[StatedRegion],
-) -> Iterator[tuple[InlineText, list[InlineText]]]:
+) -> Iterator[tuple[InlineText, InlineText]]:
     """Yield the streams of the lines of sight of all pairs of sources, with their annotations."""
-    count = 0
+    lines = characters = 0
     for one, other in combinations_with_replacement(sources, 2):
         stated = one.walls or other.walls
         if stated is None or one.frame != other.frame:
@@ -155,13 +158,16 @@ def _sight(
                 f"others in this frame have the walls '{stated.text()}'; state the same sort"
             )
         walls = _walls(stated, vocabulary, regions, one.frame)
-        count += len(one.pairs(other)) * len(walls)
-        if count > MAX_TEXTS:
+        count = len(one.pairs(other))
+        lines += count
+        characters += count * sum(len(each.text) for each in walls)
+        if lines > MAX_TEXTS or characters > MAX_WALLS:
             raise stated.error(
-                f'these are more than {MAX_TEXTS} pairs of a line of sight and a wall; state walls '
-                'for fewer objects, or join walls to a multipolygon'
+                f'these are {lines} lines of sight past walls whose texts have {characters} '
+                f'characters, more than {MAX_TEXTS} or {MAX_WALLS}; state walls for fewer objects, '
+                'or simpler walls'
             )
-        yield one.sight_texts(other, walls)
+        yield from one.sight_texts(other, walls)
 
 
 def _walls(
@@ -317,25 +323,24 @@ class _PositionSource:
 
     def sight_texts(
         self, other: _PositionSource, walls: Sequence[Region]
-    ) -> tuple[InlineText, list[InlineText]]:
-        """Return the streams of the lines of sight to the objects of a source, and annotations."""
+    ) -> Iterator[tuple[InlineText, InlineText]]:
+        """Yield the stream of each line of sight to an object of a source, and its annotation."""
         axes = _axes_for(walls)
         shapes = ', '.join(f'{each.name} = {quoted(each.text)}' for each in walls)
-        text, annotations = ComposedText(), []
         inputs = f'{self._fields(axes)}, {other._fields(axes)}'
-        text.add(f'compunit sight: float {SIGHT}({inputs});\n', self.value)
-        for one, seen in self.pairs(other):
-            stream = f'sight_of_{one}_and_{seen}'
+        for name, seen in self.pairs(other):
+            stream = f'sight_of_{name}_and_{seen}'
+            text = ComposedText()
+            text.add(f'compunit sight: float {SIGHT}({inputs});\n', self.value)
             text.add(f'stream {stream} = {SIGHT}(', self.value)
-            self._add_position(text, one, axes)
+            self._add_position(text, name, axes)
             text.add(', ', self.value)
             other._add_position(text, seen, axes)
             text.add(f', {shapes});\nsink {stream};\n', self.value)
-            orders = dict.fromkeys([(one, seen), (seen, one)])
+            orders = dict.fromkeys([(name, seen), (seen, name)])
             contents = ', '.join(f'{SIGHT}[{", ".join(each)}] = sight' for each in orders)
             annotation = f'stream {stream} contains {contents};'
-            annotations.append(InlineText(self.value.place, annotation))
-        return self._checked(text), annotations
+            yield self._checked(text), InlineText(self.value.place, annotation)
 
     def _pose_fields(self) -> Mapping[str, str]:
         """Return the field of each feature of a pose; of an object without a heading, no yaw."""

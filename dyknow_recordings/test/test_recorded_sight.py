@@ -96,5 +96,5 @@ def test_bad_walls(tmp_path: Path, old: str, new: str, message: str) -> None:
 def test_too_many_lines_of_sight(tmp_path: Path) -> None:
     robots = ', '.join(f'r{number}' for number in range(141))
     (tmp_path / 'robot.yaml').write_text(ROBOT.replace('robot1, robot2', robots))
-    with pytest.raises(ConfigurationError, match='more than 10000 pairs of a line of sight'):
+    with pytest.raises(ConfigurationError, match='these are 10011 lines of sight past walls'):
         read_robot(tmp_path / 'robot.yaml')
