@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from dyknow_interfaces.msg import EvaluationStatusArray
+
 from dyknow_common import Verdict
-from dyknow_coordinator import Answer
+from dyknow_common.ros import LATCHED
+from dyknow_coordinator import Answer, Progress
 from dyknow_coordinator.ros import FormulaClient
 from system import Batteries, System
 
@@ -19,12 +24,35 @@ def test_a_formula_asks_for_probabilities(system: System, batteries: Batteries) 
             f'{STATED}always[0 s, 300 ms] P(Power[u] < 110 W) >= 0.99',
             f'{STATED}P(always[0 s, 300 ms] Power[u] < 102 W) >= 0.9',
         )
+        node, told, statuses = system.client.node, list[Progress](), list[Any]()
+        topic = '/stream_reasoning_coordinator/evaluations'
+        subscription = node.create_subscription(
+            EvaluationStatusArray, topic, statuses.append, LATCHED
+        )
+        endless = client.monitor(
+            f'{STATED}always P(Power[u] < 110 W) >= 0.99', on_feedback=told.append
+        )
         monitors = [client.monitor(text) for text in texts]
         for each in monitors:
             system.client.spin_until(each.outcome.done, 'the verdict')
+        system.client.spin_until(lambda: any(each.probability for each in told), 'a probability')
+        system.client.spin_until(
+            lambda: any(
+                interval.upper < 1
+                for array in statuses
+                for status in array.evaluations
+                for interval in status.probability
+            ),
+            'a status with a probability',
+        )
+        endless.cancel()
+        system.client.spin_until(endless.outcome.done, 'the end')
+        node.destroy_subscription(subscription)
         true, false = (each.outcome.result() for each in monitors)
     system.wait_for_streams()
     assert isinstance(true, Answer)
     assert isinstance(false, Answer)
     assert (true.verdict, false.verdict) == (Verdict.TRUE, Verdict.FALSE)
+    (bounds, *_) = {each.probability.bounds for each in told if each.probability}
+    assert bounds == '0.99379'
     assert 'at most 0.691463, assuming independent errors' in false.explanation

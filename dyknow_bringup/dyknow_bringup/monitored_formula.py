@@ -9,7 +9,7 @@ from typing import Final
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_common import Margin, Verdict, round_time, with_readable_times
+from dyknow_common import Margin, ProbabilityInterval, Verdict, round_time, with_readable_times
 from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
 from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import StandingVerdicts
@@ -51,6 +51,7 @@ class MonitoredFormula:
         presumably_false: True if it is undecided, and would be false if no further state came.
         has_states: True if it ever had a state, or a verdict.
         margin: the latest, if it is asked for.
+        probability: while it is undecided, if the formula asks for one.
         verdicts: of the present evaluation, for a formula that is asked at every state.
         has_failed: True if it was false once.
     """
@@ -63,6 +64,7 @@ class MonitoredFormula:
     presumably_false: bool = False
     has_states: bool = False
     margin: Margin | None = None
+    probability: ProbabilityInterval | None = None
     verdicts: StandingVerdicts = field(default_factory=StandingVerdicts)
     has_failed: bool = False
 
@@ -106,4 +108,8 @@ def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
         style = STYLES.get(monitored.outcome, FAILED)
     if monitored.margin is not None:
         reason.append(f'{"; " if reason.plain else ""}margin {monitored.margin}', 'dim')
+    if (probability := monitored.probability) is not None:
+        assumption = f'{probability.assumption}\n' if reason else probability.assumption
+        shown = f'P {probability.bar} {probability.bounds}\n'
+        reason = Text.assemble(shown, (assumption, 'dim'), reason)
     return [monitored.formula.name, Text(monitored.status, style), since, reason]

@@ -12,6 +12,9 @@ _SHOWN: Final = 1_000_000
 
 _SAME: Final = 1e-9
 
+_BAR: Final = 10
+"""The number of characters of the bar of a probability."""
+
 
 class Verdict(IntEnum):
     """The verdict on a formula; numbers as in dyknow_interfaces/msg/FormulaResult."""
@@ -82,6 +85,13 @@ class ProbabilityInterval:
 
     def __str__(self) -> str:
         return f'{self.bounds}, {self.assumption}'
+
+    @property
+    def bar(self) -> str:
+        """The interval as a bar: full up to the lower bound, half full up to the upper one."""
+        # Bounds are rounded outwards here, too.
+        full, end = floor(self.lower * _BAR + _SAME), ceil(self.upper * _BAR - _SAME)
+        return '█' * full + '▒' * (end - full) + '░' * (_BAR - end)
 
     @property
     def bounds(self) -> str:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, Verdict
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, ProbabilityInterval, Verdict
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, Level, SymbolGrounding
 from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
 from dyknow_coordinator.reporting.node_status import NodeState
@@ -285,6 +285,13 @@ def test_the_number_of_evaluations_is_bounded() -> None:
 def test_evaluations_of_one_name_are_distinct() -> None:
     board = board_of(POWER, POWER)
     assert len({each['id'] for each in board.formulas.rows()}) == 2
+
+
+def test_a_row_has_the_probability() -> None:
+    interval = ProbabilityInterval(0.9, 1.0, 'assuming independent errors')
+    (row,) = board_of(replace(POWER, probability=interval)).formulas.rows()
+    text = 'at least 0.9, assuming independent errors'
+    assert row['probability'] == {'lower': 0.9, 'upper': 1.0, 'text': text}
 
 
 def test_margins_are_kept_over_time() -> None:

@@ -16,6 +16,7 @@ from dyknow_common import (
     Alternatives,
     ExitCode,
     Margin,
+    ProbabilityInterval,
     Symbol,
     SymbolKind,
     Verdict,
@@ -34,10 +35,7 @@ from dyknow_reasoning.execution import (
     Recording,
     want_text,
 )
-from dyknow_reasoning.explanation.explanation import (
-    VerdictReasons,
-    explain,
-)
+from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import Remainders, possible_text
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula, walk
@@ -71,7 +69,6 @@ from dyknow_reasoning.standing import NONE_OMITTED, StandingFormula, StandingFor
 from dyknow_reasoning.uncertain import WatchedFormulas
 
 _MAX_NODES = 10_000
-
 DEFAULT_LIMITS = FormulaLimits()
 
 
@@ -418,6 +415,10 @@ class FormulaGroup:
         self._find(formula_id)
         return self._margins.of(formula_id)
 
+    def probability(self, formula_id: int) -> ProbabilityInterval | None:
+        """Return the interval of the probabilities that an undecided formula asks for, if any."""
+        return self._monitor.histories.probability(formula_id) if self._monitor else None
+
     def presumably_false(self, formula_id: int) -> bool:
         """Return True if a formula would be false if no further state came (RV-LTL).
 
@@ -450,8 +451,7 @@ class FormulaGroup:
 
     def _sizes_for(self, counts: Counts) -> dict[int, int]:
         """Return the number of parts of each formula, after it was checked."""
-        sizes: dict[int, int] = {}
-        total = 0
+        sizes, total = dict[int, int](), 0
         for formula_id, each in tuple(self._formulas.items()):
             size = formula_size(each.formula, counts)
             check_size(size, self._limits, others=total)

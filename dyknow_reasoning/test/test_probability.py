@@ -490,6 +490,41 @@ def test_text_of_an_interval(interval: ProbabilityInterval, text: str) -> None:
     assert str(interval) == text
 
 
+@pytest.mark.parametrize(
+    ('lower', 'upper', 'bar'),
+    [
+        (0.99, 1.0, '█████████▒'),
+        (0.3, 0.41, '███▒▒░░░░░'),
+        (1.0, 1.0, '██████████'),
+        (0.0, 0.0, '░░░░░░░░░░'),
+    ],
+)
+def test_the_bar_of_an_interval_contains_it(lower: float, upper: float, bar: str) -> None:
+    assert ProbabilityInterval(lower, upper, 'so').bar == bar
+
+
+def test_a_group_gives_the_interval_of_all_probabilities_of_a_formula() -> None:
+    group = FormulaGroup()
+    each = group.add_formula('each', 'forall r in R: always P(normal(x[r], 1) > 0) >= 0.1')
+    ahead = group.add_formula('ahead', 'P(always[0, 2 s] normal(y, 1, 0 s) > 0) >= 0.9')
+    certain = group.add_formula('certain', 'always y > 0')
+    asked = group.add_formula('asked', 'always P(normal(y, 1) > 0) >= 0.1', every_state=True)
+    assert group.probability(each) is None
+    group.begin({'R': ['a', 'b']})
+    group.progress(0, {'x[a]': 1.0, 'x[b]': -1.0, 'y': 2.0})
+    of_each, of_asked = group.probability(each), group.probability(asked)
+    assert of_each is not None
+    assert of_asked is not None
+    assert isclose(of_each.lower, STANDARD.cdf(-1), abs_tol=ROUNDING)
+    assert isclose(of_each.upper, STANDARD.cdf(1), abs_tol=ROUNDING)
+    assert isclose(of_asked.lower, STANDARD.cdf(2), abs_tol=ROUNDING)
+    assert str(group.probability(ahead)) == 'at most 0.97725, assuming independent errors'
+    assert group.probability(certain) is None
+    group.progress(1, {'x[a]': float('nan'), 'x[b]': 0.0, 'y': -9.0})
+    assert group.probability(each) is None
+    assert group.probability(ahead) is None
+
+
 def test_features_whose_errors_are_stated() -> None:
     stated = 'let Height ~ normal(Height, sqrt(Variance), 2 s) in '
     formula = parse_formula(

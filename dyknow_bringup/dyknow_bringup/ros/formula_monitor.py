@@ -100,6 +100,7 @@ class MonitorNode(DyKnowNode):
     def note_progress(self, monitored: MonitoredFormula, progress: Progress) -> None:
         """Note a report on an evaluation that goes on."""
         monitored.margin, monitored.presumably_false = progress.margin, progress.presumably_false
+        monitored.probability = progress.probability
         monitored.has_states |= progress.states_progressed > 0
         self.explain(monitored, progress.waits_for)
         outcome, verdicts = UNDECIDED, progress.episodes
@@ -114,7 +115,7 @@ class MonitorNode(DyKnowNode):
         self, monitored: MonitoredFormula, answer: Answer, *, known_at: int | None = None
     ) -> None:
         """Note the end of an evaluation, and when it was known, in nanoseconds; None: now."""
-        monitored.margin = answer.margin or monitored.margin
+        monitored.margin, monitored.probability = answer.margin or monitored.margin, None
         if answer.episodes is not None:
             self._follow(monitored, answer.episodes)
         if answer.error is not None:

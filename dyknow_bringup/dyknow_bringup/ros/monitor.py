@@ -222,6 +222,8 @@ def _report(node: MonitorNode, monitored: MonitoredFormula, *, as_json: bool) ->
         }
         if monitored.margin is not None:
             document['margin'] = monitored.margin.document
+        if monitored.probability is not None:
+            document['probability'] = monitored.probability.document
         print(json.dumps(document), flush=True)  # noqa: T201 - this is a command
 
 

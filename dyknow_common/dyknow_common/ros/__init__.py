@@ -60,6 +60,8 @@ from dyknow_common.ros.time_messages import (
     margin_to_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
+    probability_from_message,
+    probability_to_message,
     time_to_nanoseconds,
 )
 from dyknow_common.ros.topic_names import RCLError, absolute_topic, topic_fault
@@ -118,6 +120,8 @@ __all__ = [
     'only_from',
     'only_owner',
     'only_publishers_of',
+    'probability_from_message',
+    'probability_to_message',
     'ros_errors',
     'run',
     'run_ros_main',

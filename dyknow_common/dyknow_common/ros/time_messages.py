@@ -1,4 +1,4 @@
-"""Conversion between messages and the times, constraints, ids and margins of the core."""
+"""Conversion between messages and the times, constraints, ids and outcomes of the core."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from dyknow_interfaces.msg import Margin as MarginMessage
+from dyknow_interfaces.msg import ProbabilityInterval as ProbabilityMessage
 from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
 from dyknow_interfaces.msg import StreamIdentity
 
 from dyknow_common.constraints import CONSTRAINT_KINDS, ConstraintKind, StreamConstraints
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError
-from dyknow_common.verdict import Margin
+from dyknow_common.verdict import Margin, ProbabilityInterval
 
 _NO_MARGIN = MarginMessage()
 """A message that nobody has filled: a margin of 0 has a comparison."""
@@ -91,3 +92,14 @@ def margin_from_message(message: Any) -> Margin | None:
     if message == _NO_MARGIN:
         return None
     return Margin(message.lower, message.upper, message.unit, message.atom)
+
+
+def probability_to_message(probability: ProbabilityInterval | None) -> list[Any]:
+    """Return a list of the ProbabilityInterval message; an empty one for None."""
+    return [] if probability is None else [ProbabilityMessage(**probability.document)]
+
+
+def probability_from_message(messages: Iterable[Any]) -> ProbabilityInterval | None:
+    """Return the interval in a list of at most one message."""
+    found = (ProbabilityInterval(each.lower, each.upper, each.assumption) for each in messages)
+    return next(found, None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from dyknow_common import DyKnowError, Margin, Verdict
+from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict
 from dyknow_coordinator.evaluation.standing import StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
@@ -60,6 +60,7 @@ class Progress:
         events: what has happened since the last report.
         waits_for: why no state has come for 3 s; empty while states come.
         margin: if it was asked for.
+        probability: of the latest state, if the formula asks for one.
         episodes: for a formula that is asked at every state.
     """
 
@@ -71,4 +72,5 @@ class Progress:
     events: tuple[str, ...] = ()
     waits_for: str = ''
     margin: Margin | None = None
+    probability: ProbabilityInterval | None = None
     episodes: StandingVerdicts | None = None

@@ -11,6 +11,7 @@ from dyknow_common import (
     DyKnowError,
     ExitCode,
     Margin,
+    ProbabilityInterval,
     Verdict,
     date_time,
     round_duration,
@@ -48,6 +49,7 @@ class EvaluationStatus:
     episodes: StandingVerdicts | None = None
     waits_for: str = ''
     margin: Margin | None = None
+    probability: ProbabilityInterval | None = None
     verdict: Verdict = Verdict.UNDECIDED
     decided_at: int | None = None
     explanation: str = ''
@@ -141,6 +143,7 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
         ('every state', '' if status.episodes is None else status.episodes.text),
         ('waits for', status.waits_for),
         ('margin', '' if status.margin is None else str(status.margin)),
+        ('probability', '' if status.probability is None else str(status.probability)),
         ('explanation', status.explanation),
         ('error', '' if status.error is None else status.error.message),
         ('plan', status.plan),

@@ -11,6 +11,7 @@ from dyknow_common.ros import (
     margin_from_message,
     margin_to_message,
     nanoseconds_to_time,
+    probability_from_message,
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
@@ -121,5 +122,6 @@ def progress_from_message(message: Any, *, every_state: bool = False) -> Progres
         events=tuple(message.events),
         waits_for=message.waits_for,
         margin=margin_from_message(message.margin),
+        probability=probability_from_message(message.probability),
         episodes=verdicts_from_message(message.episodes) if every_state else None,
     )

@@ -67,6 +67,7 @@ _PROGRESS_FIELDS: Final = (
     'latest_valid_time',
     'residual_formula',
     'presumably_false',
+    'probability',
 )
 """The fields that FormulaProgress and the feedback of MonitorFormula have in common."""
 

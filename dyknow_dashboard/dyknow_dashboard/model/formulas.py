@@ -18,6 +18,7 @@ from dyknow_common import (
     UNIX_TIMES,
     DyKnowError,
     ExitCode,
+    ProbabilityInterval,
     Verdict,
     round_time,
     with_readable_times,
@@ -169,7 +170,7 @@ class FormulaTable:
     def _row(self, evaluation: MonitoredEvaluation) -> dict[str, Any]:
         status = evaluation.status
         diagnosis = diagnose(status, self._now, _SILENCE_NS)
-        whole = Span(self._now - STRIP_NS, self._now)
+        whole, probability = Span(self._now - STRIP_NS, self._now), status.probability
         return {
             'id': evaluation.key,
             'group': self._group(status),
@@ -186,6 +187,7 @@ class FormulaTable:
                 ).partition('\n')[0]
             ),
             'margin': '' if status.margin is None else str(status.margin),
+            'probability': None if probability is None else _probability(probability),
             'states': status.states_progressed,
             'since': max(self._now - status.started, 0) // SECOND_NS,
             'every_state': status.episodes is not None,
@@ -282,6 +284,10 @@ def _episodes(status: EvaluationStatus) -> Iterable[dict[str, Any]]:
             'states': each.states,
             'explanation': with_readable_times(each.text, status.started),
         }
+
+
+def _probability(interval: ProbabilityInterval) -> dict[str, Any]:
+    return {'lower': interval.lower, 'upper': interval.upper, 'text': str(interval)}
 
 
 def _finite(value: float) -> float | None:

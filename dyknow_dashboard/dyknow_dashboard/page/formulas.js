@@ -84,7 +84,13 @@ class FormulaRow {
     this.note = make('span', {class: 'note'});
     this.strip = make('div', {class: 'strip', role: 'img'});
     this.body = make('div', {class: 'body'});
-    const head = make('div', {class: 'head'}, this.word, make('div', {}, this.name, this.text, this.note));
+    this.sure = make('i');
+    this.unsure = make('i', {class: 'unsure'});
+    this.interval = make('span');
+    this.chance = make('span', {class: 'chance'},
+      make('span', {class: 'bar', 'aria-hidden': 'true'}, this.sure, this.unsure), this.interval);
+    const head = make('div', {class: 'head'}, this.word,
+      make('div', {}, this.name, this.text, this.note, this.chance));
     this.element = make('details', {class: 'formula'},
       make('summary', {class: 'row'}, head, this.strip), this.body);
     this.element.addEventListener('toggle', () => list.toggled(this));
@@ -143,6 +149,16 @@ class FormulaRow {
     this.save.hidden = !this.list.canSave || this.list.readOnly;
     this.actions.hidden = this.cancel.hidden && this.save.hidden;
     this.drawStrip(row.strip);
+    this.drawProbability(row.probability);
+  }
+
+  // The bar is full up to the lower bound, and hatched up to the upper one.
+  drawProbability(interval) {
+    this.chance.hidden = !interval;
+    if (!interval) return;
+    setText(this.interval, `P ${interval.text}`);
+    this.sure.style.width = `${100 * interval.lower}%`;
+    this.unsure.style.width = `${100 * (interval.upper - interval.lower)}%`;
   }
 
   drawStrip(segments) {

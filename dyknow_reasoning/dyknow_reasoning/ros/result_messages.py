@@ -9,7 +9,13 @@ from dyknow_interfaces.msg import Episode, FormulaEpisodes, FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_common.ros import DyKnowNode, fill_exit_status, margin_to_message, nanoseconds_to_time
+from dyknow_common.ros import (
+    DyKnowNode,
+    fill_exit_status,
+    margin_to_message,
+    nanoseconds_to_time,
+    probability_to_message,
+)
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.results import FormulaResult
 from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode
@@ -55,6 +61,7 @@ def progress_to_message(
         residual_formula=group.residual(formula_id),
         presumably_false=group.presumably_false(formula_id),
         margin=margin_to_message(group.margin(formula_id)),
+        probability=probability_to_message(group.probability(formula_id)),
     )
 
 

@@ -18,7 +18,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed, one_line
-from dyknow_common.ros import margin_from_message, time_to_nanoseconds
+from dyknow_common.ros import margin_from_message, probability_from_message, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase, History
@@ -298,6 +298,7 @@ class FormulaEvaluation(Evaluation):
             episodes=self.episodes if request.every_state else None,
             waits_for=self.waits_for,
             margin=self.margin,
+            probability=probability_from_message(() if self.has_ended else progress.probability),
             verdict=answer.verdict,
             decided_at=answer.decided_at,
             explanation=answer.explanation,

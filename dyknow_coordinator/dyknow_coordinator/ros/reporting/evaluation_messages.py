@@ -16,6 +16,8 @@ from dyknow_common.ros import (
     margin_to_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
+    probability_from_message,
+    probability_to_message,
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
@@ -58,6 +60,7 @@ def status_to_message(status: EvaluationStatus) -> StatusMessage:
         events=list(status.events),
         latest_valid_time=nanoseconds_to_time(status.latest_valid_time or 0),
         margin=margin_to_message(status.margin),
+        probability=probability_to_message(status.probability),
         verdict=int(status.verdict),
         decided_at=nanoseconds_to_time(status.decided_at or 0),
         every_state=status.episodes is not None,
@@ -87,6 +90,7 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         events=tuple(message.events),
         latest_valid_time=time_to_nanoseconds(message.latest_valid_time) or None,
         margin=margin_from_message(message.margin),
+        probability=probability_from_message(message.probability),
         verdict=Verdict(message.verdict),
         decided_at=time_to_nanoseconds(message.decided_at) or None,
         error=error_from_status(message.exit_status),

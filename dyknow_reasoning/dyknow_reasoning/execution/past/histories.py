@@ -15,6 +15,7 @@ from itertools import chain, count
 from typing import Any, TypeAlias, cast
 from weakref import WeakValueDictionary
 
+from dyknow_common import ProbabilityInterval
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.past.operand_histories import OperandHistory, reach
 from dyknow_reasoning.execution.past.past_comparisons import (
@@ -158,6 +159,18 @@ class Histories:
         """Return the valid time of the first state that a past operator looks back to."""
         register = self.registers.get(atom.field)
         return None if register is None else register.first_state
+
+    def probability(self, formula_id: int) -> ProbabilityInterval | None:
+        """Return the interval of all probabilities of a formula at the latest state."""
+        registers = self._used.get(formula_id, ())
+        asking = (each for each in registers if isinstance(each, ComparisonRegister))
+        found = [interval for each in asking for interval in each.probabilities()]
+        if not found:
+            return None
+        lower, upper = min(each.lower for each in found), max(each.upper for each in found)
+        return ProbabilityInterval(
+            lower, upper, '; '.join(dict.fromkeys(each.assumption for each in found))
+        )
 
     def spatial_truths(self, atom: PastAtom) -> SpatialTruths:
         """Return the truth of a spatial operator from all objects on."""

@@ -22,6 +22,7 @@ from copy import copy
 from dataclasses import dataclass
 from typing import Any, Final, cast
 
+from dyknow_common import ProbabilityInterval
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.registers import InnerRegister, column_array, field_names
@@ -169,6 +170,11 @@ class ComparisonRegister:
         if not gap.is_empty:
             self.gap, self._has_gaps = self.gap.join(gap) if self.gap else gap, True
             self.memory.miss_states(gap)
+
+    def probabilities(self) -> list[ProbabilityInterval]:
+        """Return its probabilities at the latest state."""
+        memories = (each for each in self.memory.memories if isinstance(each, _ProbabilityMemory))
+        return [each.interval for each in memories if each.interval is not None]
 
     def _with_terms(self, memory: TermMemories, time: int, values: Values) -> ChainMap[str, Any]:
         """Return the values of a state with those of the past terms; a memory takes the state."""
@@ -324,8 +330,11 @@ class _ProbabilityMemory(_TermMemory):
         self._probability = FormulaProbability(node, operands.atoms, kinds)
         self._is_of_state = not has_windows(node)
         self._error: ReasoningError | None = None
+        self.interval: ProbabilityInterval | None = None
+        """The probability at the latest state; None if there is none."""
 
     def step(self, time: int, now: Any) -> Any:
+        self.interval = None
         asked = self._probability.copied() if self._is_of_state else self._probability
         try:
             if self._error is None:
@@ -336,7 +345,8 @@ class _ProbabilityMemory(_TermMemory):
             self._error = error
         if self._error is not None:
             return self._error
-        return AskedProbability(asked.interval(), self._formula, is_final=asked.is_final)
+        self.interval = asked.interval()
+        return AskedProbability(self.interval, self._formula, is_final=asked.is_final)
 
     def miss_states(self, gap: Gap) -> None:
         if not (self._is_of_state or self._probability.is_final):
