@@ -186,8 +186,8 @@ def _annotations(values: Mapping[str, YamlValue], vocabulary: RobotVocabulary) -
             found += read_topics(feature, stated['from'], vocabulary, unless=unless)
         if 'from' in stated and 'uncertainty' in stated:
             uncertainty = read_uncertainty(feature, stated['uncertainty'])
-            if uncertainty.measured is not None:
-                measured, field = uncertainty.measured, uncertainty.field
+            uncertainty.check_others(feature, vocabulary.features)
+            for measured, field in uncertainty.measured:
                 found += read_topics(measured, stated['from'], vocabulary, field)
         if len(found) > MAX_TEXTS:
             raise name.error(f'the file makes more than {MAX_TEXTS} annotations; split it')

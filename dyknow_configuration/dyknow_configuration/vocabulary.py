@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import isfinite
 from typing import Final
 
 from dyknow_common import (
@@ -46,7 +46,7 @@ FEATURE_KEYS: Final = (
     'forecast',
 )
 _AMOUNTS: Final = ('variance', 'deviation', 'interval')
-UNCERTAINTY_KEYS: Final = (*_AMOUNTS, 'time_constant')
+UNCERTAINTY_KEYS: Final = (*_AMOUNTS, 'time_constant', 'covariances')
 
 MAX_OBJECTS: Final = 10_000
 """The number of objects of a file, as many as a formula may have by default (`object_limit`)."""
@@ -241,17 +241,18 @@ class _VocabularyReader:
             self._read_forecast(stated['forecast'], self._features[name])
 
     def _add_uncertainty(self, feature: RobotFeature, value: YamlValue) -> None:
-        """Add the uncertainty of a feature, and the feature that measures it."""
+        """Add the uncertainty of a feature, and the features that measure it."""
         if feature.value_type in {ValueType.STRING, ValueType.BOOLEAN}:
             raise value.error(f'values of type {feature.value_type} have no uncertainty; remove it')
         uncertainty = read_uncertainty(feature, value)
         self._features[feature.name] = replace(feature, uncertainty=uncertainty.text)
-        if uncertainty.measured is not None and uncertainty.field is not None:
-            name = uncertainty.measured.name
-            if name in self._kinds:
-                raise value.error(f"the feature '{name}' is made of this; rename the other")
-            self._kinds[name] = 'feature'
-            self._features[name] = uncertainty.measured
+        for measured, _ in uncertainty.measured:
+            if measured.name in self._kinds:
+                raise value.error(
+                    f"the feature '{measured.name}' is made of this; rename the other"
+                )
+            self._kinds[measured.name] = 'feature'
+            self._features[measured.name] = measured
 
     def _read_forecast(self, value: YamlValue, feature: RobotFeature) -> None:
         """Add the features that hold the bounds of a forecast."""
@@ -359,13 +360,34 @@ class FeatureUncertainty:
 
     Args:
         text: what is known of its values, `normal(Height, sqrt(Height_variance), 2 s)`.
-        measured: the feature `Height_variance`, if messages hold it.
-        field: the field of these messages.
+        measured: the features that messages hold, `Height_variance`, with their fields.
+        others: the features that covariances are given with.
     """
 
     text: str
-    measured: RobotFeature | None = None
-    field: YamlValue | None = None
+    measured: Sequence[tuple[RobotFeature, YamlValue]]
+    others: Sequence[YamlValue]
+
+    def check_others(self, feature: RobotFeature, features: Mapping[str, RobotFeature]) -> None:
+        """Check that the features which covariances are given with have normal errors.
+
+        Args:
+            feature: the feature whose uncertainty this is.
+            features: all features by their names.
+
+        Raises:
+            ConfigurationError: with the place of the fault.
+        """
+        sorts = list(feature.arguments.values())
+        for each in self.others:
+            other = features.get(each.word())
+            if other is None or list(other.arguments.values()) != sorts or other is feature:
+                raise each.error(f"'{each.word()}' is no other feature of the same sorts; name one")
+            if not other.uncertainty.startswith('normal'):
+                raise each.error(
+                    f"a covariance is of two normal errors; give '{other.name}' an uncertainty "
+                    'with a variance or a deviation'
+                )
 
 
 def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertainty:
@@ -383,24 +405,43 @@ def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertai
     if len(kinds) != 1:
         raise value.error("give one of 'variance', 'deviation' and 'interval', a field or a number")
     (kind,) = kinds
-    amount = stated[kind]
-    number = amount.plain()
-    is_number = isinstance(number, int | float) and not isinstance(number, bool)
-    if is_number and not 0 <= number < inf:
-        raise amount.error(f'a {kind} is finite, and not negative')
-    given = repr(number) if is_number else f'{feature.name}_{kind}'
-    text = f'{feature.name}, sqrt({given})' if kind == 'variance' else f'{feature.name}, {given}'
+    measured: list[tuple[RobotFeature, YamlValue]] = []
+    amount = _amount(feature, kind, '', stated[kind], measured)
+    terms = [feature.name, f'sqrt({amount})' if kind == 'variance' else amount]
+    for key in ('time_constant', 'covariances'):
+        if kind == 'interval' and key in stated:
+            message = f'bounds of errors hold whatever these depend on; remove the {key}'
+            raise stated[key].error(message)
     if 'time_constant' in stated:
-        if kind == 'interval':
-            message = 'bounds of errors hold at each time; remove the time constant'
-            raise stated['time_constant'].error(message)
-        text += f', {format_duration(stated["time_constant"].duration())}'
-    text = f'{"within" if kind == "interval" else "normal"}({text})'
-    if is_number:
-        return FeatureUncertainty(text)
-    description = f'The {kind} of {feature.name}.'
-    measured = RobotFeature(given, feature.arguments, description=description)
-    return FeatureUncertainty(text, measured, amount)
+        terms.append(format_duration(stated['time_constant'].duration()))
+    others = []
+    if 'covariances' in stated:
+        for other, given in stated['covariances'].entries('a mapping from features'):
+            amount = _amount(feature, 'covariance', other.word(), given, measured)
+            terms.append(f'covariance({other.word()}, {amount})')
+            others.append(other)
+    text = f'{"within" if kind == "interval" else "normal"}({", ".join(terms)})'
+    return FeatureUncertainty(text, measured, others)
+
+
+def _amount(
+    feature: RobotFeature,
+    kind: str,
+    other: str,
+    value: YamlValue,
+    measured: list[tuple[RobotFeature, YamlValue]],
+) -> str:
+    """Return the text of a number, or of the feature that measures it, which is added."""
+    number = value.plain()
+    if isinstance(number, int | float) and not isinstance(number, bool):
+        if not isfinite(number) or (number < 0 and not other):
+            raise value.error(f'a {kind} is finite{"" if other else ", and not negative"}')
+        return repr(number)
+    name = '_'.join(filter(None, (feature.name, other, kind)))
+    whose = f'{feature.name} and {other}' if other else feature.name
+    description = f'The {kind} of {whose}.'
+    measured.append((RobotFeature(name, feature.arguments, description=description), value))
+    return name
 
 
 def _check_below(

@@ -350,6 +350,43 @@ def test_an_uncertainty_does_not_expire_with_its_value(tmp_path: Path) -> None:
     assert texts[1] == ('stream "/battery" contains Charge_variance = error with max_delay = 1 s;')
 
 
+NORMAL = "of: {r: R}, uncertainty: {variance: 'c[7]'}, from: {topic: /a, field: y}"
+RELATED = 'of: {r: R}, uncertainty: {variance: v, %s}, from: {topic: /a, field: x}'
+
+
+def test_covariances(tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    stated = RELATED % "time_constant: 2 s, covariances: {Y: 'c[1]', Z: -0.5}"
+    features = f'  X: {{{stated}}}\n  Y: {{{NORMAL}}}\n  Z: {{{NORMAL}}}\n'
+    file.write_text(f'objects: {{R: [a]}}\nfeatures:\n{features}')
+    robot = read_robot(file)
+    (ontology,) = (each for each in robot.ontologies if isinstance(each, InlineText))
+    stated = 'normal(X, sqrt(X_variance), 2 s, covariance(Y, X_Y_covariance), covariance(Z, -0.5))'
+    assert f'<dyknow:uncertainty>{stated}</dyknow:uncertainty>' in ontology.text
+    texts = [each.text for each in robot.annotations if isinstance(each, InlineText)]
+    assert 'stream "/a" contains X_Y_covariance[a] = c[1];' in texts
+
+
+@pytest.mark.parametrize(
+    ('covariances', 'message'),
+    [
+        ('{W: 1}', "'W' is no other feature of the same sorts"),
+        ('{X: 1}', "'X' is no other feature of the same sorts"),
+        ('{One: 1}', "'One' is no other feature of the same sorts"),
+        ('{Exact: 1}', "give 'Exact' an uncertainty"),
+        ('{Y: .nan}', 'a covariance is finite'),
+    ],
+)
+def test_covariances_that_are_none(covariances: str, message: str, tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    features = f'X: {{{RELATED % f"covariances: {covariances}"}}}\n  Y: {{{NORMAL}}}'
+    file.write_text(
+        f'objects: {{R: [a]}}\nfeatures:\n  {features}\n  One: {{}}\n  Exact: {{of: {{r: R}}}}\n'
+    )
+    with pytest.raises(ConfigurationError, match=message):
+        read_robot(file)
+
+
 def test_guards(tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     path.write_text(

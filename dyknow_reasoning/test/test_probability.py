@@ -438,7 +438,7 @@ def test_missing_states_leave_a_probability_unknown() -> None:
         ),
         ('P(normal(x) > 1) > 0.5', "'normal' has a mean, a standard deviation"),
         ('P(normal(x, s, 2) > 1) > 0.5', "the time 2 of 'normal' has no unit"),
-        ('P(normal(x, s) * x > 1) > 0.5', 'no sum of uncertain numbers'),
+        ('P(normal(x, s) * normal(y, s) > 1) > 0.5', 'no sum of uncertain numbers'),
     ],
 )
 def test_formulas_without_a_probability(text: str, message: str) -> None:

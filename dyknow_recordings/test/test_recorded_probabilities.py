@@ -69,6 +69,43 @@ def test_a_robot_states_its_uncertainty(
     assert certain['probability'] is None
 
 
+PLANE = """\
+objects: {Rover: [r1]}
+features:
+  X:
+    of: {r: Rover}
+    uncertainty: {variance: 'pose.covariance[14]', covariances: {Y: 'pose.covariance[0]'}}
+    from: {topic: /odom, field: pose.pose.position.x}
+  Y:
+    of: {r: Rover}
+    uncertainty: {variance: 'pose.covariance[21]'}
+    from: {topic: /odom, field: pose.pose.position.y}
+"""
+
+
+def test_a_robot_states_covariances(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pose = '"/odom".pose'
+    y = f'normal({pose}.pose.position.y, sqrt({pose}.covariance[21]))'
+    other = f'covariance({pose}.pose.position.y, {pose}.covariance[0])'
+    x = f'normal({pose}.pose.position.x, sqrt({pose}.covariance[14]), {other})'
+    texts = (
+        'always[0, 1 ms] X[r1] - Y[r1] < 1',
+        'hypot(X[r1], Y[r1]) < 8',
+        f'P({x} - {y} < 1) > 0.63 and P({x} - {y} < 1) < 0.64',
+        f'P(hypot({x}, {y}) < 8) > 0.5',
+        'X[r1] < 4',
+    )
+    options = [option for text in texts for option in ('--formula', text)]
+    exact, simulated, *written, alone = formulas(capsys, *recorded(tmp_path, PLANE), *options)
+    # The difference of 4 and 5 has a variance of 14 + 21 - 2 * 0.
+    assert exact['probability']['lower'] == pytest.approx(0.632337, abs=1e-4)
+    assert exact['probability']['assumption'].endswith('but for the covariances')
+    assert simulated['probability']['assumption'].endswith('of 1000 simulated runs')
+    assert simulated['probability']['upper'] - simulated['probability']['lower'] < 0.07
+    assert [each['outcome'] for each in written] == ['true', 'true']
+    assert alone['probability']['assumption'] == 'assuming nothing about correlation'
+
+
 @pytest.mark.parametrize('error', ['1.5', "'pose.covariance[14]'"])
 def test_a_robot_states_the_greatest_error(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], error: str

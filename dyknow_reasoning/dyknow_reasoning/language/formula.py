@@ -325,7 +325,7 @@ def parts(  # noqa: C901, PLR0911 - one for each kind
         case Feature() | Function():
             return node.arguments
         case Uncertain():
-            return (node.mean, node.deviation)
+            return (node.mean, node.deviation, *node.covariances)
         case CountOf():
             return node.members
         case _:
@@ -353,7 +353,8 @@ def with_changed_parts(  # noqa: PLR0911 - one for each kind
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))
         case Uncertain():
-            return replace(node, mean=change(node.mean), deviation=change(node.deviation))
+            found = replace(node, mean=change(node.mean), deviation=change(node.deviation))
+            return replace(found, covariances=tuple(map(change, node.covariances)))
         case CountOf():
             return replace(node, members=tuple(map(change, node.members)))
         case _:

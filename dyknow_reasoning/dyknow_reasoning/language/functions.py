@@ -37,6 +37,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.terms import (
     Aggregate,
     Arithmetic,
+    Covariance,
     FieldReference,
     Function,
     Number,
@@ -133,7 +134,7 @@ def with_numbers(node: Any) -> Any:
             return node
         case Comparison(operator) if operator in TEXT_COMPARISONS:
             return node
-        case Comparison() | Arithmetic() | Function() | Uncertain():
+        case Comparison() | Arithmetic() | Function() | Uncertain() | Covariance():
             return with_changed_parts(node, _as_number)
         case _:
             return node
@@ -170,8 +171,9 @@ _OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
     'max': ('two operands or more', 2, None),
     'hypot': ('two operands or more', 2, None),
     'prev': ('one operand', 1, 1),
-    'normal': ('a mean, a standard deviation and perhaps a time constant', 2, 3),
+    'normal': ('a mean, a standard deviation and perhaps a time constant and covariances', 2, None),
     'within': ('an estimate and its greatest error', 2, 2),
+    'covariance': ('the estimate of another number and a covariance', 2, 2),
     'P': ('one operand, a formula', 1, 1),
 }
 """For each function, its operands in words, the fewest and the most."""

@@ -131,7 +131,7 @@ def _shown(node: Formula | Term) -> str:
 
 def _formula(node: Formula | Term) -> Formula:
     match node:
-        case _ if isinstance(node, terms.NumericTerm):
+        case _ if isinstance(node, terms.NumericTerm | terms.Covariance):
             raise PositionedError(
                 f"'{_shown(node)}' is a number, not a formula; compare it with another",
                 node.position,
@@ -155,6 +155,8 @@ def _formula(node: Formula | Term) -> Formula:
 def _term(node: Formula | Term) -> Term:
     if isinstance(node, Term):
         return node
+    if isinstance(node, terms.Covariance):
+        raise PositionedError(f"'{_shown(node)}' stands in normal(...) only", node.position)
     raise PositionedError(
         f"'{_shown(node)}' is a formula, not a value; join formulas with '<->', 'and', 'or'",
         node.position,
@@ -190,11 +192,20 @@ def _time_of(name: str, window: Formula | Term) -> int:
 
 
 def _uncertain(
-    name: str, mean: Formula | Term, deviation: Formula | Term, *time: Formula | Term
-) -> terms.Uncertain:
+    name: str, first: Formula | Term, second: Formula | Term, *others: Any
+) -> terms.Uncertain | terms.Covariance:
+    estimate, amount = _term(first), _term(second)
     if name == 'within':
-        return terms.Bounded(_term(mean), _term(deviation))
-    return terms.Uncertain(_term(mean), _term(deviation), _time_of(name, *time) if time else None)
+        return terms.Bounded(estimate, amount)
+    if name == 'covariance':
+        return terms.Covariance(name, estimate, amount, position=first.position)
+    covariances = tuple(each for each in others if isinstance(each, terms.Covariance))
+    time, *more = [each for each in others if each not in covariances] or [None]
+    for each in more:
+        message = f"'{_shown(each)}' is a second time constant; leave it out"
+        raise PositionedError(message, each.position)
+    constant = None if time is None else _time_of(name, time)
+    return terms.Uncertain(estimate, amount, constant, covariances)
 
 
 def _whole(token: Token) -> int:
@@ -422,7 +433,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def quantity(self, number: Token, unit: Token) -> Term:
         return terms.Quantity(number_value(number), _unit_text(unit))
 
-    def call(self, name: Token, *arguments: Formula | Term) -> Term:
+    def call(self, name: Token, *arguments: Formula | Term) -> Term | terms.Covariance:
         if len(arguments) == 1 and name in FIELD_FUNCTIONS:
             return function_of_field(name, arguments[0])
         if name == 'count' and len(arguments) == 2:  # noqa: PLR2004 - a formula and a time
@@ -430,7 +441,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         check_call(name, len(arguments))
         if name == 'P':
             return terms.Probability(_formula(arguments[0]))
-        if name in {'normal', 'within'}:
+        if name in {'normal', 'within', 'covariance'}:
             return _uncertain(name, *arguments)
         if name == 'prev':
             return terms.ValueBefore(_term(arguments[0]))

@@ -232,6 +232,14 @@ class StateCount(PastTerm):
 
 
 @dataclass(frozen=True, slots=True)
+class Covariance(Operation):
+    """The covariance with an error: `left` is the estimate of the other number."""
+
+    def __str__(self) -> str:
+        return f'covariance({self.left}, {self.right})'
+
+
+@dataclass(frozen=True, slots=True)
 class Uncertain(SyntaxNode):
     """A number that is known up to a normal error; it stands in `P(...)` only.
 
@@ -241,15 +249,18 @@ class Uncertain(SyntaxNode):
         time_constant: of the error as a first-order Gauss-Markov process, in nanoseconds; 0: the
             errors at different states are independent. With one, errors of different numbers are
             independent, too. None: nothing is known about correlation.
+        covariances: with the errors of other numbers at the same state, whatever the time constant.
     """
 
     mean: Any
     deviation: Any
     time_constant: int | None = None
+    covariances: tuple[Covariance, ...] = ()
 
     def __str__(self) -> str:
         time = '' if self.time_constant is None else f', {format_duration(self.time_constant)}'
-        return f'normal({self.mean}, {self.deviation}{time})'
+        others = ''.join(f', {each}' for each in self.covariances)
+        return f'normal({self.mean}, {self.deviation}{time}{others})'
 
 
 @dataclass(frozen=True, slots=True)

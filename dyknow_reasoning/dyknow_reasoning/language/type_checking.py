@@ -12,6 +12,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import chain
 from typing import Final, TypeAlias
 
 from dyknow_common import (
@@ -164,9 +165,10 @@ class _TypeChecker:
             ):
                 self._infer_use(body)
                 return
-            case terms.Uncertain(mean, deviation):
+            case terms.Uncertain(mean, deviation, _, covariances):
                 symbol = 'within' if isinstance(node, terms.Bounded) else 'normal'
-                operands = (mean, deviation)
+                pairs = ((each.left, each.right) for each in covariances)
+                operands = (mean, deviation, *chain.from_iterable(pairs))
             case terms.ValueBefore(body):
                 self._infer_numbers(body)
                 return

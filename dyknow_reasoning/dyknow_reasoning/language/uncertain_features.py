@@ -85,10 +85,27 @@ def _changed(node: Any, stated: Uncertainties, *, is_within: bool) -> Any:
         case Uncertain():
             return node
         case Probability():
-            is_within = True
+            is_within, stated = True, _among(node, stated)
         case _ if is_within and holds_terms(node):
             return with_changed_parts(node, lambda part: _operand(part, stated))
     return with_changed_parts(node, lambda part: _changed(part, stated, is_within=is_within))
+
+
+def _among(probability: Probability, stated: Uncertainties) -> Uncertainties:
+    """Return what is known of the features in a probability, without covariances with others."""
+    used = {each.name for each in walk(probability) if isinstance(each, Feature)}
+    return {
+        name: replace(
+            each,
+            covariances=tuple(
+                covariance
+                for covariance in each.covariances
+                if not isinstance(covariance.left, Feature) or covariance.left.name in used
+            ),
+        )
+        for name, each in stated.items()
+        if name in used
+    }
 
 
 def _operand(node: Any, stated: Uncertainties) -> Any:

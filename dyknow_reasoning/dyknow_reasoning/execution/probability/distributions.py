@@ -15,15 +15,18 @@ for the sum of n numbers, P(sum <= 0) is at least 1 - n * Phi(-z) and at most n 
 z = -(sum of means) / (sum of deviations), as the sum is negative if each number is at most its mean
 and z deviations, and only if one is.
 
+Numbers with covariances are normally distributed together, so a sum of them is, too, with a known
+deviation. Each such *group* counts as one number in the bounds above.
+
 A number with a bounded error is any within its bounds, whatever the others are. A comparison of it
 alone with numbers is tried for each order that it may have among these.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 from math import erfc, hypot, inf, isfinite, prod, sqrt
 from typing import Any, Final, TypeAlias
 
@@ -54,6 +57,9 @@ Cells: TypeAlias = Sequence[tuple[int, float]]
 
 _LESS: Final = {'<', '<='}
 _GREATER: Final = {'>', '>='}
+
+_TOLERANCE: Final = 1e-9
+"""The greatest relative error of covariances that are calculated."""
 
 MAX_CELLS: Final = 4096
 """The most truths of the atoms of a formula that one state may give."""
@@ -188,11 +194,6 @@ class _Component:
         """True if all atoms compare one sum."""
         return len({each.direction for each in self.atoms.values()}) == 1
 
-    @property
-    def has_one_number(self) -> bool:
-        """True if all atoms compare one uncertain number."""
-        return len({each for atom in self.atoms.values() for each, _ in atom.direction}) == 1
-
 
 class StateDistribution:
     """The joint distribution of the atoms of a formula at a state.
@@ -206,7 +207,10 @@ class StateDistribution:
         numbers: the uncertain numbers; `moments` are in their order.
         is_independent: True if their errors are independent of each other.
         is_bounded: True if all errors are bounded.
+        is_joint: True if their errors at one state have a known joint distribution, whatever their
+            time constants are.
         is_linear: True if each atom compares a sum of uncertain numbers.
+        has_covariances: True if covariances of numbers are given.
         has_cells: True if `cells` are defined.
     """
 
@@ -220,6 +224,10 @@ class StateDistribution:
             self._add(slot, atoms[slot], kinds)
         self.is_independent = all(each.time_constant is not None for each in self.numbers)
         self.is_bounded = all(isinstance(each, Bounded) for each in self.numbers)
+        self._covariances = _covariances(self.numbers, kinds)
+        self.has_covariances = bool(self._covariances)
+        self._groups = _groups(self.numbers, self._covariances)
+        self.is_joint = len(set(self._groups)) == 1 and not self.is_bounded
         self._components: dict[int, list[_Component]] = {}
         all_have_one_sum = all(each.has_one_sum for each in self._components_of(mask))
         self.has_cells = self.is_linear and all_have_one_sum
@@ -254,7 +262,7 @@ class StateDistribution:
         for slot, atom in self._uncertain.items():
             if not mask >> slot & 1:
                 continue
-            numbers, atoms = {each for each, _ in atom.direction}, {slot: atom}
+            numbers, atoms = {self._groups[each] for each, _ in atom.direction}, {slot: atom}
             for known in [each for each in found if each[0] & numbers]:
                 numbers |= known[0]
                 atoms |= known[1]
@@ -306,7 +314,7 @@ class StateDistribution:
         if self.is_independent and self.has_cells:
             return _known(self._total(node, self.cells(node.mask, values, moments)))
         components = self._components_of(node.mask)
-        if not components or (len(components) == 1 and components[0].has_one_number):
+        if not components or (len(components) == 1 and self._is_known(components[0])):
             if components and self._is_bounded(components[0]):
                 return self._possible(node, components[0], values, moments)
             return _known(self._total(node, self.cells(node.mask, values, moments)))
@@ -327,9 +335,14 @@ class StateDistribution:
             return float(node.value)
         return sum(chance for symbol, chance in cells if holds_at(node, symbol))
 
+    def _is_known(self, component: _Component) -> bool:
+        """Return True if all atoms compare one sum, of numbers of one group."""
+        direction = next(iter(component.atoms.values())).direction
+        return component.has_one_sum and len({self._groups[each] for each, _ in direction}) == 1
+
     def _is_bounded(self, component: _Component) -> bool:
-        """Return True if the error of the only number of a component is bounded."""
-        ((number, _),) = next(iter(component.atoms.values())).direction
+        """Return True if a known component has a bounded error."""
+        number, _ = next(iter(component.atoms.values())).direction[0]
         return isinstance(self.numbers[number], Bounded)
 
     def _possible(
@@ -368,7 +381,7 @@ class StateDistribution:
         atoms = component.atoms
         direction = next(iter(atoms.values())).direction
         mean = sum(factor * moments[number][0] for number, factor in direction)
-        deviation = hypot(*(factor * moments[number][1] for number, factor in direction))
+        deviation = self._deviation(direction, values, moments)
         thresholds = {slot: atom.threshold(values) for slot, atom in atoms.items()}
         if not deviation:
             truths = (
@@ -388,13 +401,62 @@ class StateDistribution:
                 found.append((bits, chance))
         return found
 
+    def covariance_matrices(
+        self, values: Values, moments: Moments
+    ) -> Iterator[tuple[Sequence[int], list[list[float]]]]:
+        """Yield the numbers of each group of several, with the covariances of their errors.
+
+        Raises:
+            ReasoningError: if a value is unusable.
+        """
+        for group in sorted({self._groups[first] for first, _ in self._covariances}):
+            members = [each for each, found in enumerate(self._groups) if found == group]
+            rows = (
+                [self._covariance(first, second, values, moments) for second in members]
+                for first in members
+            )
+            yield members, list(rows)
+
+    def _covariance(self, first: int, second: int, values: Values, moments: Moments) -> float:
+        largest = moments[first][1] * moments[second][1]
+        if first == second:
+            return largest
+        found: float = self._covariances[min(first, second), max(first, second)](values)
+        if not abs(found) <= largest * (1 + _TOLERANCE):
+            raise ReasoningError(
+                f"the covariance of '{self.numbers[first].mean}' and "
+                f"'{self.numbers[second].mean}' is {found}, more than the product of their "
+                'deviations'
+            )
+        return found
+
+    def _deviation(
+        self, direction: Sequence[tuple[int, float]], values: Values, moments: Moments
+    ) -> float:
+        """Return the deviation of a sum, if errors without covariances are independent."""
+        spreads = [(number, factor * moments[number][1]) for number, factor in direction]
+        found = hypot(*(spread for _, spread in spreads))
+        if not self._covariances:
+            return found
+        variance, largest = found * found, sum(abs(spread) for _, spread in spreads)
+        for (first, one), (second, other) in combinations(direction, 2):
+            if (first, second) in self._covariances:
+                covariance = self._covariance(first, second, values, moments)
+                variance += 2 * one * other * covariance
+        if variance < -_TOLERANCE * largest * largest:
+            raise no_distribution([self.numbers[number] for number, _ in direction])
+        return sqrt(max(0.0, variance))
+
     def _marginal(self, atom: _UncertainAtom, values: Values, moments: Moments) -> Chance:
         """Return the probability of an atom, whatever the dependence of its numbers."""
-        mean, error, deviation, count = 0.0, 0.0, 0.0, 0
+        mean = sum(factor * moments[number][0] for number, factor in atom.direction)
+        error, deviation, count = 0.0, 0.0, 0
+        members: dict[int, list[tuple[int, float]]] = {}
         for number, factor in atom.direction:
-            mean += factor * moments[number][0]
-            spread = abs(factor) * moments[number][1]
-            if isinstance(self.numbers[number], Bounded):
+            members.setdefault(self._groups[number], []).append((number, factor))
+        for group, direction in members.items():
+            spread = self._deviation(direction, values, moments)
+            if isinstance(self.numbers[group], Bounded):
                 error += spread
             elif spread:
                 deviation, count = deviation + spread, count + 1
@@ -407,6 +469,56 @@ class StateDistribution:
         least, most = (distance - error) / deviation, (distance + error) / deviation
         below = (max(0.0, 1.0 - count * _below(-least)), min(1.0, count * _below(most)))
         return below if atom.operator in _LESS else complement(below)
+
+
+def no_distribution(numbers: Iterable[Uncertain]) -> ReasoningError:
+    """Return the error of covariances that no distribution has."""
+    names = ', '.join(f"'{each.mean}'" for each in numbers)
+    return ReasoningError(
+        f'the covariances of {names} are those of no distribution: a sum of these would have a '
+        'negative variance'
+    )
+
+
+def _covariances(
+    numbers: Sequence[Uncertain], kinds: Kinds
+) -> dict[tuple[int, int], Callable[[Values], Any]]:
+    """Return what reads the covariance of two numbers, by their indices in order."""
+    found: dict[tuple[int, int], Callable[[Values], Any]] = {}
+    for first, number in enumerate(numbers):
+        for covariance in number.covariances:
+            for second, other in enumerate(numbers):
+                if second == first or other.mean != covariance.left:
+                    continue
+                names = f"'{number.mean}' and '{other.mean}'"
+                if isinstance(other, Bounded) or other.time_constant != number.time_constant:
+                    raise ReasoningError(
+                        f'{names} have a covariance, so both have normal errors that last equally '
+                        'long; give both the same time constant, or none'
+                    )
+                pair = min(first, second), max(first, second)
+                if pair in found:
+                    raise ReasoningError(f'{names} have two covariances; give one')
+                found[pair] = term_reader(covariance.right, kinds)
+    return found
+
+
+def _groups(
+    numbers: Sequence[Uncertain], covariances: Mapping[tuple[int, int], Any]
+) -> Sequence[int]:
+    """Return the group of each number, which is its first one."""
+    related = [{each} for each in range(len(numbers))]
+    for first, second in covariances:
+        related[first].add(second)
+        related[second].add(first)
+    for first, second in covariances:
+        for third in related[first] ^ related[second]:
+            lacking = numbers[second if third in related[first] else first]
+            raise ReasoningError(
+                f"'{lacking.mean}' and '{numbers[third].mean}' have covariances with one number; "
+                'give theirs, too'
+            )
+    return list(map(min, related))
 
 
 def _chance_within(operator: str, distance: float, error: float) -> Chance:

@@ -7,8 +7,9 @@ The time constants of the uncertain numbers decide how it is computed:
     0 in all                  exact: errors are independent (`chain`)
     other                     an interval with a confidence, of simulated runs (`simulation`)
 
-Where independent errors enter one atom in different sums, `x - y < 2` beside `x < 1`, the
-distribution is not exact, and runs are simulated, too.
+Functions of numbers whose joint distribution at one state is known, by their covariances, are
+simulated at that state. Where independent errors enter one atom in different sums, `x - y < 2`
+beside `x < 1`, the distribution is not exact, and runs are simulated, too.
 
 The exact probability of a formula where the errors of all states are independent.
 
@@ -48,6 +49,7 @@ from dyknow_reasoning.progression.residual import holds_at_the_end
 
 NOTHING_KNOWN: Final = 'assuming nothing about correlation'
 INDEPENDENT: Final = 'assuming independent errors'
+COVARIANCES: Final = ' but for the covariances'
 BOUNDED: Final = 'assuming errors within their bounds'
 _ROUNDING: Final = 1e-10
 """The greatest error of the sums of a long recording."""
@@ -105,7 +107,9 @@ class FormulaProbability:
         self._model: _Model
         if distribution.has_cells and constants <= {0}:
             self._model, self.assumption = RemainderChain(node, distribution), INDEPENDENT
-        elif None not in constants and (has_windows(node) or not distribution.has_cells):
+        elif (None not in constants and (has_windows(node) or not distribution.has_cells)) or (
+            distribution.is_joint and not (distribution.is_linear or has_windows(node))
+        ):
             self._model = SimulatedRuns(node, atoms, kinds, distribution)
             self.assumption = SIMULATED
         elif distribution.is_linear:
@@ -117,9 +121,11 @@ class FormulaProbability:
         else:
             raise ReasoningError(
                 'an operand is no sum of uncertain numbers and multiples of these; give each a '
-                'normal error with a time constant, such as normal(x, s, 0 s), then runs are '
-                'simulated'
+                'normal error with a time constant, such as normal(x, s, 0 s), or at one state all '
+                'their covariances, then runs are simulated'
             )
+        if distribution.has_covariances and self.assumption != SIMULATED:
+            self.assumption += COVARIANCES
         self._is_lost = False
 
     @property
@@ -257,7 +263,7 @@ class AskedProbability:
     def _is_known(self, bound: float, *sides: bool) -> bool:
         """Return the first side; raise ReasoningError if none of both is known."""
         if self._is_final and not any(sides):
-            is_bound = self._interval.assumption == NOTHING_KNOWN
+            is_bound = self._interval.assumption.startswith(NOTHING_KNOWN)
             correction = 'give the errors a time constant, or ' if is_bound else ''
             raise ReasoningError(
                 f"the probability of '{self._formula}' is {self._interval}, which is not known to "

@@ -22,7 +22,11 @@ import numpy.typing as npt
 from dyknow_common import COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
-from dyknow_reasoning.execution.probability.distributions import Chance, StateDistribution
+from dyknow_reasoning.execution.probability.distributions import (
+    Chance,
+    StateDistribution,
+    no_distribution,
+)
 from dyknow_reasoning.language.formula import Atom, Comparison, walk
 from dyknow_reasoning.language.terms import Arithmetic, Function, Term, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds
@@ -41,6 +45,9 @@ _MAX_ATOMS: Final = 32
 
 _MAX_CODES: Final = 1 << 12
 """The most numbers that are grouped by a table; more are sorted."""
+
+_NEGATIVE: Final = 1e-9
+"""The greatest part of a covariance matrix that is an error of its calculation."""
 
 _Numbers: TypeAlias = npt.NDArray[np.float64]
 _Indices: TypeAlias = npt.NDArray[np.int64]
@@ -139,10 +146,20 @@ class SimulatedRuns:
                 np.multiply(errors, sqrt(1.0 - correlation * correlation), out=errors)
                 np.add(errors, correlation * before, out=errors)
         self._errors = drawn
-        return [
+        found = [
             mean + deviation * errors
             for (mean, deviation), errors in zip(moments, drawn, strict=True)
         ]
+        for members, matrix in self._distribution.covariance_matrices(values, moments):
+            # The symmetric root: it changes little if the covariances do.
+            scales, axes = np.linalg.eigh(matrix)
+            if scales[0] < -_NEGATIVE * scales[-1]:
+                raise no_distribution([numbers[each] for each in members])
+            root = axes * np.sqrt(np.maximum(scales, 0)) @ axes.T
+            together = root @ np.array([drawn[each] for each in members])
+            for each, errors in zip(members, together, strict=True):
+                found[each] = moments[each][0] + errors
+        return found
 
     def _move(self, kinds: Sequence[tuple[int, int]], members: _Indices, time: int) -> None:
         """Move the open runs, given the place and the truth of the atoms of each kind."""
