@@ -165,9 +165,18 @@ class _UncertainAtom:
         self._scale = factors[0][1]
         # Atoms with equal directions compare one sum.
         self.direction = tuple((index, factor / self._scale) for index, factor in factors)
+        # Those of each group of numbers.
+        self.directions: list[tuple[tuple[int, float], ...]] = [(each,) for each in self.direction]
         is_turned = self._scale < 0
         self.operator = MIRRORED_COMPARISONS[atom.operator] if is_turned else atom.operator
         self._atom, self._rest = atom, difference.rest
+
+    def group(self, groups: Sequence[int]) -> None:
+        """Let the numbers of a group count as one, given the group of each number."""
+        found: dict[int, tuple[tuple[int, float], ...]] = {}
+        for number, factor in self.direction:
+            found[groups[number]] = (*found.get(groups[number], ()), (number, factor))
+        self.directions = list(found.values())
 
     def threshold(self, values: Values) -> float:
         """Return the number that the sum of the direction is compared with.
@@ -185,14 +194,25 @@ class _UncertainAtom:
 
 @dataclass(frozen=True, slots=True)
 class _Component:
-    """Atoms that share uncertain numbers, by their slots."""
+    """Atoms that share uncertain numbers, or groups of these.
+
+    Args:
+        atoms: the atoms by their slots.
+        has_one_group: True if their numbers are of one group.
+    """
 
     atoms: Mapping[int, _UncertainAtom]
+    has_one_group: bool
 
     @property
     def has_one_sum(self) -> bool:
         """True if all atoms compare one sum."""
         return len({each.direction for each in self.atoms.values()}) == 1
+
+    @property
+    def is_known(self) -> bool:
+        """True if its distribution is known, whatever the dependence of other numbers."""
+        return self.has_one_group and self.has_one_sum
 
 
 class StateDistribution:
@@ -227,6 +247,8 @@ class StateDistribution:
         self._covariances = _covariances(self.numbers, kinds)
         self.has_covariances = bool(self._covariances)
         self._groups = _groups(self.numbers, self._covariances)
+        for each in self._uncertain.values() if self._covariances else ():
+            each.group(self._groups)
         self.is_joint = len(set(self._groups)) == 1 and not self.is_bounded
         self._components: dict[int, list[_Component]] = {}
         all_have_one_sum = all(each.has_one_sum for each in self._components_of(mask))
@@ -262,13 +284,13 @@ class StateDistribution:
         for slot, atom in self._uncertain.items():
             if not mask >> slot & 1:
                 continue
-            numbers, atoms = {self._groups[each] for each, _ in atom.direction}, {slot: atom}
-            for known in [each for each in found if each[0] & numbers]:
-                numbers |= known[0]
+            groups, atoms = {self._groups[each] for each, _ in atom.direction}, {slot: atom}
+            for known in [each for each in found if each[0] & groups]:
+                groups |= known[0]
                 atoms |= known[1]
                 found.remove(known)
-            found.append((numbers, atoms))
-        return [_Component(atoms) for _, atoms in found]
+            found.append((groups, atoms))
+        return [_Component(atoms, len(groups) == 1) for groups, atoms in found]
 
     def moments(self, values: Values) -> Moments:
         """Return the mean and the deviation of each uncertain number at a state.
@@ -314,7 +336,7 @@ class StateDistribution:
         if self.is_independent and self.has_cells:
             return _known(self._total(node, self.cells(node.mask, values, moments)))
         components = self._components_of(node.mask)
-        if not components or (len(components) == 1 and self._is_known(components[0])):
+        if not components or (len(components) == 1 and components[0].is_known):
             if components and self._is_bounded(components[0]):
                 return self._possible(node, components[0], values, moments)
             return _known(self._total(node, self.cells(node.mask, values, moments)))
@@ -334,11 +356,6 @@ class StateDistribution:
         if type(node) is Constant:
             return float(node.value)
         return sum(chance for symbol, chance in cells if holds_at(node, symbol))
-
-    def _is_known(self, component: _Component) -> bool:
-        """Return True if all atoms compare one sum, of numbers of one group."""
-        direction = next(iter(component.atoms.values())).direction
-        return component.has_one_sum and len({self._groups[each] for each, _ in direction}) == 1
 
     def _is_bounded(self, component: _Component) -> bool:
         """Return True if a known component has a bounded error."""
@@ -434,11 +451,11 @@ class StateDistribution:
         self, direction: Sequence[tuple[int, float]], values: Values, moments: Moments
     ) -> float:
         """Return the deviation of a sum, if errors without covariances are independent."""
-        spreads = [(number, factor * moments[number][1]) for number, factor in direction]
-        found = hypot(*(spread for _, spread in spreads))
+        spreads = [factor * moments[number][1] for number, factor in direction]
+        found = hypot(*spreads)
         if not self._covariances:
             return found
-        variance, largest = found * found, sum(abs(spread) for _, spread in spreads)
+        variance, largest = found * found, sum(map(abs, spreads))
         for (first, one), (second, other) in combinations(direction, 2):
             if (first, second) in self._covariances:
                 covariance = self._covariance(first, second, values, moments)
@@ -451,12 +468,12 @@ class StateDistribution:
         """Return the probability of an atom, whatever the dependence of its numbers."""
         mean = sum(factor * moments[number][0] for number, factor in atom.direction)
         error, deviation, count = 0.0, 0.0, 0
-        members: dict[int, list[tuple[int, float]]] = {}
-        for number, factor in atom.direction:
-            members.setdefault(self._groups[number], []).append((number, factor))
-        for group, direction in members.items():
-            spread = self._deviation(direction, values, moments)
-            if isinstance(self.numbers[group], Bounded):
+        for direction in atom.directions:
+            number, factor = direction[0]
+            spread = abs(factor) * moments[number][1]
+            if len(direction) > 1:
+                spread = self._deviation(direction, values, moments)
+            if isinstance(self.numbers[number], Bounded):
                 error += spread
             elif spread:
                 deviation, count = deviation + spread, count + 1
