@@ -8,6 +8,7 @@
     min(ranges[90:270])                     an aggregate of the elements 90 to 269
     count(status.level >= 2)                the number of elements that satisfy a condition
     number(status[name = "lidar"].message)  a text as a number
+    samples(poses.position.x)               all numbers, as a text with spaces
 
 The terminals of `common.lark` find such a text among others; `parse_field` takes it apart.
 """
@@ -23,7 +24,7 @@ from typing import Final
 
 from dyknow_common.values import TEXT_COMPARISONS, Value
 
-AGGREGATES: Final = ('min', 'max', 'mean', 'sum', 'count', 'any', 'all')
+AGGREGATES: Final = ('min', 'max', 'mean', 'sum', 'count', 'any', 'all', 'samples')
 """Functions of many values."""
 
 CONDITIONED: Final = ('count', 'any', 'all')
@@ -38,10 +39,10 @@ INDEX: Final = 'index'
 WKT: Final = 'wkt'
 """The function that gives the polygon of an array of points, in well-known text."""
 
-TEXTUAL: Final = ('text', WKT)
+TEXTUAL: Final = ('text', WKT, 'samples')
 """The functions that give texts."""
 
-NUMERIC: Final = ('min', 'max', 'mean', 'sum', 'number')
+NUMERIC: Final = ('min', 'max', 'mean', 'sum', 'samples', 'number')
 """The functions that take numbers, or texts that are numbers."""
 
 _FUNCTIONS: Final = (*AGGREGATES, *CONVERSIONS, INDEX, WKT)

@@ -22,6 +22,7 @@ from dyknow_common import (
     CONSTRAINT_KINDS,
     DyKnowError,
     InlineText,
+    ValueType,
     check_unit,
     quoted,
     unit_conversion,
@@ -87,6 +88,7 @@ class FeatureCarrier:
         self._unless = unless
         self._feature = feature
         self._value = value
+        self._is_of_samples = uncertainty is not None and feature.value_type is ValueType.STRING
         self.stated = value.mapping(SOURCE_KEYS, ('field',))
         if uncertainty is not None:
             if 'unit' in self.stated:
@@ -139,7 +141,9 @@ class FeatureCarrier:
         feature = f'{self._feature.name}[{arguments}]' if arguments else self._feature.name
         text = ComposedText()
         text.add(f'stream {name} ', self._stream).add(f'contains {feature} = ', self._value)
-        text.add_template(self.stated['field'], objects)
+        opening, closing = ('samples(', ')') if self._is_of_samples else ('', '')
+        text.add(opening, self.stated['field']).add_template(self.stated['field'], objects)
+        text.add(closing, self.stated['field'])
         if self.unit:
             text.add(f' [{self.unit}]', self.stated['unit'])
         if self._unless is not None:

@@ -45,7 +45,8 @@ FEATURE_KEYS: Final = (
     'from',
     'forecast',
 )
-_AMOUNTS: Final = ('variance', 'deviation', 'interval')
+_AMOUNTS: Final = ('variance', 'deviation', 'interval', 'samples')
+_FUNCTIONS: Final = {'interval': 'within', 'samples': 'sampled'}
 UNCERTAINTY_KEYS: Final = (*_AMOUNTS, 'time_constant', 'covariances')
 
 MAX_OBJECTS: Final = 10_000
@@ -369,24 +370,15 @@ class FeatureUncertainty:
     others: Sequence[YamlValue]
 
     def check_others(self, feature: RobotFeature, features: Mapping[str, RobotFeature]) -> None:
-        """Check that the features which covariances are given with have normal errors.
-
-        Args:
-            feature: the feature whose uncertainty this is.
-            features: all features by their names.
-
-        Raises:
-            ConfigurationError: with the place of the fault.
-        """
+        """Check that covariances of a feature are given with others that have normal errors."""
         sorts = list(feature.arguments.values())
         for each in self.others:
-            other = features.get(each.word())
-            if other is None or list(other.arguments.values()) != sorts or other is feature:
-                raise each.error(f"'{each.word()}' is no other feature of the same sorts; name one")
-            if not other.uncertainty.startswith('normal'):
+            other = features.get(each.word(), feature)
+            is_alike = other is not feature and list(other.arguments.values()) == sorts
+            if not (is_alike and other.uncertainty.startswith('normal')):
                 raise each.error(
-                    f"a covariance is of two normal errors; give '{other.name}' an uncertainty "
-                    'with a variance or a deviation'
+                    f"'{each.word()}' is no other feature of the same sorts with a variance or a "
+                    'deviation, as a covariance needs; give it one, or remove the covariance'
                 )
 
 
@@ -403,15 +395,14 @@ def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertai
     stated = value.mapping(UNCERTAINTY_KEYS)
     kinds = [each for each in _AMOUNTS if each in stated]
     if len(kinds) != 1:
-        raise value.error("give one of 'variance', 'deviation' and 'interval', a field or a number")
+        raise value.error(f'give one of {", ".join(_AMOUNTS)}, a field or a number')
     (kind,) = kinds
     measured: list[tuple[RobotFeature, YamlValue]] = []
     amount = _amount(feature, kind, '', stated[kind], measured)
     terms = [feature.name, f'sqrt({amount})' if kind == 'variance' else amount]
     for key in ('time_constant', 'covariances'):
-        if kind == 'interval' and key in stated:
-            message = f'bounds of errors hold whatever these depend on; remove the {key}'
-            raise stated[key].error(message)
+        if kind in {'interval', 'samples'} and key in stated:
+            raise stated[key].error(f'only normal errors have {key}; remove it')
     if 'time_constant' in stated:
         terms.append(format_duration(stated['time_constant'].duration()))
     others = []
@@ -420,7 +411,7 @@ def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertai
             amount = _amount(feature, 'covariance', other.word(), given, measured)
             terms.append(f'covariance({other.word()}, {amount})')
             others.append(other)
-    text = f'{"within" if kind == "interval" else "normal"}({", ".join(terms)})'
+    text = f'{_FUNCTIONS.get(kind, "normal")}({", ".join(terms)})'
     return FeatureUncertainty(text, measured, others)
 
 
@@ -434,13 +425,17 @@ def _amount(
     """Return the text of a number, or of the feature that measures it, which is added."""
     number = value.plain()
     if isinstance(number, int | float) and not isinstance(number, bool):
+        if kind == 'samples':
+            raise value.error('samples are the numbers in an array; name the field, poses.x')
         if not isfinite(number) or (number < 0 and not other):
             raise value.error(f'a {kind} is finite{"" if other else ", and not negative"}')
         return repr(number)
     name = '_'.join(filter(None, (feature.name, other, kind)))
     whose = f'{feature.name} and {other}' if other else feature.name
+    value_type = ValueType.STRING if kind == 'samples' else ValueType.FLOAT
     description = f'The {kind} of {whose}.'
-    measured.append((RobotFeature(name, feature.arguments, description=description), value))
+    found = RobotFeature(name, feature.arguments, '', value_type, description=description)
+    measured.append((found, value))
     return name
 
 

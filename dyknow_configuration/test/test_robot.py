@@ -367,13 +367,24 @@ def test_covariances(tmp_path: Path) -> None:
     assert 'stream "/a" contains X_Y_covariance[a] = c[1];' in texts
 
 
+def test_samples(tmp_path: Path) -> None:
+    file = tmp_path / 'robot.yaml'
+    given = 'uncertainty: {samples: poses.position.x}, from: {topic: /a, field: x}'
+    file.write_text(f'features: {{X: {{{given}}}}}')
+    texts = [each.text for each in read_robot(file).annotations if isinstance(each, InlineText)]
+    assert texts[1] == 'stream "/a" contains X_samples = samples(poses.position.x);'
+    file.write_text(f'features: {{X: {{{given.replace("poses.position.x", "3")}}}}}')
+    with pytest.raises(ConfigurationError, match='numbers in an array; name the field'):
+        read_robot(file)
+
+
 @pytest.mark.parametrize(
     ('covariances', 'message'),
     [
         ('{W: 1}', "'W' is no other feature of the same sorts"),
         ('{X: 1}', "'X' is no other feature of the same sorts"),
         ('{One: 1}', "'One' is no other feature of the same sorts"),
-        ('{Exact: 1}', "give 'Exact' an uncertainty"),
+        ('{Exact: 1}', "'Exact' is no other feature of the same sorts"),
         ('{Y: .nan}', 'a covariance is finite'),
     ],
 )

@@ -69,6 +69,7 @@ def test_a_robot_states_its_uncertainty(
     assert certain['probability'] is None
 
 
+LIMITS = '> 0.32', '> 0.68'
 PLANE = """\
 objects: {Rover: [r1]}
 features:
@@ -104,6 +105,29 @@ def test_a_robot_states_covariances(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert simulated['probability']['upper'] - simulated['probability']['lower'] < 0.07
     assert [each['outcome'] for each in written] == ['true', 'true']
     assert alone['probability']['assumption'] == 'assuming nothing about correlation'
+
+
+CLOUD = """\
+objects: {Rover: [r1]}
+features:
+  Offset:
+    of: {r: Rover}
+    uncertainty: {samples: pose.covariance}
+    from: {topic: /odom, field: mean(pose.covariance)}
+"""
+
+
+def test_a_robot_states_samples(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The first message has 0 to 35."""
+    cloud = '"/odom".pose.covariance'
+    written = f'sampled(mean({cloud}), samples({cloud}))'
+    asked = [f'P({each} > 17.5) {bound}' for each in ('Offset[r1]', written) for bound in LIMITS]
+    options = [option for text in ('Offset[r1] > 17.5', *asked) for option in ('--formula', text)]
+    found, *others = formulas(capsys, *recorded(tmp_path, CLOUD), *options)
+    assert found['probability']['lower'] == pytest.approx(0.329, abs=1e-3)
+    assert found['probability']['upper'] == pytest.approx(0.671, abs=1e-3)
+    assert found['probability']['assumption'] == 'with 95 % confidence, of independent samples'
+    assert [each['outcome'] for each in others] == ['true', 'false'] * 2
 
 
 @pytest.mark.parametrize('error', ['1.5', "'pose.covariance[14]'"])

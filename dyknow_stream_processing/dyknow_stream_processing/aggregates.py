@@ -23,6 +23,9 @@ _WIDE: Final = 8
 
 _MAX_INT64: Final = (1 << 63) - 1
 _MAX_EXACT: Final = 1 << 53
+
+MAX_SAMPLES: Final = 10_000
+"""The most numbers in the text of `samples`."""
 """The integers up to this are floats, too."""
 
 
@@ -177,6 +180,12 @@ def _mean(numbers: NDArray[Any]) -> float:
     return total / count
 
 
+def _samples(numbers: NDArray[Any]) -> str:
+    if len(numbers) > MAX_SAMPLES:
+        raise NoValueError(f'there are {len(numbers)} samples, more than {MAX_SAMPLES}')
+    return ' '.join(map(repr, numbers.tolist()))
+
+
 def _compared(
     numbers: NDArray[Any], compare: Callable[[Any, Any], Any], wanted: float
 ) -> NDArray[Any]:
@@ -196,6 +205,7 @@ _REDUCTIONS: Final[Mapping[str, Callable[[NDArray[Any]], Value]]] = {
     'max': _extreme('maximum', np.fmax.reduce),
     'mean': _mean,
     'sum': _sum,
+    'samples': _samples,
 }
 _RESULTS: Final[Mapping[str, Callable[[int, int], Value]]] = {
     'count': lambda found, _: found,

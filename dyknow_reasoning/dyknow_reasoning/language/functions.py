@@ -173,6 +173,7 @@ _OPERANDS: Final[dict[str, tuple[str, int, int | None]]] = {
     'prev': ('one operand', 1, 1),
     'normal': ('a mean, a standard deviation and perhaps a time constant and covariances', 2, None),
     'within': ('an estimate and its greatest error', 2, 2),
+    'sampled': ('an estimate and a text with its samples', 2, 2),
     'covariance': ('the estimate of another number and a covariance', 2, 2),
     'P': ('one operand, a formula', 1, 1),
 }

@@ -197,6 +197,8 @@ def _uncertain(
     estimate, amount = _term(first), _term(second)
     if name == 'within':
         return terms.Bounded(estimate, amount)
+    if name == 'sampled':
+        return terms.Sampled(estimate, amount)
     if name == 'covariance':
         return terms.Covariance(name, estimate, amount, position=first.position)
     covariances = tuple(each for each in others if isinstance(each, terms.Covariance))
@@ -441,7 +443,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         check_call(name, len(arguments))
         if name == 'P':
             return terms.Probability(_formula(arguments[0]))
-        if name in {'normal', 'within', 'covariance'}:
+        if name in {'normal', 'within', 'sampled', 'covariance'}:
             return _uncertain(name, *arguments)
         if name == 'prev':
             return terms.ValueBefore(_term(arguments[0]))

@@ -272,6 +272,14 @@ class Bounded(Uncertain):
 
 
 @dataclass(frozen=True, slots=True)
+class Sampled(Uncertain):
+    """A number of which independent samples are known: `deviation` is a text with these."""
+
+    def __str__(self) -> str:
+        return f'sampled({self.mean}, {self.deviation})'
+
+
+@dataclass(frozen=True, slots=True)
 class Probability(PastTerm):
     """The probability that a formula holds from this state on; see `execution.probability`."""
 

@@ -165,6 +165,9 @@ class _TypeChecker:
             ):
                 self._infer_use(body)
                 return
+            case terms.Sampled(mean, samples):
+                symbol, operands = 'sampled', (mean,)
+                self._require(samples, Kind.STRING, "as the samples of 'sampled'")
             case terms.Uncertain(mean, deviation, _, covariances):
                 symbol = 'within' if isinstance(node, terms.Bounded) else 'normal'
                 pairs = ((each.left, each.right) for each in covariances)

@@ -22,6 +22,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
+    Covariance,
     Feature,
     Object,
     Probability,
@@ -94,17 +95,13 @@ def _changed(node: Any, stated: Uncertainties, *, is_within: bool) -> Any:
 def _among(probability: Probability, stated: Uncertainties) -> Uncertainties:
     """Return what is known of the features in a probability, without covariances with others."""
     used = {each.name for each in walk(probability) if isinstance(each, Feature)}
+
+    def is_used(covariance: Covariance) -> bool:
+        return not isinstance(covariance.left, Feature) or covariance.left.name in used
+
     return {
-        name: replace(
-            each,
-            covariances=tuple(
-                covariance
-                for covariance in each.covariances
-                if not isinstance(covariance.left, Feature) or covariance.left.name in used
-            ),
-        )
+        name: replace(each, covariances=tuple(filter(is_used, each.covariances)))
         for name, each in stated.items()
-        if name in used
     }
 
 

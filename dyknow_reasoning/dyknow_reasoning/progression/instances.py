@@ -44,12 +44,12 @@ from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.language.terms import (
     Aggregate,
     Arithmetic,
-    Covariance,
     Feature,
     FieldReference,
     Function,
     Number,
     Object,
+    Operation,
     Probability,
     StateCount,
     Term,
@@ -504,11 +504,7 @@ def _substitute(  # noqa: PLR0911 - one for each kind
             chosen = ({**binding, variable: name} for name in objects_of(sort, domains))
             shown = replace(node, body=with_objects(body, binding))
             return _aggregated(shown, [_substitute(body, each, domains) for each in chosen])
-        case (
-            Comparison(operator, left, right)
-            | Arithmetic(operator, left, right)
-            | Covariance(operator, left, right)
-        ):
+        case Operation(operator, left, right):
             sides = (_substitute(each, binding, domains) for each in (left, right))
             return type(node)(operator, *sides)
         case Function(name, operands):

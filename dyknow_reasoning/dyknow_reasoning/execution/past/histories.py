@@ -168,9 +168,8 @@ class Histories:
         if not found:
             return None
         lower, upper = min(each.lower for each in found), max(each.upper for each in found)
-        return ProbabilityInterval(
-            lower, upper, '; '.join(dict.fromkeys(each.assumption for each in found))
-        )
+        assumptions = '; '.join(dict.fromkeys(each.assumption for each in found))
+        return ProbabilityInterval(lower, upper, assumptions)
 
     def spatial_truths(self, atom: PastAtom) -> SpatialTruths:
         """Return the truth of a spatial operator from all objects on."""

@@ -421,11 +421,7 @@ class StateDistribution:
     def covariance_matrices(
         self, values: Values, moments: Moments
     ) -> Iterator[tuple[Sequence[int], list[list[float]]]]:
-        """Yield the numbers of each group of several, with the covariances of their errors.
-
-        Raises:
-            ReasoningError: if a value is unusable.
-        """
+        """Yield the numbers of each group of several, with the covariances of their errors."""
         for group in sorted({self._groups[first] for first, _ in self._covariances}):
             members = [each for each, found in enumerate(self._groups) if found == group]
             rows = (
@@ -508,7 +504,7 @@ def _covariances(
                 if second == first or other.mean != covariance.left:
                     continue
                 names = f"'{number.mean}' and '{other.mean}'"
-                if isinstance(other, Bounded) or other.time_constant != number.time_constant:
+                if type(other) is not Uncertain or other.time_constant != number.time_constant:
                     raise ReasoningError(
                         f'{names} have a covariance, so both have normal errors that last equally '
                         'long; give both the same time constant, or none'

@@ -7,6 +7,8 @@ The time constants of the uncertain numbers decide how it is computed:
     0 in all                  exact: errors are independent (`chain`)
     other                     an interval with a confidence, of simulated runs (`simulation`)
 
+Samples of a particle filter are counted, for an interval with a confidence.
+
 Functions of numbers whose joint distribution at one state is known, by their covariances, are
 simulated at that state. Where independent errors enter one atom in different sums, `x - y < 2`
 beside `x < 1`, the distribution is not exact, and runs are simulated, too.
@@ -35,11 +37,11 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 from dyknow_reasoning.execution.probability.bounds import StateChances, has_windows, operator_of
 from dyknow_reasoning.execution.probability.distributions import Cells, Chance, StateDistribution
-from dyknow_reasoning.execution.probability.simulation import RUNS, SimulatedRuns
+from dyknow_reasoning.execution.probability.simulation import RUNS, CountedSamples, SimulatedRuns
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Atom, Comparison, Previous, walk
 from dyknow_reasoning.language.parsing import parse_formula
-from dyknow_reasoning.language.terms import Probability, Uncertain
+from dyknow_reasoning.language.terms import Probability, Sampled, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds, check_types
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains, ground, past_operands
@@ -54,6 +56,7 @@ BOUNDED: Final = 'assuming errors within their bounds'
 _ROUNDING: Final = 1e-10
 """The greatest error of the sums of a long recording."""
 
+SAMPLED: Final = 'with 95 % confidence, of independent samples'
 SIMULATED: Final = f'with 95 % confidence, of {RUNS} simulated runs'
 
 MAX_REMAINDERS: Final = 2000
@@ -105,7 +108,15 @@ class FormulaProbability:
         constants = {each.time_constant for each in distribution.numbers}
         self.assumption = NOTHING_KNOWN
         self._model: _Model
-        if distribution.has_cells and constants <= {0}:
+        if any(isinstance(each, Sampled) for each in distribution.numbers):
+            if has_windows(node) or not all(isinstance(n, Sampled) for n in distribution.numbers):
+                raise ReasoningError(
+                    'samples are those of one state; ask for the probability at each state, of a '
+                    'formula without temporal operators, and of numbers with samples alone'
+                )
+            self._model = CountedSamples(node, atoms, kinds, distribution)
+            self.assumption = SAMPLED
+        elif distribution.has_cells and constants <= {0}:
             self._model, self.assumption = RemainderChain(node, distribution), INDEPENDENT
         elif (None not in constants and (has_windows(node) or not distribution.has_cells)) or (
             distribution.is_joint and not (distribution.is_linear or has_windows(node))

@@ -9,7 +9,7 @@ every state, not only at one: later intervals lie in earlier ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy, deepcopy
 from functools import lru_cache
 from math import exp, sqrt
@@ -19,7 +19,7 @@ from zlib import crc32
 import numpy as np
 import numpy.typing as npt
 
-from dyknow_common import COMPARISONS
+from dyknow_common import COMPARISONS, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 from dyknow_reasoning.execution.probability.distributions import (
@@ -32,7 +32,7 @@ from dyknow_reasoning.language.terms import Arithmetic, Function, Term, Uncertai
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import CALCULATE, Values, predicate, term_reader
 from dyknow_reasoning.progression.functions import call_function_on_vectors
-from dyknow_reasoning.progression.nodes import Node, slots
+from dyknow_reasoning.progression.nodes import Node, holds_at, slots
 from dyknow_reasoning.progression.residual import holds_at_the_end
 
 RUNS: Final = 1000
@@ -73,13 +73,7 @@ class SimulatedRuns:
     ) -> None:
         self._distribution = distribution
         self._interval = _clopper_pearson()
-        if len(atoms) > _MAX_ATOMS:
-            message = f'the formula has {len(atoms)} atoms; at most {_MAX_ATOMS} are simulated'
-            raise ReasoningError(message)
-        self._readers = {
-            slot: _vector_reader(atoms[slot], kinds, distribution.numbers)
-            for slot in slots(node.mask)
-        }
+        self._readers = _vector_readers(node, atoms, kinds, distribution.numbers)
         self._automaton = Automaton(node)
         initial = self._automaton.initial
         # The same formula draws the same errors, live and recorded.
@@ -183,6 +177,78 @@ class SimulatedRuns:
             self._errors = [each[is_open] for each in self._errors]
 
 
+class CountedSamples:
+    """The share of the samples of a state for which a formula without temporal operators holds.
+
+    Sample i of each number is of one particle, so the atoms of the state have their joint truth.
+    Arguments and errors as of `SimulatedRuns`.
+    """
+
+    def __init__(
+        self, node: Node, atoms: Sequence[Atom], kinds: Kinds, distribution: StateDistribution
+    ) -> None:
+        self._node, self._numbers = node, distribution.numbers
+        self._interval = _clopper_pearson()
+        self._samples = [term_reader(each.deviation, kinds) for each in self._numbers]
+        self._readers = _vector_readers(node, atoms, kinds, self._numbers)
+        self._known: Chance | None = None
+
+    @property
+    def is_final(self) -> bool:
+        """True after the first state."""
+        return self._known is not None
+
+    def step(self, time: int, values: Values) -> None:  # noqa: ARG002
+        """Take a state; raise ReasoningError if a value is unusable."""
+        if self._known is not None:
+            return
+        vectors = [
+            _samples_of(number, read(values))
+            for number, read in zip(self._numbers, self._samples, strict=True)
+        ]
+        if len({len(each) for each in vectors}) > 1:
+            lengths = zip(
+                (f"'{each.mean}'" for each in self._numbers), map(len, vectors), strict=True
+            )
+            raise ReasoningError(
+                f'samples differ in number: {dict(lengths)}; take them from one message'
+            )
+        symbols = np.zeros(len(vectors[0]), np.int64)
+        for slot, read in self._readers.items():
+            symbols |= np.asarray(read(values, vectors), np.int64) << slot
+        found, counts = np.unique(symbols, return_counts=True)
+        held = sum(
+            count
+            for symbol, count in zip(found.tolist(), counts.tolist(), strict=True)
+            if holds_at(self._node, symbol)
+        )
+        self._known = self._interval(held, held, len(symbols))
+
+    def chance(self) -> Chance:
+        """Return the interval of the probability."""
+        return self._known or (0.0, 1.0)
+
+    chance_at_end = chance
+
+    def copied(self) -> CountedSamples:
+        """Return a copy, which takes a state by itself."""
+        return copy(self)
+
+
+def _samples_of(number: Uncertain, text: str) -> _Numbers:
+    """Return the samples in a text; raise ReasoningError if it has none, or others."""
+    try:
+        found = np.array(text.split(), np.float64)
+    except ValueError:
+        found = np.full(1, np.nan)
+    if not (len(found) and np.isfinite(found).all()):
+        raise ReasoningError(
+            f"the samples of '{number.mean}' are '{shortened(text)}'; they are one or more finite "
+            'numbers, with spaces between them'
+        )
+    return found
+
+
 def _grouped(codes: _Indices) -> tuple[list[int], _Indices]:
     """Return the numbers that occur, and for each given number the index of it among these."""
     most = int(codes.max()) + 1
@@ -193,6 +259,16 @@ def _grouped(codes: _Indices) -> tuple[list[int], _Indices]:
     index = np.empty(most, np.int64)
     index[kinds] = np.arange(len(kinds))
     return kinds.tolist(), index[codes]
+
+
+def _vector_readers(
+    node: Node, atoms: Sequence[Atom], kinds: Kinds, numbers: Sequence[Uncertain]
+) -> Mapping[int, Callable[[Values, _Vectors], Any]]:
+    """Return what reads the truth of the atom of each slot in each run."""
+    if len(atoms) > _MAX_ATOMS:
+        message = f'the formula has {len(atoms)} atoms; at most {_MAX_ATOMS} are simulated'
+        raise ReasoningError(message)
+    return {slot: _vector_reader(atoms[slot], kinds, numbers) for slot in slots(node.mask)}
 
 
 def _vector_reader(
@@ -244,21 +320,21 @@ def _is_uncertain(node: Any) -> bool:
     return any(isinstance(each, Uncertain) for each in walk(node))
 
 
-def _clopper_pearson() -> Callable[[int, int], Chance]:
-    """Return a function of the least and the greatest number of true runs."""
+def _clopper_pearson() -> Callable[..., Chance]:
+    """Return a function of the least and the greatest number of true runs, and of all runs."""
     try:
         from scipy.special import betaincinv  # noqa: PLC0415 - an optional library
     except ImportError:
         raise ReasoningError(
-            'correlated errors are simulated with scipy, which is not installed; install '
+            'correlated errors and samples need scipy, which is not installed; install '
             'dyknow[probability], or python3-scipy'
         ) from None
     tail = (1.0 - CONFIDENCE) / 2
 
     @lru_cache(1)  # It rarely changes from one state to the next.
-    def interval(least: int, most: int) -> Chance:
-        lower = float(betaincinv(least, RUNS - least + 1, tail)) if least else 0.0
-        upper = float(betaincinv(most + 1, RUNS - most, 1.0 - tail)) if most < RUNS else 1.0
+    def interval(least: int, most: int, runs: int = RUNS) -> Chance:
+        lower = float(betaincinv(least, runs - least + 1, tail)) if least else 0.0
+        upper = float(betaincinv(most + 1, runs - most, 1.0 - tail)) if most < runs else 1.0
         return lower, upper
 
     return interval
