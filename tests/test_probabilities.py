@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from dyknow_interfaces.msg import EvaluationStatusArray
+from nav_msgs.msg import Odometry
 
 from dyknow_common import Verdict
 from dyknow_common.ros import LATCHED
@@ -56,3 +57,34 @@ def test_a_formula_asks_for_probabilities(system: System, batteries: Batteries) 
     (bounds, *_) = {each.probability.bounds for each in told if each.probability}
     assert bounds == '0.99379'
     assert 'at most 0.691463, assuming independent errors' in false.explanation
+
+
+def test_covariances_and_samples_of_a_topic(system: System) -> None:
+    """The errors of the point (1, 1) go together; the samples are 0 to 35."""
+    pose, cloud = '"/cloud".pose', '"/cloud".twist.covariance'
+    x, y = (f'{pose}.pose.position.{each}' for each in 'xy')
+    covariance = f'covariance({y}, {pose}.covariance[1])'
+    correlated = f'normal({x}, sqrt({pose}.covariance[0]), {covariance})'
+    difference = f'{correlated} - normal({y}, sqrt({pose}.covariance[7]))'
+    sampled = f'sampled(mean({cloud}), samples({cloud}))'
+    node, odometry = system.client.node, Odometry()
+    odometry.pose.pose.position.x = odometry.pose.pose.position.y = 1.0
+    odometry.pose.covariance[[0, 1, 7]] = 1.0, 0.995, 1.0
+    odometry.twist.covariance[:] = range(36)
+    publisher = node.create_publisher(Odometry, '/cloud', 10)
+
+    def publish() -> None:
+        odometry.header.stamp = node.get_clock().now().to_msg()
+        publisher.publish(odometry)
+
+    timer = node.create_timer(0.1, publish)
+    with FormulaClient(node) as client:
+        asked = client.monitor(
+            f'always[0 s, 300 ms] (P(abs({difference}) < 0.3) > 0.9 and P({sampled} > 17.5) > 0.32)'
+        )
+        system.client.spin_until(asked.outcome.done, 'the verdict')
+        answer = asked.outcome.result()
+    node.destroy_timer(timer)
+    node.destroy_publisher(publisher)
+    assert isinstance(answer, Answer)
+    assert answer.check().verdict is Verdict.TRUE

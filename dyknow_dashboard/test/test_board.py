@@ -291,7 +291,7 @@ def test_a_row_has_the_probability() -> None:
     interval = ProbabilityInterval(0.9, 1.0, 'assuming independent errors')
     (row,) = board_of(replace(POWER, probability=interval)).formulas.rows()
     text = 'at least 0.9, assuming independent errors'
-    assert row['probability'] == {'lower': 0.9, 'upper': 1.0, 'text': text}
+    assert row['probability'] == {**interval.document, 'text': text}
 
 
 def test_margins_are_kept_over_time() -> None:

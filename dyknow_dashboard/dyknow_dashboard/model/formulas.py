@@ -18,7 +18,6 @@ from dyknow_common import (
     UNIX_TIMES,
     DyKnowError,
     ExitCode,
-    ProbabilityInterval,
     Verdict,
     round_time,
     with_readable_times,
@@ -187,7 +186,7 @@ class FormulaTable:
                 ).partition('\n')[0]
             ),
             'margin': '' if status.margin is None else str(status.margin),
-            'probability': None if probability is None else _probability(probability),
+            'probability': probability and {**probability.document, 'text': str(probability)},
             'states': status.states_progressed,
             'since': max(self._now - status.started, 0) // SECOND_NS,
             'every_state': status.episodes is not None,
@@ -284,10 +283,6 @@ def _episodes(status: EvaluationStatus) -> Iterable[dict[str, Any]]:
             'states': each.states,
             'explanation': with_readable_times(each.text, status.started),
         }
-
-
-def _probability(interval: ProbabilityInterval) -> dict[str, Any]:
-    return {'lower': interval.lower, 'upper': interval.upper, 'text': str(interval)}
 
 
 def _finite(value: float) -> float | None:
