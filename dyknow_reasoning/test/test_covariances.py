@@ -181,6 +181,7 @@ THREE = (
         (f'{THREE[0]} > {THREE[1]} + normal(z, 1)', 'those of no distribution'),
         (f'abs({THREE[0]}) > {THREE[1]} + normal(z, 1)', 'those of no distribution'),
         ('normal(x, 1, 1 s, 2 s) > 0', 'second time constant'),
+        ('normal(x, 1, covariance(y, 2 m)) > 0', 'a plain number; remove its unit'),
         ('covariance(x, y) > 0', r'stands in normal\(...\) only'),
     ],
 )

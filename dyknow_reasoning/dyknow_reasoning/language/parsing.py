@@ -200,6 +200,8 @@ def _uncertain(
     if name == 'sampled':
         return terms.Sampled(estimate, amount)
     if name == 'covariance':
+        if isinstance(amount, terms.Quantity):
+            raise PositionedError('a covariance is a plain number; remove its unit', first.position)
         return terms.Covariance(name, estimate, amount, position=first.position)
     covariances = tuple(each for each in others if isinstance(each, terms.Covariance))
     time, *more = [each for each in others if each not in covariances] or [None]

@@ -58,7 +58,7 @@ Cells: TypeAlias = Sequence[tuple[int, float]]
 _LESS: Final = {'<', '<='}
 _GREATER: Final = {'>', '>='}
 
-_TOLERANCE: Final = 1e-9
+TOLERANCE: Final = 1e-9
 """The greatest relative error of covariances that are calculated."""
 
 MAX_CELLS: Final = 4096
@@ -435,7 +435,7 @@ class StateDistribution:
         if first == second:
             return largest
         found: float = self._covariances[min(first, second), max(first, second)](values)
-        if not abs(found) <= largest * (1 + _TOLERANCE):
+        if not abs(found) <= largest * (1 + TOLERANCE):
             raise ReasoningError(
                 f"the covariance of '{self.numbers[first].mean}' and "
                 f"'{self.numbers[second].mean}' is {found}, more than the product of their "
@@ -456,7 +456,7 @@ class StateDistribution:
             if (first, second) in self._covariances:
                 covariance = self._covariance(first, second, values, moments)
                 variance += 2 * one * other * covariance
-        if variance < -_TOLERANCE * largest * largest:
+        if variance < -TOLERANCE * largest * largest:
             raise no_distribution([self.numbers[number] for number, _ in direction])
         return sqrt(max(0.0, variance))
 

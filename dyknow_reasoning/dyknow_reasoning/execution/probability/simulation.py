@@ -23,6 +23,7 @@ from dyknow_common import COMPARISONS, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 from dyknow_reasoning.execution.probability.distributions import (
+    TOLERANCE,
     Chance,
     StateDistribution,
     no_distribution,
@@ -45,9 +46,6 @@ _MAX_ATOMS: Final = 32
 
 _MAX_CODES: Final = 1 << 12
 """The most numbers that are grouped by a table; more are sorted."""
-
-_NEGATIVE: Final = 1e-9
-"""The greatest part of a covariance matrix that is an error of its calculation."""
 
 _Numbers: TypeAlias = npt.NDArray[np.float64]
 _Indices: TypeAlias = npt.NDArray[np.int64]
@@ -149,7 +147,7 @@ class SimulatedRuns:
         for members, matrix in self._distribution.covariance_matrices(values, moments):
             # The symmetric root: it changes little if the covariances do.
             scales, axes = np.linalg.eigh(matrix)
-            if scales[0] < -_NEGATIVE * scales[-1]:
+            if scales[0] < -TOLERANCE * scales[-1]:
                 raise no_distribution([numbers[each] for each in members])
             root = axes * np.sqrt(np.maximum(scales, 0)) @ axes.T
             together = root @ np.array([drawn[each] for each in members])
