@@ -136,7 +136,7 @@ class LiveSignals:
         """Find the panels of the signals so far."""
         try:
             found, self._omitted = panels(self._report())
-            self._panels = [replace(each, unit=each.unit or self._unit(each)) for each in found]
+            self._panels = [self._with_unit(each) for each in found]
         except DyKnowError:  # The objects of a sort are not known yet.
             self._panels, self._omitted = [], 0
         shapes = (
@@ -173,7 +173,9 @@ class LiveSignals:
 
     def _document(self, found: Sequence[Panel]) -> dict[str, Any]:
         report = self._report()
-        begin = max(self._origin, self.latest - WINDOW_NS)
+        signals = () if report.signals is None else report.signals.signals.values()
+        first = min((int(each.times[0]) for each in signals if len(each.times)), default=0)
+        begin = max(self._origin, first, self.latest - WINDOW_NS)
         whole = Span(begin, max(self.latest, begin + SECOND_NS))
         shown = marks(report, whole)
         figures = PageFigures()
@@ -186,6 +188,14 @@ class LiveSignals:
         margin = round((end - begin) * _MARGIN)
         formula['range'] = [self._seconds(begin - margin), self._seconds(end + margin)]
         return document
+
+    def _with_unit(self, panel: Panel) -> Panel:
+        """Return a panel in the unit of its features, unless its formula has units itself."""
+        unit = self._unit(panel)
+        if panel.unit or not unit:
+            return panel
+        limits = tuple(replace(each, text=f'{each.text} {unit}') for each in panel.thresholds)
+        return replace(panel, unit=unit, thresholds=limits)
 
     def _unit(self, panel: Panel) -> str:
         """Return the unit of the features that a panel shows; empty if it is not the same."""

@@ -35,7 +35,7 @@ class AskForm {
   }
 
   showFault(fault, notes) {
-    setText($('fault'), fault || notes.join('\n'));
+    setMarkedText($('fault'), fault || notes.join('\n'));
     setClass($('fault'), fault ? 'bad' : 'note');
     this.field.setAttribute('aria-invalid', String(Boolean(fault)));
   }

@@ -23,6 +23,16 @@ function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+// Sets a text in which places may be marked by a caret below them: all other lines wrap.
+function setMarkedText(element, text) {
+  if (element.textContent === text) return;
+  const lines = text.split('\n');
+  const isCaret = (number) => /^\s*\^$/.test(lines[number] ?? '');
+  element.replaceChildren(...lines.flatMap((each, number) => [
+    number ? '\n' : '', isCaret(number) || isCaret(number + 1) ? each : make('span', {}, each),
+  ]));
+}
+
 function setClass(element, name) {
   if (element.className !== name) element.className = name;
 }

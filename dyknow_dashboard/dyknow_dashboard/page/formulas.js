@@ -141,7 +141,7 @@ class FormulaRow {
     const facts = [
       row.failed_at ? `failed at ${momentText(row.failed_at)}` : '',
       row.failures > 1 ? `${row.failures} times` : '',
-      `${row.states} states`, `since ${duration(row.since)}`, row.every_state ? 'asked at every state' : '',
+      `${row.states} states`, `asked ${duration(row.since)} ago`, row.every_state ? 'asked at every state' : '',
       row.margin ? `margin ${row.margin}` : '', row.plan ? `plan ${row.plan}` : '',
     ];
     setText(this.facts, facts.filter(Boolean).join('; '));
@@ -179,12 +179,12 @@ class FormulaRow {
   details(details) {
     this.latest = details;
     this.fullName = details.name;
-    setText(this.why, details.explanation || details.waits_for || this.row.text);
+    setMarkedText(this.why, details.explanation || details.waits_for || this.row.text);
     // A caret stands under its place.
     const isMarked = /^\s*\^$/m.test(this.why.textContent);
     setClass(this.why, `why is-${this.row.kind}${isMarked ? ' marked' : ''}`);
     const parts = [
-      details.decided_at ? `decided at ${momentText(details.decided_at)}` : '',
+      details.decided_at && !this.row.failed_at ? `decided at ${momentText(details.decided_at)}` : '',
       details.residual ? `remains: ${details.residual}` : '',
       details.waits_for && details.explanation ? `waits for: ${details.waits_for}` : '',
     ];

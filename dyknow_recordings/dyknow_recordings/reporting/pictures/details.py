@@ -10,7 +10,7 @@ from dyknow_common import with_readable_times
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.figures import PageFigures
-from dyknow_recordings.reporting.pictures.panels import Panel, marks, panels
+from dyknow_recordings.reporting.pictures.panels import Panel, formula_text, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import (
     Span,
     episode_runs,
@@ -29,7 +29,7 @@ def body(formula: FormulaReport, whole: Span, judgement: Judgement, figures: Pag
     figures.add(found, marks(formula, whole))
     return ''.join(
         [
-            f'<p><code>{escape(formula.formula)}</code></p>',
+            f'<p><code>{escape(formula_text(formula.formula))}</code></p>',
             *_reasons(formula, whole, judgement),
             *_figures(found, omitted, formula),
             *_episodes(formula, whole),

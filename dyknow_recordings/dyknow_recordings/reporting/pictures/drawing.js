@@ -61,7 +61,7 @@ function statesOf(panel, marks) {
       .map((name) => [state.time, state.values[name], state.verdict]));
   return {
     x: points.map((p) => p[0]), y: points.map((p) => p[1]), text: points.map((p) => p[2]),
-    mode: 'markers', showlegend: false, hovertemplate: '%{text}: %{y} at %{x}<extra></extra>',
+    mode: 'markers', cliponaxis: false, showlegend: false, hovertemplate: '%{text}: %{y} at %{x}<extra></extra>',
     marker: {size: 11, color: '#d55e00', line: {width: 2, color: '#ffffff'}, symbol: 'diamond'},
   };
 }
@@ -74,18 +74,21 @@ function layoutOf(panel, drawing) {
     ...marks.pending.map((each) => band(each, '#56b4e9', 0.3, 'dash')),
     ...marks.gaps.map((each) => band(each, '#7f7f7f', 0.35)),
     ...marks.violations.map((each) => line(each, 'dot', 2, '#9b5fc0')),
-    ...marks.deciding.map((each) => line(each.time, 'solid', 2, '#d55e00')),
+    // In the panels of objects that have not decided, the line only shows the time.
+    ...marks.deciding.map((each) => line(each.time, 'solid', panel.is_decisive ? 2 : 1, '#d55e00')),
     ...panel.thresholds.map((each) => ({
       type: 'line', x0: 0, x1: 1, xref: 'paper', y0: each.value, y1: each.value,
       line: {dash: 'dash', width: 1.6, color: '#d55e00'},
     })),
   ];
   const range = drawing.range;
+  // The texts of thresholds are at the right, unless a state there has decided.
+  const isLate = marks.deciding.some((each) => each.time > range[0] + 0.8 * (range[1] - range[0]));
   const annotations = [
     ...panel.thresholds.map((each) => label(each.text, {
-      x: 1, xref: 'paper', xanchor: 'right', y: each.value, yanchor: 'bottom',
+      x: isLate ? 0 : 1, xref: 'paper', xanchor: isLate ? 'left' : 'right', y: each.value, yanchor: 'bottom',
     })),
-    ...marks.deciding.slice(0, 1).map((each) => label(each.verdict, {
+    ...marks.deciding.slice(0, panel.is_decisive ? 1 : 0).map((each) => label(each.verdict, {
       x: each.time, y: 1, yref: 'paper', yanchor: 'bottom',
       xanchor: each.time > (range[0] + range[1]) / 2 ? 'right' : 'left',
     })),

@@ -2,7 +2,16 @@
 const data = JSON.parse(document.getElementById('data').textContent);
 const PRINT_WIDTH = 640;
 
+// Reads plotly, which has 5 MB, when the first plot is opened.
+function readPlotly() {
+  if (window.Plotly) return;
+  const script = document.createElement('script');
+  script.textContent = document.getElementById('plotly').textContent;
+  document.head.append(script);
+}
+
 function draw(details) {
+  readPlotly();
   const drawing = drawingOf(data, details.dataset.formula);
   details.querySelectorAll('.plot:not(.js-plotly-plot)').forEach((element) => {
     drawPanel(element, drawing.panels[element.dataset.panel], drawing);
@@ -24,7 +33,8 @@ function follow(details, source, change) {
 
 const all = [...document.querySelectorAll('details.formula')];
 all.forEach((each) => each.addEventListener('toggle', () => each.open && draw(each)));
-all.filter((each) => each.open).forEach(draw);
+// The verdicts are shown before the first plot is drawn.
+requestAnimationFrame(() => setTimeout(() => all.filter((each) => each.open).forEach(draw)));
 
 let closed = [];
 addEventListener('beforeprint', () => {

@@ -9,7 +9,8 @@ from datetime import UTC, datetime
 from html import escape
 from importlib import resources
 from itertools import count
-from typing import Final
+from pathlib import PurePath
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.details import body
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.libraries import plotly_script
+from dyknow_recordings.reporting.pictures.panels import formula_text
 from dyknow_recordings.reporting.pictures.timeline import (
     OutcomeSegment,
     Span,
@@ -63,6 +65,7 @@ def report_page(
     # A "<" in a text must not end the element.
     data = json.dumps(figures.document(), allow_nan=False).replace('<', '\\u003c')
     return _PAGE.format(
+        title=escape(_title(reports, judgement)),
         style=_resource('page.css'),
         summary=escape(_summary(reports, unread, judgement)),
         errors=errors,
@@ -79,7 +82,7 @@ _PAGE: Final = """\
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<title>DyKnow: check of recordings</title>
+<title>{title}</title>
 <style>
 {style}</style>
 </head>
@@ -96,13 +99,27 @@ _PAGE: Final = """\
 </div>
 {errors}
 {sections}
-<script>{plotly}</script>
+<script type="text/plain" id="plotly">{plotly}</script>
 <script type="application/json" id="data">{data}</script>
 <script>
 {script}</script>
 </body>
 </html>
 """
+
+
+def _title(reports: Sequence[RecordingReport], judgement: Judgement) -> str:
+    """Return the title of the tab: the number of formulas that fail, and the recordings."""
+    failing = sum(not judgement.passes(each) for report in reports for each in report.formulas)
+    number = f'({failing}) ' if failing else ''
+    more = f' and {len(reports) - 1} more' if len(reports) > 1 else ''
+    name = f'{_name(reports[0])}{more}' if reports else 'check of recordings'
+    return f'{number}{name} - DyKnow'
+
+
+def _name(report: RecordingReport) -> str:
+    """Return the name of the file or folder of a recording."""
+    return PurePath(report.recording).name or report.recording
 
 
 def _summary(
@@ -129,12 +146,14 @@ def _section(
     whole = extent(report)
     figures.begin_recording(whole)
     duration = round_duration(report.end_time - report.start_time)
-    yield f'<section>\n<h2>{escape(report.recording)}</h2>\n'
-    yield f'<p class="soft">{duration}; times count from {_start_text(whole)}</p>\n'
-    yield f'<div class="row axis"><div>{"".join(_ticks(whole))}</div></div>\n'
+    yield f'<section>\n<h2>{escape(_name(report))}</h2>\n'
+    yield f'<p class="soft">{escape(report.recording)}: {duration}; times count from '
+    yield f'{_start_text(whole)}</p>\n'
     if report.map is not None:
         yield map_image(report.map, report.formulas, whole)
-    for formula in report.formulas:
+    yield f'<div class="row axis"><div>{"".join(_ticks(whole))}</div></div>\n'
+    # Formulas that fail come first.
+    for formula in sorted(report.formulas, key=judgement.passes):
         yield _formula(formula, whole, judgement, figures, next(numbers))
     for note in report.notes:
         yield f'<p class="soft">Note: {escape(note)}</p>\n'
@@ -142,11 +161,11 @@ def _section(
 
 
 def _start_text(whole: Span) -> str:
-    seconds = f'{whole.start / NANOSECONDS["s"]:.3f} s'
     if whole.start < _FIRST_DATE:
-        return seconds
-    date = datetime.fromtimestamp(whole.start // NANOSECONDS['s'], UTC)
-    return f'{date:%Y-%m-%d %H:%M:%S} UTC ({seconds})'
+        return f'{whole.start / NANOSECONDS["s"]:.3f} s'
+    seconds, rest = divmod(whole.start, NANOSECONDS['s'])
+    date = datetime.fromtimestamp(seconds, UTC)
+    return f'{date:%Y-%m-%d %H:%M:%S}.{rest // NANOSECONDS["ms"]:03} UTC'
 
 
 def _ticks(whole: Span) -> Iterator[str]:
@@ -170,7 +189,7 @@ def _formula(
         f'<div class="head"><span class="word {outcome}">{outcome}'
         f'<small class="{"passes" if passes else "fails"}">'
         f'{"passes" if passes else "does not pass"}</small></span>'
-        f'<div>{shown}<code>{escape(formula.formula)}</code></div></div>'
+        f'<div>{shown}<code>{escape(formula_text(formula.formula))}</code></div></div>'
         f'<div class="strip" role="img" aria-label="{escape(_strip_text(formula, whole))}">'
         f'{"".join(_strip(formula, whole))}</div></summary>\n'
         f'<div class="body">{body(formula, whole, judgement, figures)}</div>\n</details>\n'
@@ -237,6 +256,7 @@ def map_image(found: RecordedMap, formulas: Iterable[FormulaReport], whole: Span
         + ''.join(_region(name, each, name in named) for name, each in regions.items())
         + ''.join(_track(name, track[1], track[2]) for name, track in found.tracks.items())
         + ''.join(_place_mark(*place, size / 80, text) for place, _, text in failures)
+        + ''.join(_label(name, regions[name], size / 30) for name in sorted(named & regions.keys()))
         + '</svg>'
     )
 
@@ -262,6 +282,14 @@ def _region(name: str, geometry: object, is_broken: bool) -> str:  # noqa: FBT00
     path = ' '.join(f'M{_points(*np.array(ring.coords)[:, :2].T)}Z' for ring in rings)
     kind = ' class="is-broken"' if is_broken else ''
     return f'<path{kind} d="{path}"><title>{escape(name)}</title></path>'
+
+
+def _label(name: str, geometry: Any, height: float) -> str:
+    """Return the name of a region, as text above its middle."""
+    (left, bottom, right, top) = geometry.bounds
+    x, y = (left + right) / 2, (bottom + top) / 2 + height
+    style = f'x="{x:.6g}" y="{-y:.6g}" font-size="{height:.3g}"'
+    return f'<text {style}>{escape(name)}</text>'
 
 
 def _track(name: str, x: Iterable[float], y: Iterable[float]) -> str:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from dyknow_common import MIRRORED_COMPARISONS
+from dyknow_common import MIRRORED_COMPARISONS, DyKnowError
 from dyknow_reasoning import (
     Comparison,
     Feature,
@@ -98,6 +98,14 @@ class Marks:
     gaps: tuple[Span, ...] = ()
     unknown: Mapping[str, tuple[Span, ...]] = field(default_factory=dict)
     violations: tuple[int, ...] = ()
+
+
+def formula_text(formula: str) -> str:
+    """Return a canonical text with its numbers as they were written, for people."""
+    try:
+        return str(as_written(parse_formula(formula)))
+    except DyKnowError:  # What was asked is no formula.
+        return formula
 
 
 def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
