@@ -178,7 +178,7 @@ def test_the_surge_of_the_demonstration(page: LivePage) -> None:
         page.show(address)
         line = command('uav_demo', '--scenario', 'power_surge')
         with subprocess.Popen(
-            line, env={**os.environ, **environment}, stdout=subprocess.DEVNULL
+            line, env={**os.environ, **environment}, stdout=subprocess.PIPE, text=True
         ) as demo:
             row = page.open('power')
             page.until(lambda: 'false' in page.state('power'), 'the verdict', LIMIT * 2)
@@ -187,7 +187,8 @@ def test_the_surge_of_the_demonstration(page: LivePage) -> None:
             figure = page.until(lambda: row.find_elements(By.CSS_SELECTOR, 'figure'), 'signals')[0]
             page.until(lambda: 'decides' in figure.text, 'the decisive signal is the first')
             assert 'Power[uav2]' in figure.text
-            assert demo.wait(LIMIT * 2) == 0
+            said, _ = demo.communicate(timeout=LIMIT * 2)
+            assert demo.returncode == 0, said
         assert page.errors() == []
 
 

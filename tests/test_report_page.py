@@ -44,9 +44,22 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_the_page_is_drawn(browser: Browser, page: str, width: int, *, dark: bool) -> None:
     browser.open(page, width, dark=dark)
     browser.wait_for(PANELS)
+    assert browser.run('document.title') == '(5) faults - DyKnow'
     assert browser.errors() == []
     assert browser.requests() == [page]
     assert browser.overflow() <= 0
+
+
+def test_plotly_is_read_when_a_plot_is_opened(browser: Browser, tmp_path: Path) -> None:
+    path = tmp_path / 'report.html'
+    recording, config = ROVER / 'recordings' / 'clean', ROVER / 'robot.yaml'
+    assert main(['check', str(recording), '--config', str(config), '--html', str(path)]) == 0
+    browser.open(path.as_uri())
+    assert browser.run('document.title') == 'clean - DyKnow'
+    assert not browser.run('Boolean(window.Plotly)')
+    browser.driver.execute_script("document.querySelector('details.formula').open = true")
+    browser.wait_for(PANELS)
+    assert browser.errors() == []
 
 
 def test_every_formula_can_be_opened_on_a_phone(browser: Browser, page: str) -> None:

@@ -40,6 +40,7 @@ from dyknow_recordings.reporting.pictures.page import report_page
 from dyknow_recordings.reporting.pictures.panels import (
     MAX_PANELS,
     Threshold,
+    formula_text,
     marks,
     panels,
     unknown_spans,
@@ -268,6 +269,17 @@ def test_a_page_is_complete_and_needs_no_network() -> None:
     assert len(data['formulas']) == 3
     assert data['signals'][0]['v'] == [*range(9)]
     assert data['signals'][0]['t'][-1] == 0.8
+
+
+def test_a_page_names_its_recording_and_has_what_fails_first() -> None:
+    text = page(checked('always "/a".p < 50', 'always "/a".p < 5', values=[*range(9)]))
+    assert '<title>(1) ' in text
+    assert text.index('always (&quot;/a&quot;.p &lt; 5)') < text.index('&lt; 50)')
+
+
+def test_a_formula_is_shown_with_its_units() -> None:
+    assert formula_text('let X: "m" in (always (X > 0.3 "m"))') == 'always (X > 0.3 m)'
+    assert formula_text('always') == 'always'
 
 
 def plotly() -> str:

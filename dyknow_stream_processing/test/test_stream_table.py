@@ -115,7 +115,7 @@ def test_the_engines_where_there_are_several() -> None:
 
 def test_no_streams() -> None:
     lines = shown(stream_table([], ['/engine'], hidden=2))
-    assert lines[0].startswith('There are no streams. Start DyKnow with a file that has some')
+    assert lines[0].startswith('There are no named streams; formulas over topics need none. To')
     assert lines[-1] == "/engine; 2 of DyKnow's own streams not shown (--all shows them)"
 
 

@@ -35,8 +35,8 @@ _BLOCK: Final = 256
 With MAX_POINTS, a signal takes at most 50 KB.
 """
 
-_FEATURE: Final = re.compile(r'(\w+)(\[[^\]]*\])?')
-"""The text of a feature, such as `Power[uav1]`."""
+_FEATURE: Final = re.compile(r'(?:abs\()?(\w+)(\[[^\]]*\])?\)?')
+"""The text of a feature, such as `Power[uav1]`, or of its absolute value."""
 
 _MARGIN: Final = 0.01
 """The share of the time that is left free at both sides."""

@@ -75,7 +75,7 @@ class Tables {
     const health = $('health');
     health.hidden = !message.nodes.length;
     setText(health, missing.length ? `${missing.length} of ${message.nodes.length} nodes missing`
-      : bad.length ? `${bad.length} of ${message.nodes.length} nodes warn` : `${message.nodes.length} nodes ok`);
+      : bad.length ? `${bad.length} of ${message.nodes.length} not ok` : `${message.nodes.length} nodes ok`);
     setClass(health, `chip ${missing.length ? 'bad' : bad.length ? 'warn' : 'good'}`);
   }
 

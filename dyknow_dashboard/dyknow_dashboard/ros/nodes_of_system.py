@@ -9,6 +9,7 @@ from typing import Any, Final
 from dyknow_interfaces.msg import GuardStatus
 from dyknow_interfaces.srv import SaveBlackBox
 
+from dyknow_common import with_readable_times
 from dyknow_common.ros import (
     LATCHED,
     NO_SUBSCRIPTION_EVENTS,
@@ -75,7 +76,8 @@ class GuardReports:
         if self._latest.state == GuardStatus.OPEN:
             return replace(state, message='open')
         word = 'latched' if self._latest.state == GuardStatus.LATCHED else 'closed'
-        return replace(state, level=Level.ERROR, message=f'{word}: {self._latest.reason}')
+        reason = with_readable_times(self._latest.reason)
+        return replace(state, level=Level.ERROR, message=f'{word}: {reason}')
 
     def release(self) -> None:
         """End the subscription."""

@@ -39,8 +39,8 @@ _STYLES = {
 }
 
 _NONE = (
-    'There are no streams. Start DyKnow with a file that has some, as in "dyknow up robot.yaml"; '
-    'formulas over topics need none.\n'
+    'There are no named streams; formulas over topics need none. To have some, add them to '
+    '"streams" of a robot.yaml.\n'
 )
 
 _SHOWN_NS = 100 * NANOSECONDS['ms']

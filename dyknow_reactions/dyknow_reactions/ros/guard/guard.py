@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from dyknow_interfaces.msg import EvaluationStatusArray, GuardStatus, Heartbeat
 from std_srvs.srv import Trigger
 
-from dyknow_common import DyKnowError
+from dyknow_common import DyKnowError, with_readable_times
 from dyknow_common.executables import describe
 from dyknow_common.ros import (
     HEARTBEAT,
@@ -218,7 +218,8 @@ class GuardNode(DyKnowNode):
         if state is GateState.OPEN:
             self.get_logger().info('open')
         else:
-            self.get_logger().warning(f'{state.name.lower()}: {self._gate.reason}')
+            reason = with_readable_times(self._gate.reason)
+            self.get_logger().warning(f'{state.name.lower()}: {reason}')
 
     def _send_safe(self, now: int) -> None:
         self._passage.send_safe()
