@@ -89,8 +89,8 @@ class Host:
 
     def _act(self, effects: Any) -> None:
         now = time.time_ns()
-        for packet in effects.packets:
-            self.transport.send(packet.receiver, encode(packet), is_urgent=False)
+        for receiver, packet in effects.packets:
+            self.transport.send(receiver, encode(packet), is_urgent=packet.is_urgent)
         for event in effects.events:
             if isinstance(event, ValueKnown):
                 value = event.value

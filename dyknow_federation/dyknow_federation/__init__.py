@@ -1,6 +1,7 @@
 """Several hosts: their clocks, links, and what they share."""
 
 from dyknow_federation.clocks import Offset, OwnTime, PairClock
+from dyknow_federation.encoding import decode, encode
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     ClockJumped,
@@ -22,8 +23,6 @@ from dyknow_federation.messages import (
     SharedObject,
     Shares,
     StreamFault,
-    decode,
-    encode,
 )
 from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.possible_values import PossibleValues

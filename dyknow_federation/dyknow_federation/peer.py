@@ -21,6 +21,7 @@ from typing import Final, NamedTuple
 
 from dyknow_common import NANOSECONDS, Value, check_name
 from dyknow_federation.clocks import BEGINNING
+from dyknow_federation.encoding import MAX_MESSAGES, decode
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     Event,
@@ -29,7 +30,6 @@ from dyknow_federation.events import (
     StreamWanted,
 )
 from dyknow_federation.messages import (
-    MAX_MESSAGES,
     Hello,
     Message,
     Packet,
@@ -43,7 +43,6 @@ from dyknow_federation.messages import (
     Shares,
     SharesRequest,
     StreamFault,
-    decode,
 )
 from dyknow_federation.remote import RemotePeer
 from dyknow_federation.sending import SentStream
@@ -65,11 +64,11 @@ class Effects(NamedTuple):
     """What follows from a call.
 
     Args:
-        packets: to send, in order.
+        packets: to send, in order, each with the name of its receiver; empty for all.
         events: to act on, in order.
     """
 
-    packets: list[Packet]
+    packets: list[tuple[str, Packet]]
     events: list[Event]
 
 
@@ -95,7 +94,8 @@ class Peer:
         self._epochs = count(1)
         self._hello_at = self._flush_at = -_NEVER
         self._events: list[Event] = []
-        self._packets: list[Packet] = []
+        self._unsent: dict[tuple[str, bool], list[Message]] = {}
+        """By receivers; those that are urgent have packets of their own."""
         self._faults_at: dict[str, int] = {}
 
     @property
@@ -115,7 +115,7 @@ class Peer:
 
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
-        if self._packets:
+        if self._unsent:
             return self._now
         deadlines = (each.next_deadline() for each in self._remotes.values())
         known = (each for each in deadlines if each is not None)
@@ -173,22 +173,21 @@ class Peer:
         if peer in self._remotes:
             self._remotes[peer].release(stream)
 
-    def receive(self, data: bytes, at: int, sender: str = '') -> Effects:
+    def receive(self, data: bytes, at: int, sender: str) -> Effects:
         """Take a packet; one that is not as it must be is an event.
 
         Args:
             data: the packet.
             at: the time.
-            sender: who sent it, as the transport knows; empty if it does not.
+            sender: who sent it, as the transport knows.
         """
         self._note_time(at)
         try:
             packet = decode(data)
-            _check_sender(packet, sender)
-            if packet.sender == self._settings.name:
+            if sender == self._settings.name:
                 self._check_own(packet)
-            elif packet.receiver in {'', self._settings.name}:
-                self._take(packet, at)
+            else:
+                self._take(packet, sender, at)
         except FederationError as error:
             self._report(sender, f'a message is refused: {error}', at)
         return self._effects()
@@ -204,13 +203,9 @@ class Peer:
             self._events += remote.advance(at)
         if at >= self._flush_at:
             self._flush_at = _NEVER
-            unsent: dict[str, list[Message]] = {}
             for stream in self._sent.values():
                 for peer, message in stream.unsent():
-                    unsent.setdefault(peer, []).append(message)
-            for peer, messages in unsent.items():
-                for first in range(0, len(messages), MAX_MESSAGES):
-                    self._send(peer, *messages[first : first + MAX_MESSAGES])
+                    self._send(peer, message)
         return self._effects()
 
     def _note_time(self, at: int) -> None:
@@ -223,8 +218,8 @@ class Peer:
                 self._events += remote.restart_times(at)
         self._now = at
 
-    def _take(self, packet: Packet, at: int) -> None:
-        remote = self._remote(packet.sender, at)
+    def _take(self, packet: Packet, sender: str, at: int) -> None:
+        remote = self._remote(sender, at)
         events = remote.hear(packet.incarnation, at)
         if events is None:
             return
@@ -241,9 +236,9 @@ class Peer:
             case Release(stream):
                 if stream in self._sent:
                     self._sent[stream].release(remote.name)
-            case Probe(number, sent_at):
+            case Probe(sent_at):
                 self._events += remote.check_stamp(sent_at, at)
-                remote.send(ProbeReply(number, sent_at, at, at))
+                remote.send(ProbeReply(sent_at, at, at))
             case _:
                 self._events += remote.take(message, at)
 
@@ -286,7 +281,7 @@ class Peer:
     def _check_own(self, packet: Packet) -> None:
         if packet.incarnation != self._settings.incarnation:
             raise FederationError(
-                f"another host is called '{packet.sender}', too; give each host its own name"
+                f"another host is called '{self._settings.name}', too; give each host its own name"
             )
 
     def _report(self, peer: str, message: str, at: int) -> None:
@@ -298,16 +293,16 @@ class Peer:
             self._faults_at[peer] = at
             self._events.append(PeerFault(peer, message))
 
-    def _send(self, receiver: str, *messages: Message) -> None:
-        name, incarnation = self._settings.name, self._settings.incarnation
-        self._packets.append(Packet(name, incarnation, receiver, messages))
+    def _send(self, receiver: str, message: Message) -> None:
+        key = receiver, isinstance(message, Probe | ProbeReply)
+        self._unsent.setdefault(key, []).append(message)
 
     def _effects(self) -> Effects:
-        found = Effects(self._packets, self._events)
-        self._packets, self._events = [], []
+        packets = [
+            (receiver, Packet(self._settings.incarnation, tuple(unsent[first:][:MAX_MESSAGES])))
+            for (receiver, _), unsent in self._unsent.items()
+            for first in range(0, len(unsent), MAX_MESSAGES)
+        ]
+        found = Effects(packets, self._events)
+        self._unsent, self._events = {}, []
         return found
-
-
-def _check_sender(packet: Packet, sender: str) -> None:
-    if sender not in {'', packet.sender}:
-        raise FederationError(f"peer '{sender}' sends as '{packet.sender}'")

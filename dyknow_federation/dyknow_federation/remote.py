@@ -22,6 +22,7 @@ from dyknow_federation.events import (
     WatermarkArrived,
 )
 from dyknow_federation.messages import (
+    Grant,
     Hello,
     Message,
     Probe,
@@ -55,9 +56,6 @@ UNUSED: Final = 10
 
 MAX_PROBES: Final = 16
 """The number of probes that wait for a reply."""
-
-_NUMBERS: Final = 2**62
-"""Probes are numbered below this; runs of a host differ in their numbers."""
 
 
 @dataclass(slots=True)
@@ -106,9 +104,11 @@ class RemotePeer:
         self._settings = settings
         self._incarnation: int | None = None
         self._former: deque[int] = deque(maxlen=MAX_FORMER)
-        self._probes: dict[int, int] = {}
+        self._probes: deque[int] = deque(maxlen=MAX_PROBES)
         self._probe_at = at
         self._requested: dict[str, _Requested] = {}
+        self._granted: dict[int, str] = {}
+        """The streams by their epochs, which those messages name that are sent often."""
 
     @property
     def requested(self) -> list[str]:
@@ -152,6 +152,7 @@ class RemotePeer:
                 if each.stream.is_subscribed:
                     events.append(self._lose(name, 0, 'the peer has started again'))
                 each.stream, each.is_refused = ReceivedStream(name), False
+        self._granted.clear()
         self._incarnation, self.shares = incarnation, None
         self.clock = PairClock()
         self._probes.clear()
@@ -207,6 +208,7 @@ class RemotePeer:
     def release(self, name: str) -> None:
         """Ask for a stream no more."""
         if self._requested.pop(name, None) is not None:
+            self._granted = {key: each for key, each in self._granted.items() if each != name}
             self.send(Release(name))
 
     def take(self, message: Message, at: int) -> list[Event]:
@@ -221,6 +223,8 @@ class RemotePeer:
                     for each in self._requested.values():
                         each.is_refused = False
                     return [SharesChanged(self.name, message)]
+            case Grant(stream, epoch):
+                self._take_grant(stream, epoch)
             case Samples() | ViolationNotice() | Watermark():
                 return [*self._take_samples(message, at)]
             case RequestRefusal(stream, reason):
@@ -236,13 +240,21 @@ class RemotePeer:
         self._probe_at = at
         return [self._begin_times_anew(at)]
 
+    def _take_grant(self, name: str, epoch: int) -> None:
+        known = max((key for key, each in self._granted.items() if each == name), default=0)
+        if name not in self._requested:
+            self.send(Release(name))
+        elif epoch > known:
+            self._granted.pop(known, None)
+            self._granted[epoch] = name
+
     def _take_samples(self, message: StreamMessage, at: int) -> Iterator[Event]:
-        requested = self._requested.get(message.stream)
-        if requested is None:
-            self.send(Release(message.stream))
-            return
+        name = self._granted.get(message.epoch)
+        if name is None:
+            return  # The next request will be granted with this epoch.
+        requested = self._requested[name]
         requested.stream.take(message)
-        yield from self._deliver(message.stream, at)
+        yield from self._deliver(name, at)
         if not requested.stream.is_complete:
             requested.due = min(requested.due, at + self._retry)
 
@@ -255,9 +267,10 @@ class RemotePeer:
         return [self._violation(name, ViolationKind.MESSAGE, text, at)]
 
     def _take_reply(self, reply: ProbeReply, at: int) -> list[Event]:
-        sent = self._probes.pop(reply.number, None)
-        if sent is None or sent != reply.probe_sent_at:
+        sent = reply.probe_sent_at
+        if sent not in self._probes:
             return []
+        self._probes.remove(sent)
         since, was_known = self.clock.latest, self.clock.is_known
         jump = self.clock.measure(sent, reply.received_at, reply.sent_at, at)
         events: list[Event] = []
@@ -343,12 +356,9 @@ class RemotePeer:
         return max(RETRY, 2 * (self.clock.delay or 0))
 
     def _send_probe(self, at: int) -> None:
-        number = (self._settings.incarnation + at) % _NUMBERS
-        while len(self._probes) >= MAX_PROBES:
-            del self._probes[next(iter(self._probes))]
-        self._probes[number] = at
+        self._probes.append(at)
         self._probe_at = at + min(self._retry, PROBE_PERIOD)
-        self.send(Probe(number, at))
+        self.send(Probe(at))
 
     def _send_request(self, requested: _Requested, at: int) -> None:
         stream = requested.stream

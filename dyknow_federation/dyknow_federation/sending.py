@@ -19,6 +19,7 @@ from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import (
     MAX_BATCH,
+    Grant,
     Request,
     Samples,
     StreamFault,
@@ -133,7 +134,7 @@ class SentStream:
         """Promise that all later samples are valid after a time."""
         self._promised = max(self._promised, time)
 
-    def renew(self, peer: str, request: Request, expires: int) -> list[StreamMessage]:
+    def renew(self, peer: str, request: Request, expires: int) -> list[Grant | StreamMessage]:
         """Take a request, and return what it asks for that was sent before.
 
         Args:
@@ -148,8 +149,10 @@ class SentStream:
             subscription = self._subscriptions[peer] = _Subscription(number, expires)
         subscription.expires = expires
         self.used_until = max(self.used_until, expires)
-        found: list[StreamMessage] = []
-        if request.epoch == self._epoch:
+        found: list[Grant | StreamMessage] = []
+        if request.epoch != self._epoch:
+            found.append(Grant(self._name, self._epoch))
+        else:
             left = MAX_RESENT
             for start, end in request.missing:
                 first = max(start, self._oldest)
@@ -188,7 +191,7 @@ class SentStream:
 
     def watermark(self) -> Watermark:
         """Return what is promised about the samples to come."""
-        return Watermark(self._name, self._epoch, self._number, self._oldest, self._promised)
+        return Watermark(self._epoch, self._number, self._oldest, self._promised)
 
     @property
     def _oldest(self) -> int:
@@ -202,7 +205,7 @@ class SentStream:
             while found := list(islice(group, 1 if is_fault else MAX_BATCH)):
                 times, contents = zip(*found, strict=True)
                 if is_fault:
-                    yield ViolationNotice(self._name, self._epoch, number, *contents)
+                    yield ViolationNotice(self._epoch, number, *contents)
                 else:
-                    yield Samples(self._name, self._epoch, number, times, contents)
+                    yield Samples(self._epoch, number, times, contents)
                 number += len(found)

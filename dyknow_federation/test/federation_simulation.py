@@ -297,21 +297,21 @@ class Simulation:
         host.wakes_at = 0
         self._act(host, host.peer.advance(host.clock.read(self._now)))
 
-    def _receive(self, host: Host, data: bytes) -> None:
+    def _receive(self, host: Host, data: bytes, sender: str) -> None:
         if not host.is_down:
-            self._act(host, host.peer.receive(data, host.clock.read(self._now)))
+            self._act(host, host.peer.receive(data, host.clock.read(self._now), sender))
 
     def _act(self, host: Host, effects: Effects) -> None:
-        for packet in effects.packets:
-            self._send(host, packet)
+        for receiver, packet in effects.packets:
+            self._send(host, receiver, packet)
         if host is self.hosts[0]:
             self._take(effects.events)
         self._wake(host)
 
-    def _send(self, sender: Host, packet: Packet) -> None:
+    def _send(self, sender: Host, receiver: str, packet: Packet) -> None:
         random, data = self.random, encode(packet)
         for host in self.hosts:
-            if host is sender or packet.receiver not in {'', host.name}:
+            if host is sender or receiver not in {'', host.name}:
                 continue
             self.packets += 1
             link = sender.name, host.name
@@ -321,7 +321,9 @@ class Simulation:
             for _ in range(1 + (random.random() < self.conditions.duplicates)):
                 delay = self._delays[link]
                 delay += int(random.expovariate(1 / self.conditions.jitter))
-                self._at(self._now + delay, lambda host=host: self._receive(host, data))
+                self._at(
+                    self._now + delay, lambda host=host: self._receive(host, data, sender.name)
+                )
 
     def _is_out(self, link: Iterable[str]) -> bool:
         return any(

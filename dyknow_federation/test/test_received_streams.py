@@ -7,7 +7,14 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_federation.messages import Request, Samples, StreamFault, StreamMessage, Watermark
+from dyknow_federation.messages import (
+    Grant,
+    Request,
+    Samples,
+    StreamFault,
+    StreamMessage,
+    Watermark,
+)
 from dyknow_federation.receiving import MAX_HELD, Lost, Promise, Received, ReceivedStream
 from dyknow_federation.sending import MAX_HISTORY, SentStream, Thinning
 
@@ -27,8 +34,9 @@ class Pair:
         for each in self.sent.renew('me', self.stream.request(), 10**18):
             self.take(each)
 
-    def take(self, message: StreamMessage) -> None:
-        self.stream.take(message)
+    def take(self, message: Grant | StreamMessage) -> None:
+        if not isinstance(message, Grant):
+            self.stream.take(message)
         self.told += self.stream.deliveries()
 
     @property
@@ -39,7 +47,7 @@ class Pair:
 @given(st.data())
 def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair = Pair()
-    on_the_way: list[StreamMessage] = []
+    on_the_way: list[Grant | StreamMessage] = []
     published = 0
     for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), max_size=60)):
         if action == 'p':
@@ -79,9 +87,9 @@ def test_what_the_history_has_no_more_is_lost() -> None:
 
 def test_a_new_epoch_ends_the_former_one() -> None:
     pair = Pair()
-    pair.take(Samples('level', 1, 1, (5,), (1,)))
-    pair.take(Samples('level', 3, 1, (4,), (2,)))
-    pair.take(Samples('level', 1, 2, (6,), (3,)))
+    pair.take(Samples(1, 1, (5,), (1,)))
+    pair.take(Samples(3, 1, (4,), (2,)))
+    pair.take(Samples(1, 2, (6,), (3,)))
     reasons = [each.reason for each in pair.told if isinstance(each, Lost)]
     assert reasons == ['the peer has begun to number its samples anew']
     assert pair.times == [5, 4]
@@ -126,9 +134,9 @@ def assert_told(told: list[object], published: list[int]) -> list[int]:
 
 def test_a_peer_that_lies_about_times_is_not_believed() -> None:
     pair = Pair()
-    pair.take(Samples('level', 1, 1, (5,), (1,)))
-    pair.take(Watermark('level', 1, 2, 1, 20))
-    pair.take(Samples('level', 1, 2, (10,), (1,)))
+    pair.take(Samples(1, 1, (5,), (1,)))
+    pair.take(Watermark(1, 2, 1, 20))
+    pair.take(Samples(1, 2, (10,), (1,)))
     assert pair.told[-1] == Lost(1, 'it is valid at 10 ns, which is too early')
 
 
@@ -136,7 +144,7 @@ def test_memory_is_bounded() -> None:
     pair = Pair()
     for first in range(2, 3 * MAX_HELD, 100):
         times = tuple(range(first, first + 100))
-        pair.take(Samples('level', 1, first, times, times))
+        pair.take(Samples(1, first, times, times))
     assert len(pair.stream._held) == MAX_HELD
     assert len(pair.stream.request().missing) == 2
     for time in range(2 * MAX_HISTORY):

@@ -19,6 +19,7 @@ from std_msgs.msg import String
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_time
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
 from dyknow_configuration import RequestedFederation, read_robot
+from dyknow_federation.encoding import encode
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     ClockJumped,
@@ -34,7 +35,7 @@ from dyknow_federation.events import (
     ValueKnown,
     WatermarkArrived,
 )
-from dyknow_federation.messages import Packet, Probe, ProbeReply, Shares, encode
+from dyknow_federation.messages import Packet, Shares
 from dyknow_federation.offers import shares
 from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.remote import RemotePeer
@@ -150,15 +151,14 @@ class Federation(DyKnowNode):
         self._deadline.reset()
 
     def _act(self, effects: Effects) -> None:
-        for packet in effects.packets:
-            self._send(packet)
+        for receiver, packet in effects.packets:
+            self._send(receiver, packet)
         for event in effects.events:
             self._handle(event)
 
-    def _send(self, packet: Packet) -> None:
-        is_urgent = isinstance(packet.messages[0], Probe | ProbeReply)
+    def _send(self, receiver: str, packet: Packet) -> None:
         try:
-            self._transport.send(packet.receiver, encode(packet), is_urgent=is_urgent)
+            self._transport.send(receiver, encode(packet), is_urgent=packet.is_urgent)
         except FederationError as error:
             self._warn([str(error)])
 

@@ -17,8 +17,8 @@ from typing import Any, Final, NamedTuple
 
 from dyknow_common import DyKnowError, ExitCode, one_line, quoted
 from dyknow_configuration import RequestedFederation
+from dyknow_federation.encoding import MAX_PACKET
 from dyknow_federation.errors import FederationError
-from dyknow_federation.messages import MAX_PACKET
 from dyknow_federation.peer import MAX_PEERS
 
 PREFIX: Final = 'dyknow/federation'
