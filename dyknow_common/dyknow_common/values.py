@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from itertools import product
-from math import prod
+from math import inf, isfinite, nan, nextafter, prod
 from typing import Any, Final, Self, TypeVar
 
 Value = bool | int | float | str
@@ -55,8 +55,9 @@ MAX_ALTERNATIVES: Final = 64
 class Alternatives(str):
     """A value that is one of several, as the clocks of hosts leave the order of samples open.
 
-    Streams pass it on; nothing calculates with it or compares it but the evaluation of formulas,
-    which considers all of its values.
+    Or it is any number of an interval, as samples within a deadband are not sent. Streams pass it
+    on; nothing calculates with it or compares it but the evaluation of formulas, which considers
+    all of its values.
 
     Args:
         text: that of another one, as in messages.
@@ -65,8 +66,10 @@ class Alternatives(str):
         ValueError: for another text.
     """
 
-    __slots__ = ('reason', 'values')
+    __slots__ = ('is_interval', 'reason', 'values')
 
+    is_interval: bool
+    """True if each number between the least and the greatest of the values is possible."""
     reason: str
     """Why the order is open, as in `the clocks of a and b differ by 1.2 s plus or minus 0.4 s`."""
     values: tuple[Value, ...]
@@ -77,17 +80,21 @@ class Alternatives(str):
         try:
             found = json.loads(text)
             values, reason = tuple(found['values']), str(found['reason'])
+            is_interval = found.get('is_interval', False) is True
         except (LookupError, TypeError) as error:
             raise ValueError(text) from error
-        if not 1 < len(values) <= MAX_ALTERNATIVES or not {*map(type, values)} <= _TYPES.keys():
+        types = {int, float} if is_interval else _TYPES.keys()
+        if not 1 < len(values) <= MAX_ALTERNATIVES or not {*map(type, values)} <= types:
             raise ValueError(text)
         made = super().__new__(cls, text)
-        made.values, made.reason = values, reason
+        made.values, made.reason, made.is_interval = values, reason, is_interval
         return made
 
     @classmethod
-    def of(cls, values: Iterable[Value], reason: str) -> Value:
+    def of(cls, values: Iterable[Value], reason: str, *, is_interval: bool = False) -> Value:
         """Return a value that is one of some; the only one if there are no others.
+
+        With `is_interval`, it is any number between these.
 
         Raises:
             ValueError: for more than `MAX_ALTERNATIVES`.
@@ -96,7 +103,35 @@ class Alternatives(str):
         distinct = {repr(each): each for each in values}
         if len(distinct) == 1:
             return next(iter(distinct.values()))
-        return cls(json.dumps({'values': [*distinct.values()], 'reason': reason}))
+        content = {'values': [*distinct.values()], 'reason': reason}
+        return cls(json.dumps(content | ({'is_interval': True} if is_interval else {})))
+
+    @classmethod
+    def within(cls, values: Iterable[float], error: float, reason: str) -> Value:
+        """Return a number that differs from one of some by at most an error.
+
+        The first of them is its first value. Numbers that are not finite have no error, and nothing
+        is known of one that may be finite or not.
+        """
+        found = list(values)
+        if not all(map(isfinite, found)):
+            return found[0] if len(found) == 1 else nan
+        # Outwards, as sums are rounded.
+        ends = nextafter(min(found) - error, -inf), nextafter(max(found) + error, inf)
+        return cls.of((found[0], *ends), reason, is_interval=True)
+
+    @property
+    def description(self) -> str:
+        """What it may be, and why."""
+        least, most = self.bounds if self.is_interval else (0, 0)
+        count = f'one of {len(self.values)} values'
+        found = f'a number from {least} to {most}' if self.is_interval else count
+        return f'{found}, as {self.reason}'
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The least and the greatest of the values, which are numbers."""
+        return min(self.values), max(self.values)  # type: ignore[return-value]
 
     @staticmethod
     def are_among(values: Iterable[Value]) -> bool:
@@ -112,12 +147,19 @@ def earliest(fields: Mapping[_Key, Value]) -> dict[_Key, Value]:
     }
 
 
-def choices(fields: Mapping[_Key, Value]) -> list[dict[_Key, Value]]:
+def choices(fields: Mapping[_Key, Value], *, ends: bool = False) -> list[dict[_Key, Value]]:
     """Return all choices among the alternatives of some fields.
 
+    Args:
+        fields: the fields.
+        ends: of intervals, take the ends for all numbers between.
+
     Raises:
-        ValueError: for more than `MAX_ALTERNATIVES`.
+        ValueError: for more than `MAX_ALTERNATIVES`; for an interval, if its ends do not suffice.
     """
+    found = (each for each in fields.values() if isinstance(each, Alternatives))
+    if not ends and (interval := next((each for each in found if each.is_interval), None)):
+        raise ValueError(f'it is {interval.description}')
     options = [
         each.values if isinstance(each, Alternatives) else (each,) for each in fields.values()
     ]

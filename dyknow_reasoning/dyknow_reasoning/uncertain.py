@@ -13,14 +13,17 @@ the first state at which they do not, it is a `PossibleFormula`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
+from typing import Any, NamedTuple
 
 from dyknow_common import Alternatives, ExitCode, choices
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
+    Atom,
+    Comparison,
     PastFormula,
     compares_past,
     is_about_one_state,
@@ -28,6 +31,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.spatial import Over
 from dyknow_reasoning.language.symbols import feature_symbol
+from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
 from dyknow_reasoning.progression.instances import (
     Domains,
@@ -35,8 +39,41 @@ from dyknow_reasoning.progression.instances import (
     ground_atoms,
     required_features,
 )
+from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownValueError
+from dyknow_reasoning.progression.value_bounds import bounded_truth
 from dyknow_reasoning.results import NamedFormula
 from dyknow_reasoning.trial import asked_of_each_state
+
+
+class _WatchedAtom(NamedTuple):
+    """An atom that may meet alternatives.
+
+    Args:
+        names: of its features.
+        holds: its predicate; None if it looks back.
+        bounded: returns its truth if that is the same for all unknown values; else None.
+    """
+
+    names: set[str]
+    holds: Predicate | None
+    bounded: Callable[[Values], bool | None]
+
+    def differs(self, values: Values) -> bool:
+        """Return True if it may be true or false."""
+        own = {name: values[name] for name in self.names & values.keys()}
+        given = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
+        if not given:
+            return False
+        bounds = {name: each.bounds for name, each in given.items() if each.is_interval}
+        holds = self.bounded if bounds else self.holds
+        if holds is None or self.holds is None:
+            return True
+        unknown: dict[str, Any] = {
+            name: UnknownValueError(name, each) for name, each in bounds.items()
+        }
+        others = {name: each for name, each in own.items() if name not in bounds}
+        truths = {holds({**each, **unknown}) for each in choices(others)}
+        return len(truths) > 1 or None in truths
 
 
 class _Watched:
@@ -58,14 +95,15 @@ class _Watched:
         return {str(each) for each in required_features(self._instances)}
 
     @cached_property
-    def _atoms(self) -> list[tuple[set[str], Predicate | None]]:
-        """The features and predicates of all atoms, also of those that operators look back to."""
+    def _atoms(self) -> list[_WatchedAtom]:
+        """All atoms, also those that operators look back to."""
         formula, kinds = self.named.formula, self.named.kinds
         found = dict.fromkeys(chain(*(atoms for _, atoms in ground_atoms(formula, self._domains))))
         return [
-            (
+            _WatchedAtom(
                 {str(feature_symbol(field, {})) for field in fields(each)},
                 None if compares_past(each) else predicate(each, kinds),
+                partial(_bounded, each, kinds),
             )
             for each in found
         ]
@@ -86,7 +124,7 @@ class _Watched:
         if any(isinstance(each, Over) for each in walk(self.named.formula)):
             return True
         try:
-            return any(_differs(names, holds, values) for names, holds in self._atoms)
+            return any(each.differs(values) for each in self._atoms)
         except (ReasoningError, ValueError):  # It fails when it is progressed.
             return True
 
@@ -110,12 +148,11 @@ class _Watched:
         return ReasoningError(text, ExitCode.CONSTRAINT_VIOLATION)
 
 
-def _differs(names: set[str], holds: Predicate | None, values: Values) -> bool:
-    """Return True if an atom may be true or false; the predicate is None if it looks back."""
-    own = {name: values[name] for name in names & values.keys()}
-    if not Alternatives.are_among(own.values()):
-        return False
-    return holds is None or len({holds(each) for each in choices(own)}) > 1
+def _bounded(atom: Atom, kinds: Kinds, values: Values) -> bool | None:
+    """Return the truth of an atom for all numbers within bounds; None if it differs."""
+    if not isinstance(atom, Comparison):
+        return None
+    return bounded_truth(atom, values, ALL_KNOWN.range_of, kinds)
 
 
 @dataclass(frozen=True, slots=True)

@@ -288,3 +288,103 @@ def test_margins_are_not_known_from_then_on() -> None:
     assert group.margin(formula) != Margin()
     group.progress(1, {'x': either(3.0, 4.0)})
     assert group.margin(formula) == Margin()
+
+
+NUMERIC = st.sampled_from(
+    [
+        'x > 1',
+        'x <= 2',
+        'x > 1 and x < 1.5',
+        'x = y',
+        'x < y',
+        'abs(x - y) > 1',
+        'x + y > 2 or x < 1',
+        'prev(x) > 1',
+        'x > prev(x)',
+        'once[0 s, 2 s] y > 2',
+        'x < y -> p',
+    ]
+).map('({})'.format)
+WINDOWS = st.sampled_from(['', '[0 s, 2 s]', '[1 s, 3 s]'])
+NUMERIC_FORMULAS = st.recursive(
+    NUMERIC,
+    lambda inner: st.one_of(
+        st.builds('not {}'.format, inner),
+        st.builds('({} and {})'.format, inner, inner),
+        st.builds('({} or {})'.format, inner, inner),
+        st.builds('always{} {}'.format, WINDOWS, inner),
+        st.builds('eventually{} {}'.format, WINDOWS, inner),
+        st.builds('({} until{} {})'.format, inner, WINDOWS, inner),
+    ).map('({})'.format),
+    max_leaves=4,
+)
+QUARTERS = st.integers(0, 12).map(lambda each: each / 4)
+
+
+@st.composite
+def measured(draw: st.DrawFn) -> tuple[Uncertain, Trace]:
+    """A trace within bounds, and a true one."""
+    told, true = [], []
+    for number in range(draw(st.integers(1, 5))):
+        given_values, true_values = {'p': draw(BOOLEANS)}, dict[str, Value]()
+        for name in ('x', 'y'):
+            errors = [draw(st.integers(-2, 2)) / 4 for _ in range(draw(st.integers(1, 2)))]
+            value, radius = draw(QUARTERS), draw(st.sampled_from([0, 0.5]))
+            seen = [value + each for each in errors]
+            given_values[name] = (
+                Alternatives.within(seen, radius, REASON) if radius else either(*seen)
+            )
+            true_values[name] = (
+                draw(st.sampled_from(seen))
+                + draw(st.sampled_from([0, 1, -1, 0.5, -0.5]) if radius else st.just(0)) * radius
+            )
+        p = given_values['p']
+        true_values['p'] = p.values[draw(st.integers(0, 1))] if isinstance(p, Alternatives) else p
+        told.append((number * 10**9, given_values))
+        true.append((number * 10**9, true_values))
+    return told, true
+
+
+@given(NUMERIC_FORMULAS, measured())
+def test_no_verdict_over_intervals_is_wrong(formula: str, traces: tuple[Uncertain, Trace]) -> None:
+    told, true = traces
+    verdict, number = outcome(begun(formula), told)
+    if verdict in {Verdict.TRUE, Verdict.FALSE}:
+        group, expected = begun(formula), list[Verdict]()
+        for time, values in true[: number + 1]:
+            expected += [result.verdict for result in group.progress(time, values)]
+        assert expected == [verdict], formula
+
+
+def within(value: float, error: float = 0.5) -> Value:
+    return Alternatives.within([value], error, 'x is shared with a deadband of 0.5')
+
+
+def test_intervals_decide_what_they_can() -> None:
+    group = begun('always x > 1')
+    assert group.progress(0, {'x': within(1.6)}) == []
+    assert group.progress(1, {'x': within(1.4)}) == []
+    (found,) = group.progress(2, {'x': within(0.4)})
+    assert found.verdict is Verdict.FALSE
+    (found,) = begun('hypot(x, y) > 2').progress(0, {'x': within(2), 'y': 3.0})
+    assert found.verdict is Verdict.TRUE
+
+
+def test_an_interval_that_matters_ends_a_formula() -> None:
+    (found,) = begun('x > 1').progress(0, {'x': within(1.4)})
+    assert 'x is shared with a deadband of 0.5: too much for this formula' in str(found.error)
+
+
+def test_numbers_within_an_error_are_an_interval() -> None:
+    found = Alternatives.within([1, 2], 0.5, REASON)
+    assert isinstance(found, Alternatives)
+    assert found.is_interval
+    assert found.values[0] == 1
+    least, most = found.bounds
+    assert least == pytest.approx(0.5)
+    assert most == pytest.approx(2.5)
+    assert Alternatives(found).bounds == found.bounds
+    assert Alternatives.within([math.inf], 1, REASON) == math.inf
+    assert math.isnan(Alternatives.within([math.inf, 1], 1, REASON))
+    with pytest.raises(ValueError, match='a number from'):
+        choices({'x': found})

@@ -21,8 +21,7 @@ def open_value(fields: Mapping[str, Value], use: str) -> StreamError:
         (name, each) for name, each in fields.items() if isinstance(each, Alternatives)
     )
     return StreamError(
-        f"field '{name}' is one of {len(value.values)} values, as {value.reason}, so it cannot be "
-        f'{use}; use it in formulas as it is'
+        f"field '{name}' is {value.description}, so it cannot be {use}; use it in formulas as it is"
     )
 
 

@@ -59,11 +59,12 @@ class UnknownValueError(ReasoningError):
 
     Args:
         name: the ground feature.
+        bounds: of the value at this state; None: those of the feature.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, bounds: Range | None = None) -> None:
         super().__init__(f"the value of '{name}' is unknown")
-        self.name = name
+        self.name, self.bounds = name, bounds
 
 
 def is_unknown(value: Any) -> bool:

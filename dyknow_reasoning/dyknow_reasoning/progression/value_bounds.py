@@ -92,13 +92,13 @@ def _are_numbers(atom: Comparison, kinds: Kinds) -> bool:
 def _bounds(term: Term | Comparison, values: Values, range_of: RangeOf, kinds: Kinds) -> Range:
     try:
         found = term_reader(term, kinds)(values)
-    except UnknownValueError:
-        pass
+    except UnknownValueError as error:
+        bounds = error.bounds
     else:
         return found, found
     match term:
         case Feature() | FieldReference():
-            return range_of(str(term))
+            return bounds or range_of(str(term))
         case Arithmetic(operator, left, right):
             sides = [_bounds(each, values, range_of, kinds) for each in (left, right)]
             return _calculated(operator, *sides)

@@ -135,6 +135,7 @@ class UnitCall:
         ]
         """The fields of each input."""
         self._call: Unit = _instance(unit, declaration.name, named)
+        self._is_monotone = unit is units.Convert
         self._takes_time = _takes_time(self._call)
         self.outputs = {each.name: each.type for each in declaration.outputs}
         """The types of the fields of its results."""
@@ -170,13 +171,14 @@ class UnitCall:
         fields = {
             (port, name): each for port, one in enumerate(inputs) for name, each in one.items()
         }
-        reason = next(each.reason for each in fields.values() if isinstance(each, Alternatives))
+        given = [each for each in fields.values() if isinstance(each, Alternatives)]
+        reason, is_interval = given[0].reason, any(each.is_interval for each in given)
         found = [
             self(
                 valid_time,
                 [{name: chosen[port, name] for name in one} for port, one in enumerate(inputs)],
             )
-            for chosen in choices(fields)
+            for chosen in choices(fields, ends=self._is_monotone)
         ]
         results = [each for each in found if each is not None]
         if not results:
@@ -184,7 +186,8 @@ class UnitCall:
         if len(results) < len(found):
             raise ValueError(f'it has results for some of {len(found)} values alone, as {reason}')
         return {
-            name: Alternatives.of([each[name] for each in results], reason) for name in self.outputs
+            name: Alternatives.of([each[name] for each in results], reason, is_interval=is_interval)
+            for name in self.outputs
         }
 
     def many(self, times: Times, columns: Columns) -> tuple[NDArray[np.bool_], Columns]:

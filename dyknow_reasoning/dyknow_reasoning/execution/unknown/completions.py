@@ -30,7 +30,7 @@ from dyknow_reasoning.language.terms import (
 )
 from dyknow_reasoning.language.type_checking import Kind, Kinds
 from dyknow_reasoning.progression.atoms import kind_of
-from dyknow_reasoning.progression.unknown_features import Range, UnknownFeatures
+from dyknow_reasoning.progression.unknown_features import Range, UnknownFeatures, UnknownValueError
 
 _Literals = Number | TextLiteral | Truth | Object
 _SEPARATOR: Final = '\x00'
@@ -56,25 +56,35 @@ class Completions:
         self._kinds: dict[str, Kind] = {}
         # The features that each one is compared with, directly or through others; itself, too.
         self._linked: dict[str, set[str]] = {}
-        self._known: dict[str, Sequence[Any]] = {}
+        # Representatives within the latest bounds.
+        self._found: dict[str, tuple[Range, Sequence[Any]]] = {}
         for atom in atoms:
             if is_exact(atom, kinds):
                 self._add(atom, kinds)
 
-    def options(self, name: str, values: Mapping[str, Any]) -> Sequence[Any]:
+    def options(
+        self, name: str, values: Mapping[str, Any], errors: Mapping[str, UnknownValueError]
+    ) -> Sequence[Any]:
         """Return the representatives of an unknown feature.
 
         Args:
             name: the feature.
             values: those that are known, or were chosen before.
+            errors: of the features that are unknown.
         """
         linked = self._linked.get(name, {name})
+        ranges = {
+            each: (each in errors and errors[each].bounds) or self._unknown.range_of(each)
+            for each in sorted(linked)
+        }
         if len(linked) == 1:
-            if name not in self._known:
-                self._known[name] = self._distinct(name, self._representatives(name, (), [name]))
-            return self._known[name]
+            former, found = self._found.get(name, (None, ()))
+            if former != ranges[name]:
+                found = self._distinct(name, self._representatives(name, (), ranges))
+                self._found[name] = ranges[name], found
+            return found
         others = [values[each] for each in linked if each != name and each in values]
-        return self._representatives(name, others, sorted(linked))
+        return self._representatives(name, others, ranges)
 
     def _add(self, atom: Atom, kinds: Kinds) -> None:
         match atom.formula if isinstance(atom, PastAtom) else atom:
@@ -101,18 +111,18 @@ class Completions:
         self._linked.update(dict.fromkeys(joined, joined))
 
     def _representatives(
-        self, name: str, others: Sequence[Any], linked: Sequence[str]
+        self, name: str, others: Sequence[Any], ranges: Mapping[str, Range]
     ) -> Sequence[Any]:
-        tests = list(chain.from_iterable(self._tests[each] for each in linked))
+        tests = list(chain.from_iterable(self._tests[each] for each in ranges))
         match self._kinds.get(name):
             case Kind.BOOLEAN:
                 return (False, True)
             case Kind.STRING:
                 return _texts(tests, others)
             case _:
-                ranges = [self._unknown.range_of(each) for each in linked]
-                pins = {*(value for _, value in tests), *others, *chain.from_iterable(ranges)}
-                return _numbers(pins, self._unknown.range_of(name))
+                ends = chain.from_iterable(ranges.values())
+                pins = {*(value for _, value in tests), *others, *ends}
+                return _numbers(pins, ranges[name])
 
     def _distinct(self, name: str, found: Sequence[Any]) -> Sequence[Any]:
         """Return one of those that no test tells apart."""

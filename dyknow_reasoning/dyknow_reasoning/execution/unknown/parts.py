@@ -16,7 +16,7 @@ from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
 from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
 from dyknow_reasoning.progression.nodes import slots
 from dyknow_reasoning.progression.sizes import FormulaLimits
-from dyknow_reasoning.progression.unknown_features import UnknownFeatures
+from dyknow_reasoning.progression.unknown_features import UnknownFeatures, UnknownValueError
 from dyknow_reasoning.progression.value_bounds import bounded_truth
 
 
@@ -127,9 +127,11 @@ class FormulaPart:
             return None
         return bounded_truth(atom, values, self.of.unknown.range_of, self._kinds)
 
-    def options(self, name: str, values: Mapping[str, Any]) -> Sequence[Any]:
+    def options(
+        self, name: str, values: Mapping[str, Any], errors: Mapping[str, UnknownValueError]
+    ) -> Sequence[Any]:
         """Return representatives of an unknown feature, given values of the others."""
-        return self._completions.options(name, values)
+        return self._completions.options(name, values, errors)
 
     def _is_exact(self, atom: Atom) -> bool:
         inner: Sequence[Atom] = ()

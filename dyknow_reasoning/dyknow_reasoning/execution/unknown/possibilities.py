@@ -1,6 +1,7 @@
 """What may remain of instances that share open values: one possibility for each case.
 
 An *open* value is unknown, or one of `Alternatives`, as the clocks of hosts leave the order open.
+Alternatives that are an interval are an unknown value with bounds of its own.
 
 A *possibility* is where each instance is in its automaton, and what the past operators remember. At
 a state with open values, each possibility leads to one for each case of these values (see
@@ -195,28 +196,32 @@ class _OpenState:
 
     Args:
         known: those that are known.
-        errors: of those that are unknown.
-        either: those with alternatives.
+        errors: of those that are unknown, or within an interval.
+        either: those that are one of several.
+        reasons: of those with alternatives.
     """
 
     known: Mapping[str, Any]
     errors: Mapping[str, UnknownValueError]
-    either: Mapping[str, Alternatives]
+    either: Mapping[str, Sequence[Any]]
+    reasons: Mapping[str, str]
 
     @classmethod
     def of(cls, part: FormulaPart, values: Values, opened: Collection[str]) -> _OpenState:
         """Return the values of a part, some of which are open."""
         own = {name: values.get(name) for name in opened if name in part.features}
-        either = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
-        errors = {name: UnknownValueError(name) for name in own if name not in either}
+        given = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
+        bounds = {name: each.bounds for name, each in given.items() if each.is_interval}
+        either = {name: each.values for name, each in given.items() if name not in bounds}
+        errors = {each: UnknownValueError(each, bounds.get(each)) for each in own.keys() - either}
         named = (name for name in part.features if name in values and name not in own)
-        return cls({name: values[name] for name in named}, errors, either)
+        reasons = {name: each.reason for name, each in given.items()}
+        return cls({name: values[name] for name in named}, errors, either, reasons)
 
     def reason(self, names: Collection[str] | None = None) -> str:
         """Return why some values have alternatives; empty if they have none."""
-        either = self.either.items()
-        found = (each.reason for name, each in either if names is None or name in names)
-        return next(found, '')
+        reasons = self.reasons.items()
+        return next((each for name, each in reasons if names is None or name in names), '')
 
 
 class _Run:
@@ -321,11 +326,11 @@ class _Run:
 
     def _chosen(self, name: str) -> Any:
         if alternatives := self._state.either.get(name):
-            options: Sequence[Any] = alternatives.values
+            options = alternatives
         elif name in self._state.errors:
             for each in self._state.either:
                 self._values[each]  # Representatives lie between what it is compared with.
-            options = self._of.options(name, self._values)
+            options = self._of.options(name, self._values, self._state.errors)
         else:
             raise KeyError(name)
         if len(options) > 1:
