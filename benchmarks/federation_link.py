@@ -1,14 +1,15 @@
 """Bytes and latency between two hosts: shared features, beside the same topics bridged raw.
 
-    python benchmarks/federation_link.py [--seconds 20] [--robots 3]
+    python benchmarks/federation_link.py [--seconds 20] [--robots 3] [--every '1 s'] [--deadband 1]
 
 Both ways cross zenoh on loopback at the same time, as for the fleet of examples/fleet: each robot
 publishes odometry and its battery 20 times a second. A bridge, such as zenoh-bridge-ros2dds, sends
 each message as it is serialised; the federation sends the features X, Y and Charge, which the base
-station asks for: the robots share X and Y at 20 Hz, or at `--every`, and Charge each second. Prints
-JSON: payload bytes for a robot and a second in both directions, the time until a sample is
-known at the base station, in milliseconds, and the processor time of Python in percent of a core,
-for a robot with its part of the base station.
+station asks for: the robots share X and Y at 20 Hz, or at `--every`, or when they have changed by
+more than `--deadband`, and Charge each second. Prints JSON: payload bytes for a robot and a second
+in both directions, the time until a sample is known at the base station, in milliseconds, with a
+deadband that of Charge alone, and the processor time of Python in percent of a core, for a robot
+with its part of the base station.
 """
 
 from __future__ import annotations
@@ -40,9 +41,10 @@ ZENOH = '{scouting: {multicast: {enabled: false}}}'
 FEATURES = ('X', 'Y', 'Charge')
 
 
-def feature(robot: str, name: str) -> SharedFeature:
+def feature(robot: str, name: str, deadband: float | None) -> SharedFeature:
     """Return a shared feature of a robot."""
-    return SharedFeature(name, (robot,), f'{name}_{robot}', 'float')
+    within = 0.0 if name == 'Charge' else deadband or 0.0
+    return SharedFeature(name, (robot,), f'{name}_{robot}', 'float', '', within)
 
 
 class Host:
@@ -94,8 +96,9 @@ class Host:
         for event in effects.events:
             if isinstance(event, ValueKnown):
                 value = event.value
-                latest = value.values[-1] if isinstance(value, Alternatives) else value
-                if published := self.published.pop((event.stream, latest), None):
+                if isinstance(value, Alternatives):
+                    value = value.values[-1]
+                if published := self.published.pop((event.stream, value), None):
                     self.latencies.append(now - published)
 
 
@@ -140,7 +143,7 @@ def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:
     return values, [serialize_message(odometry), serialize_message(battery)]
 
 
-def run(robots: int, seconds: float, every: int) -> dict[str, Any]:
+def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict[str, Any]:
     """Run the fleet for some time, and return the figures."""
     end = f'tcp/{HERE}:{free_port()}'
     with tempfile.TemporaryDirectory() as folder:
@@ -152,9 +155,9 @@ def run(robots: int, seconds: float, every: int) -> dict[str, Any]:
             name: Host(RequestedFederation(name, connect=(end,), zenoh=zenoh)) for name in names
         }
         bridge = Bridge(base.transport.session)
-        join(base, hosts)
+        join(base, hosts, deadband)
         before = crossed(base, hosts), processor(base, hosts)
-        drive(base, hosts, bridge, seconds, every)
+        drive(base, hosts, bridge, seconds, (every, deadband))
         after = crossed(base, hosts), processor(base, hosts)
         for each in (bridge, base, *hosts.values()):
             each.close()
@@ -164,6 +167,7 @@ def run(robots: int, seconds: float, every: int) -> dict[str, Any]:
         'robots': robots,
         'seconds': seconds,
         'every_ms': every / 1e6,
+        'deadband': deadband,
         'raw_bytes_per_s': round(raw),
         'bytes_per_s': round(shared),
         'ratio': round(shared / raw, 3),
@@ -174,11 +178,13 @@ def run(robots: int, seconds: float, every: int) -> dict[str, Any]:
     }
 
 
-def join(base: Host, hosts: dict[str, Host]) -> None:
+def join(base: Host, hosts: dict[str, Host], deadband: float | None) -> None:
     """Have the base station ask for all features, and wait until all robots know."""
     for name, host in hosts.items():
         with host.lock:
-            host.peer.share((), [feature(name, each) for each in FEATURES], time.time_ns())
+            host.peer.share(
+                (), [feature(name, each, deadband) for each in FEATURES], time.time_ns()
+            )
         with base.lock:
             for each in FEATURES:
                 base.peer.request(name, f'{each}_{name}', time.time_ns())
@@ -188,10 +194,16 @@ def join(base: Host, hosts: dict[str, Host]) -> None:
     time.sleep(2)  # Until all clocks are measured.
 
 
-def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float, every: int) -> None:
+def drive(
+    base: Host,
+    hosts: dict[str, Host],
+    bridge: Bridge,
+    seconds: float,
+    thinned: tuple[int, float | None],
+) -> None:
     """Publish both ways for some time."""
     thinnings = {
-        f'{each}_{name}': Thinning(SECOND_NS if each == 'Charge' else every)
+        f'{each}_{name}': Thinning(SECOND_NS) if each == 'Charge' else Thinning(*thinned)
         for name in hosts
         for each in FEATURES
     }
@@ -237,8 +249,10 @@ def main() -> int:
     parser.add_argument('--seconds', type=float, default=20.0)
     parser.add_argument('--robots', type=int, default=3)
     parser.add_argument('--every', default='0 ms', help='of X and Y (default: every sample)')
+    parser.add_argument('--deadband', type=float, help='of X and Y, in metres (default: none)')
     options = parser.parse_args()
-    print(json.dumps(run(options.robots, options.seconds, parse_duration(options.every))))
+    every = parse_duration(options.every)
+    print(json.dumps(run(options.robots, options.seconds, every, options.deadband)))
     return 0
 
 

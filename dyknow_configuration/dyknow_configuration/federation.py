@@ -3,7 +3,7 @@
 federation:
   name: carrier1
   connect: [tcp/basestation:7447]
-  share: [Position, {feature: Charge, every: 1 s}]
+  share: [Position, {feature: Charge, every: 1 s, deadband: 0.01}]
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Final
 
@@ -28,7 +29,7 @@ FEDERATION_KEYS: Final = (
     'max_uncertainty',
     'zenoh',
 )
-SHARE_KEYS: Final = ('feature', 'every')
+SHARE_KEYS: Final = ('feature', 'every', 'deadband')
 
 _NAME: Final = re.compile('[A-Za-z_][A-Za-z0-9_]{0,63}')
 _ENDPOINT: Final = re.compile(r'[a-z][a-z0-9_-]*/\S+')
@@ -43,10 +44,13 @@ class RequestedShare:
     Args:
         name: of the feature.
         every: the least time between two samples that leave, in nanoseconds; 0: all samples leave.
+        deadband: a sample leaves only if it differs by more than this from the last one, in the
+            unit of the feature; None: all samples leave.
     """
 
     name: str
     every: int = 0
+    deadband: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +113,16 @@ def _shares(value: YamlValue) -> tuple[RequestedShare, ...]:
         name = stated['feature'].text('the name of a feature').strip()
         if name in found:
             raise each.error(f"'{name}' is shared twice; keep one")
-        found[name] = RequestedShare(name, stated['every'].duration() if 'every' in stated else 0)
+        every = stated['every'].duration() if 'every' in stated else 0
+        deadband = _deadband(stated['deadband']) if 'deadband' in stated else None
+        found[name] = RequestedShare(name, every, deadband)
     return tuple(found.values())
+
+
+def _deadband(value: YamlValue) -> float:
+    if not 0 <= (found := value.number()) < inf:
+        raise value.error('write a number from 0 on, in the unit of the feature')
+    return found
 
 
 def _endpoints(stated: Mapping[str, YamlValue], key: str) -> tuple[str, ...]:

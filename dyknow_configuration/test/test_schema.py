@@ -79,7 +79,7 @@ federation:
   name: a
   connect: tcp/b:7447
   listen: ['tcp/[::]:7447', quic/c:1]
-  share: [F, {feature: G, every: 1 s}]
+  share: [F, {feature: G, every: 1 s, deadband: 0.5}]
   same: a1
   history: 90 s
   max_uncertainty: 1 ms

@@ -7,7 +7,7 @@
     float      IEEE 754: 8 bytes, or 4 if these hold it exactly, after the number of bytes
     str        its length, then UTF-8
     tuple      its length, then its items
-    Value      its type, then the value
+    Content    its type, then the value
 
 Neither names of fields nor types are told, so a packet of one sample has about 30 bytes. Nothing of
 a peer is trusted: `decode` checks the size before it reads, and each length and range.
@@ -23,9 +23,8 @@ from dataclasses import fields
 from functools import cache
 from typing import Any, Final, get_args, get_origin, get_type_hints
 
-from dyknow_common import Value
 from dyknow_federation.errors import FederationError
-from dyknow_federation.messages import Message, Packet, Time
+from dyknow_federation.messages import Content, Message, Packet, Time
 
 VERSION: Final = 2
 """The version of the protocol; peers of different versions refuse each other, and say so."""
@@ -54,7 +53,7 @@ _LONGEST: Final = 70
 """The bits of 10 bytes, which hold each integer."""
 
 _MESSAGES: Final[tuple[Any, ...]] = get_args(Message)
-_VALUES: Final = get_args(Value)
+_CONTENTS: Final = get_args(Content)
 _FLOATS: Final = {4: '<f', 8: '<d'}
 
 
@@ -146,8 +145,8 @@ class _Writer:
             text = value.encode(errors='replace')
             self._integer(len(text))
             self.data += text
-        elif kind is Value:
-            self.data.append(_VALUES.index(type(value)))
+        elif kind is Content:
+            self.data.append(_CONTENTS.index(type(value)))
             self.write(type(value), value)
         else:
             self._items(kind, value)
@@ -187,7 +186,7 @@ class _Reader:
             bool: lambda: bool(self.below(2)),
             float: self._float,
             str: self._text,
-            Value: lambda: self.read(_VALUES[self.below(len(_VALUES))]),
+            Content: lambda: self.read(_CONTENTS[self.below(len(_CONTENTS))]),
         }
 
     @property

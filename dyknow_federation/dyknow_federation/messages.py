@@ -61,6 +61,7 @@ class SharedFeature:
         stream: the stream that carries it; requests name it.
         value_type: of its values, in the stream language.
         unit: of its values; empty for none.
+        deadband: by how much its values may differ from the last sample that was sent.
     """
 
     name: str
@@ -68,6 +69,7 @@ class SharedFeature:
     stream: str
     value_type: str
     unit: str = ''
+    deadband: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,33 +145,6 @@ class Grant:
 
 
 @dataclass(frozen=True, slots=True)
-class Samples:
-    """Samples of a stream with consecutive numbers.
-
-    Args:
-        epoch: of the numbers, which tells the stream: see `Grant`.
-        first: the number of the first sample.
-        valid_times: of each sample, strictly increasing, in the clock of the sender.
-        values: of each sample.
-    """
-
-    epoch: int
-    first: int
-    valid_times: tuple[Time, ...]
-    values: tuple[Value, ...]
-
-    def __post_init__(self) -> None:
-        count = len(self.valid_times)
-        if not 0 < count <= MAX_BATCH:
-            raise FederationError(f'a batch has {count} samples; send 1 to {MAX_BATCH}')
-        if len(self.values) != count:
-            raise FederationError(f'a batch has {count} samples, but {len(self.values)} values')
-        if any(later <= former for former, later in pairwise(self.valid_times)):
-            raise FederationError('the valid times of a batch do not increase')
-        _check_numbers(self.epoch, self.first)
-
-
-@dataclass(frozen=True, slots=True)
 class StreamFault:
     """A violation of a stream, as its host has noticed it.
 
@@ -189,22 +164,37 @@ class StreamFault:
             raise FederationError(f'a reason has {len(self.reason)} characters; cut it')
 
 
+Content = Value | StreamFault
+"""What a number of a stream stands for: the value of a sample, or a violation."""
+
+
 @dataclass(frozen=True, slots=True)
-class ViolationNotice:
-    """A violation of a stream. It has a number as samples have, and arrives as they do.
+class Samples:
+    """Samples of a stream, and its violations, with consecutive numbers.
 
     Args:
-        epoch: of the number.
-        number: its own; the next sample has the next one.
-        fault: what has happened, in the clock of the sender.
+        epoch: of the numbers, which tells the stream: see `Grant`.
+        first: the number of the first one.
+        valid_times: of each one, in the clock of the sender; those of samples increase strictly.
+        contents: of each one.
     """
 
     epoch: int
-    number: int
-    fault: StreamFault
+    first: int
+    valid_times: tuple[Time, ...]
+    contents: tuple[Content, ...]
 
     def __post_init__(self) -> None:
-        _check_numbers(self.epoch, self.number)
+        count = len(self.valid_times)
+        if not 0 < count <= MAX_BATCH:
+            raise FederationError(f'a batch has {count} samples; send 1 to {MAX_BATCH}')
+        if len(self.contents) != count:
+            raise FederationError(f'a batch has {count} samples, but {len(self.contents)} values')
+        rows = zip(self.valid_times, self.contents, strict=True)
+        times = [time for time, each in rows if not isinstance(each, StreamFault)]
+        if any(later <= former for former, later in pairwise(times)):
+            raise FederationError('the valid times of a batch do not increase')
+        _check_numbers(self.epoch, self.first)
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +243,7 @@ class ProbeReply:
     sent_at: Time
 
 
-StreamMessage = Samples | ViolationNotice | Watermark
+StreamMessage = Samples | Watermark
 """What is told of a stream that is granted."""
 
 Message = (

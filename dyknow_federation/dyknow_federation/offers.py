@@ -11,7 +11,7 @@ offered again: each peer speaks for itself.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain, count
 from typing import Final
@@ -55,12 +55,13 @@ class Offer:
     ground: FeatureTerm
     specification: str
 
-    def shared(self, name: str) -> SharedFeature:
-        """Return what peers are told of it, given the name of the stream."""
+    def shared(self, name: str, deadband: float) -> SharedFeature:
+        """Return what peers are told of it, given the name of the stream and its deadband."""
         objects = tuple(each.name for each in self.ground.arguments)
         feature = self.feature
         value_type = feature.value_type.value
-        return SharedFeature(feature.name, objects, name, value_type, feature.unit or '')
+        unit = feature.unit or ''
+        return SharedFeature(feature.name, objects, name, value_type, unit, deadband)
 
 
 def offers(feature: FeatureSignature, texts: Iterable[str], imported: str) -> Iterator[Offer]:
@@ -91,7 +92,10 @@ def offers(feature: FeatureSignature, texts: Iterable[str], imported: str) -> It
 
 
 def shares(
-    version: int, offered: Iterable[Offer], knowledge: Knowledge
+    version: int,
+    offered: Iterable[Offer],
+    knowledge: Knowledge,
+    deadbands: Mapping[str, float | None],
 ) -> tuple[Shares, dict[str, Offer]]:
     """Return what peers are told, and the offers by the names of their streams.
 
@@ -99,6 +103,7 @@ def shares(
         version: of the shares.
         offered: all offers.
         knowledge: the ontology, which knows the sorts of the objects.
+        deadbands: of the shared features; None for one whose samples all leave.
     """
     by_name: dict[str, Offer] = {}
     for each in offered:
@@ -107,7 +112,9 @@ def shares(
         by_name[next(free for free in numbered if free not in by_name)] = each
     names = sorted({each.name for offer in by_name.values() for each in offer.ground.arguments})
     objects = tuple(SharedObject(name, _sorts(name, knowledge)) for name in names)
-    features = tuple(each.shared(name) for name, each in by_name.items())
+    features = tuple(
+        each.shared(name, deadbands[each.feature.name] or 0) for name, each in by_name.items()
+    )
     return Shares(version, objects, features), by_name
 
 

@@ -10,7 +10,8 @@ uncertain is the value, and all that joins streams by their valid times needs to
     2         2.02 s ± 50 ms     1.97 s      1 or 2
                                  2.07 s      2
 
-The value at a time is known once no later sample can be valid until then.
+The value at a time is known once no later sample can be valid until then. Of a stream with a
+deadband, it is known up to this only: it is an interval, whichever samples are possible.
 """
 
 from __future__ import annotations
@@ -35,6 +36,16 @@ class _Dated(NamedTuple):
     earliest: int
     latest: int
     value: Value
+
+
+class Deadband(NamedTuple):
+    """By how much the values of a stream may differ from the last sample, and why."""
+
+    error: float
+    reason: str
+
+
+EXACT: Final = Deadband(0, '')
 
 
 class PossibleValues:
@@ -80,11 +91,14 @@ class PossibleValues:
         self._samples.clear()
         self._value = None
 
-    def take(self, reason: Callable[[], str]) -> Iterator[tuple[int, Value]]:
+    def take(
+        self, reason: Callable[[], str], deadband: Deadband = EXACT
+    ) -> Iterator[tuple[int, Value]]:
         """Yield the values that have become known, each with the own time since which it holds.
 
         Args:
             reason: returns why several values are possible at a time.
+            deadband: of the stream.
         """
         told, self._told = self._told, self.settled
         bounds = ((each.earliest, each.latest) for each in self._samples)
@@ -96,8 +110,16 @@ class PossibleValues:
                 continue
             for _ in range(certain[-1]):
                 self._samples.popleft()
-            first, *others = (each.value for each in begun[certain[-1] :])
-            value = Alternatives.of((first, *others), reason()) if others else first
+            value = _possible([each.value for each in begun[certain[-1] :]], reason, deadband)
             if value != self._value or begun[-1].earliest == time:
                 yield time, value
             self._value = value
+
+
+def _possible(values: list[Value], reason: Callable[[], str], deadband: Deadband) -> Value:
+    """Return a value that is one of some, up to the deadband."""
+    numbers = [each for each in values if not isinstance(each, bool | str)]
+    if deadband.error and len(numbers) == len(values):
+        reasons = [deadband.reason, *([reason()] if len(values) > 1 else ())]
+        return Alternatives.within(numbers, deadband.error, ', and '.join(reasons))
+    return Alternatives.of(values, reason()) if len(values) > 1 else values[0]

@@ -25,7 +25,6 @@ from dyknow_federation.messages import (
     Samples,
     StreamFault,
     StreamMessage,
-    ViolationNotice,
     Watermark,
 )
 
@@ -106,10 +105,6 @@ class ReceivedStream:
         match message:
             case Samples():
                 self._take_batch(message)
-            case ViolationNotice():
-                if self._is_current(message.epoch, message.number):
-                    self._end = max(self._end, message.number + 1)
-                    self._hold(message.number, message.fault)
             case Watermark():
                 self._take_watermark(message)
 
@@ -117,15 +112,12 @@ class ReceivedStream:
         if not self._is_current(batch.epoch, batch.first):
             return
         self._end = max(self._end, batch.first + len(batch.valid_times))
-        rows = zip(batch.valid_times, batch.values, strict=True)
-        for number, row in enumerate(rows, batch.first):
-            self._hold(number, Received(*row))
-
-    def _hold(self, number: int, content: Received | StreamFault) -> None:
-        """Keep what a number stands for until it is delivered."""
-        has_room = len(self._held) < MAX_HELD or number == self._number
-        if has_room and number >= self._number:
-            self._held.setdefault(number, content)
+        rows = zip(batch.valid_times, batch.contents, strict=True)
+        for number, (time, content) in enumerate(rows, batch.first):
+            held = content if isinstance(content, StreamFault) else Received(time, content)
+            has_room = len(self._held) < MAX_HELD or number == self._number
+            if has_room and number >= self._number:
+                self._held.setdefault(number, held)
 
     def _take_watermark(self, watermark: Watermark) -> None:
         """Take a promise; it holds once all samples before it are delivered or lost."""

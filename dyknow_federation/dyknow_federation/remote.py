@@ -34,10 +34,9 @@ from dyknow_federation.messages import (
     SharesRequest,
     StreamFault,
     StreamMessage,
-    ViolationNotice,
     Watermark,
 )
-from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues
+from dyknow_federation.possible_values import EXACT, TOO_CLOSE, Deadband, PossibleValues
 from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
 from dyknow_federation.settings import PeerSettings
 from dyknow_stream_processing import ViolationKind
@@ -67,12 +66,14 @@ class _Requested:
         values: of it.
         due: when the request is repeated.
         is_refused: True if the peer does not grant it.
+        deadband: by how much values may differ from that of the last sample.
     """
 
     stream: ReceivedStream
     values: PossibleValues
     due: int
     is_refused: bool = False
+    deadband: Deadband = EXACT
 
 
 class RemotePeer:
@@ -225,7 +226,7 @@ class RemotePeer:
                     return [SharesChanged(self.name, message)]
             case Grant(stream, epoch):
                 self._take_grant(stream, epoch)
-            case Samples() | ViolationNotice() | Watermark():
+            case Samples() | Watermark():
                 return [*self._take_samples(message, at)]
             case RequestRefusal(stream, reason):
                 return self._take_refusal(stream, reason, at)
@@ -242,11 +243,15 @@ class RemotePeer:
 
     def _take_grant(self, name: str, epoch: int) -> None:
         known = max((key for key, each in self._granted.items() if each == name), default=0)
+        shared = self.shares.features if self.shares else ()
+        deadband = next((each.deadband for each in shared if each.stream == name), None)
         if name not in self._requested:
             self.send(Release(name))
-        elif epoch > known:
+        elif epoch > known and deadband is not None:  # Else the next request is granted, too.
             self._granted.pop(known, None)
             self._granted[epoch] = name
+            reason = f'{self.name} shares {name} with a deadband of {deadband}'
+            self._requested[name].deadband = Deadband(deadband, reason)
 
     def _take_samples(self, message: StreamMessage, at: int) -> Iterator[Event]:
         name = self._granted.get(message.epoch)
@@ -287,7 +292,7 @@ class RemotePeer:
         """Yield what is due of a stream; nothing while its times cannot be translated."""
         if not self.clock.is_known:
             return
-        values = self._requested[name].values
+        values, deadband = self._requested[name].values, self._requested[name].deadband
         for each in self._requested[name].stream.deliveries():
             match each:
                 case Lost():
@@ -301,7 +306,7 @@ class RemotePeer:
                 case Promise(time):
                     if (earliest := self._own_time(time).earliest) > self.clock.since:
                         values.promise(earliest)
-            for time, value in values.take(partial(self.difference, at)):
+            for time, value in values.take(partial(self.difference, at), deadband):
                 yield ValueKnown(self.name, name, time, value)
             if isinstance(each, Promise):
                 yield WatermarkArrived(self.name, name, values.settled)

@@ -10,21 +10,21 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import groupby, islice
+from itertools import islice
 from math import isnan
 from typing import Final, NamedTuple
 
-from dyknow_common import Value, format_time
+from dyknow_common import SECOND_NS, Value, format_time
 from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import (
     MAX_BATCH,
+    Content,
     Grant,
     Request,
     Samples,
     StreamFault,
     StreamMessage,
-    ViolationNotice,
     Watermark,
 )
 
@@ -35,6 +35,13 @@ MAX_RESENT: Final = 2_000
 """The number of samples that one request can ask for again."""
 
 
+REFRESH: Final = 10 * SECOND_NS
+"""The time after which a value is sent again that stays within a deadband, in nanoseconds.
+
+Who asks later gets the last sample, and its time must not have become too uncertain.
+"""
+
+
 class Thinning:
     """Decides which samples of a stream are passed on.
 
@@ -42,27 +49,42 @@ class Thinning:
     known.
 
     Args:
-        every: the least time between two others, in nanoseconds.
+        every: the least time between two others, in nanoseconds; 0: all are looked at.
+        deadband: of those, the ones that differ by at most this from the last one that was passed
+            on are not; None: they are.
     """
 
-    def __init__(self, every: int) -> None:
-        self._every = every
-        self._latest: int | None = None
+    def __init__(self, every: int, deadband: float | None = None) -> None:
+        self._every, self._deadband = every, deadband
+        self._seen: int | None = None
         self._is_unknown = False
+        self._passed = BEGINNING
+        self._value: Value | None = None
 
     def passes(self, valid_time: int, value: Value) -> bool:
-        """Return False for a sample that follows the last one that was passed on too soon."""
+        """Return False for a sample that follows too soon, or says too little."""
         is_unknown = isinstance(value, float) and isnan(value)
-        is_soon = self._latest is not None and valid_time - self._latest < self._every
+        is_soon = self._seen is not None and valid_time - self._seen < self._every
         if is_soon and (self._is_unknown or not is_unknown):
             return False
-        self._latest, self._is_unknown = valid_time, is_unknown
+        self._seen, self._is_unknown = valid_time, is_unknown
+        if valid_time - self._passed < REFRESH and self._is_near(value):
+            return False
+        self._passed, self._value = valid_time, value
         return True
+
+    def _is_near(self, value: Value) -> bool:
+        former = self._value
+        if self._deadband is None or former is None:
+            return False
+        if isinstance(value, bool | str) or isinstance(former, bool | str):
+            return value == former
+        return abs(value - former) <= self._deadband  # False of what is not a number.
 
 
 class _Kept(NamedTuple):
     valid_time: int
-    content: Value | StreamFault
+    content: Content
 
 
 @dataclass(slots=True)
@@ -197,15 +219,10 @@ class SentStream:
     def _oldest(self) -> int:
         return self._number - len(self._kept)
 
-    def _batches(self, first: int, last: int) -> Iterator[Samples | ViolationNotice]:
-        """Yield what a range of numbers stands for, samples in batches."""
+    def _batches(self, first: int, last: int) -> Iterator[Samples]:
+        """Yield what a range of numbers stands for, in batches."""
         start, number = first - self._oldest, first
         rows = islice(self._kept, start, max(start, last + 1 - self._oldest))
-        for is_fault, group in groupby(rows, lambda each: isinstance(each.content, StreamFault)):
-            while found := list(islice(group, 1 if is_fault else MAX_BATCH)):
-                times, contents = zip(*found, strict=True)
-                if is_fault:
-                    yield ViolationNotice(self._epoch, number, *contents)
-                else:
-                    yield Samples(self._epoch, number, times, contents)
-                number += len(found)
+        while batch := list(islice(rows, MAX_BATCH)):
+            yield Samples(self._epoch, number, *zip(*batch, strict=True))
+            number += len(batch)

@@ -28,6 +28,7 @@ from dyknow_federation import (
     WatermarkArrived,
     encode,
 )
+from dyknow_federation.sending import Thinning
 from dyknow_reasoning import FormulaGroup
 from dyknow_stream_processing import Dataflow, Sample, Violation, parse_specification
 
@@ -61,6 +62,7 @@ class Conditions:
         outage: of a link.
         restarts: True if hosts restart.
         violations: True if the sensors of hosts fail, and their hosts report it.
+        deadbands: True if hosts send some values only if they have changed enough.
     """
 
     offset: int = 5 * SECOND_NS
@@ -72,6 +74,7 @@ class Conditions:
     outage: int = 10 * SECOND_NS
     restarts: bool = True
     violations: bool = True
+    deadbands: bool = True
 
 
 @dataclass(slots=True)
@@ -100,6 +103,8 @@ class Host:
     clock: Clock
     peer: Peer
     period: int
+    deadband: float | None
+    thinning: Thinning
     wakes_at: int = 0
     is_down: bool = False
     is_silent: bool = False
@@ -179,7 +184,11 @@ class Simulation:
         offset = 1_000 * SECOND_NS + random.randint(-most, most)
         drift = random.uniform(-1, 1) * self.conditions.drift_ppm * 1e-6
         peer = self._peer(name)
-        return Host(name, Clock(offset, drift), peer, random.choice((100, 200, 500)) * MS)
+        period, deadband = random.choice((100, 200, 500)) * MS, None
+        if self.conditions.deadbands:
+            deadband = random.choice((None, None, 0, 0.5, 1.5))
+        thinning = Thinning(0, deadband)
+        return Host(name, Clock(offset, drift), peer, period, deadband, thinning)
 
     def _peer(self, name: str) -> Peer:
         return Peer(
@@ -222,7 +231,7 @@ class Simulation:
                 own.peer.request(each.name, STREAM, own.clock.read(0))
 
     def _share(self, host: Host) -> None:
-        feature = SharedFeature('Level', (host.name,), STREAM, 'float')
+        feature = SharedFeature('Level', (host.name,), STREAM, 'float', '', host.deadband or 0)
         host.peer.share([], [feature], host.clock.read(self._now))
 
     def _at(self, time: int, action: Callable[[], None]) -> None:
@@ -237,6 +246,8 @@ class Simulation:
         if not host.is_down and self._now < self.duration:
             former = host.values[-1] if host.values else 5.0
             level = float(random.randint(0, 9)) if random.random() < 0.3 else former
+            if host.deadband:
+                level = min(max(level + random.uniform(-0.4, 0.4), 0), 9)
             reading = host.clock.read(self._now)
             host.times.append(self._now)
             host.values.append(level)
@@ -248,7 +259,10 @@ class Simulation:
         self._at(self._now + host.period + random.randint(0, 20 * MS), lambda: self._publish(host))
 
     def _take_sample(self, host: Host, reading: int, level: float) -> None:
-        host.peer.publish(STREAM, reading, level, reading)
+        if host.thinning.passes(reading, level):
+            host.peer.publish(STREAM, reading, level, reading)
+        else:
+            host.peer.promise(STREAM, reading, reading)
         if host is self.hosts[0]:
             self._push(host.name, reading, level)
 
@@ -278,7 +292,7 @@ class Simulation:
     def _start(self, host: Host) -> None:
         if self.random.random() < 0.5:
             host.clock.offset += self.random.randint(-SECOND_NS, SECOND_NS)
-        host.peer = self._peer(host.name)
+        host.peer, host.thinning = self._peer(host.name), Thinning(0, host.deadband)
         host.is_down = False
         host.wakes_at = 0
         self._share(host)

@@ -19,7 +19,8 @@ def outcomes(conditions: Conditions, runs: int = RUNS) -> list[Outcome]:
 def test_verdicts_are_right_or_unknown() -> None:
     found = outcomes(Conditions())
     assert [each for each in found if each.kind in {'wrong', 'hang'}] == []
-    clocks = [each for each in found if each.kind == 'unknown' and 'the clocks' in each.error]
+    open_ = [each for each in found if each.kind == 'unknown' and 'too much for' in each.error]
+    clocks = [each for each in open_ if 'deadband' not in each.error]
     assert not any(each.allowed for each in clocks)
     # Most are known: what is not known is rarely of importance.
     assert len(clocks) <= RUNS // 4

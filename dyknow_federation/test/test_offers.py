@@ -55,6 +55,9 @@ def robot(tmp_path: Path) -> Iterator[tuple[Knowledge, Matcher]]:
         yield ontology.knowledge, matcher
 
 
+DEADBANDS = {'Charge': 0.5, 'Distance': 0.0, 'Ready': None}
+
+
 def offered(robot: tuple[Knowledge, Matcher], *features: str) -> list[Offer]:
     knowledge, matcher = robot
     return [
@@ -69,13 +72,13 @@ def offered(robot: tuple[Knowledge, Matcher], *features: str) -> list[Offer]:
 
 
 def test_each_ground_feature_is_a_stream(robot: tuple[Knowledge, Matcher]) -> None:
-    given, by_name = shares(3, offered(robot, 'Charge', 'Distance', 'Ready'), robot[0])
+    given, by_name = shares(3, offered(robot, 'Charge', 'Distance', 'Ready'), robot[0], DEADBANDS)
     pairs = [f'Distance_{a}_{b}' for a in ('r1', 'r2') for b in ('r1', 'r2')]
     assert [*by_name] == ['Charge_r1', 'Charge_r2', *pairs, 'Ready']
     assert given.version == 3
     assert given.objects == tuple(SharedObject(name, ('Rover', 'Vehicle')) for name in ('r1', 'r2'))
     charge = given.features[0]
-    assert charge == SharedFeature('Charge', ('r1',), 'Charge_r1', 'float', 'V')
+    assert charge == SharedFeature('Charge', ('r1',), 'Charge_r1', 'float', 'V', 0.5)
     assert given.features[-1] == SharedFeature('Ready', (), 'Ready', 'boolean')
 
 
@@ -92,7 +95,7 @@ def test_the_specification_is_that_of_the_best_own_stream(
 
 def test_nothing_is_lost_on_the_way(robot: tuple[Knowledge, Matcher]) -> None:
     """What one host offers, another one can use."""
-    given, by_name = shares(1, offered(robot, 'Charge', 'Distance', 'Ready'), robot[0])
+    given, by_name = shares(1, offered(robot, 'Charge', 'Distance', 'Ready'), robot[0], DEADBANDS)
     found = imports({'p': given}, (), (), lambda peer, stream: f'{IMPORTED}{peer}/{stream}')
     assert not found.faults
     assert {stream for _, stream in found.streams} == {*by_name}

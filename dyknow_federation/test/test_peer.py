@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -129,6 +130,29 @@ def test_peers_find_each_other_and_share() -> None:
     assert found.values == (1.5, 2)
     assert found.reason.startswith('the clocks of b and a differ by 5')
     assert 'plus or minus 1.' in found.reason
+
+
+def test_values_of_a_stream_with_a_deadband_are_intervals() -> None:
+    net = Net('a', 'b')
+    net.peers['a'].share([], [replace(LEVEL, deadband=0.5)], net.time('a'))
+    net.peers['b'].request('a', 'level', net.time('b'))
+    net.run(0.5)
+    net.publish('a', 2)
+    net.settle()
+    found = net.take('b', ValueKnown)[-1].value
+    assert found.is_interval
+    assert found.values[0] == 2
+    assert found.bounds == pytest.approx((1.5, 2.5))
+    assert found.reason == 'a shares level with a deadband of 0.5'
+    net.publish('a', 3)
+    net.run(0.1)
+    found = net.take('b', ValueKnown)[0].value
+    assert found.bounds == pytest.approx((1.5, 3.5))
+    assert found.reason.startswith('a shares level with a deadband of 0.5, and the clocks of b')
+    net.settle()
+    net.publish('a', True)
+    net.settle()
+    assert net.take('b', ValueKnown)[-1].value is True
 
 
 def test_changed_shares_are_told() -> None:

@@ -29,7 +29,6 @@ from dyknow_federation.messages import (
     Shares,
     SharesRequest,
     StreamFault,
-    ViolationNotice,
     Watermark,
 )
 
@@ -49,7 +48,7 @@ EXAMPLES: list[Message] = [
     Samples(1, 7, (10, 2**62), (0.1, -math.inf)),
     Samples(1, 7, (10, 20, 30), (False, -(2**63), 1e300)),
     Samples(1, 7, tuple(range(MAX_BATCH)), tuple([True] * MAX_BATCH)),
-    ViolationNotice(1, 8, StreamFault(5, 'max_gap', 'no sample')),
+    Samples(1, 8, (5, 5, 6), (1, StreamFault(4, 'max_gap', 'no sample'), 2)),
     Watermark(1, 9, 1, -5),
     Probe(2),
     ProbeReply(2, 3, 4),
@@ -68,7 +67,9 @@ def test_round_trip(message: Message) -> None:
 def test_a_value_that_is_no_number_crosses() -> None:
     (message,) = decode(encode(Packet(1, (Samples(1, 1, (1,), (math.nan,)),)))).messages
     assert isinstance(message, Samples)
-    assert math.isnan(message.values[0])
+    (value,) = message.contents
+    assert isinstance(value, float)
+    assert math.isnan(value)
 
 
 def test_what_crosses_often_is_short() -> None:

@@ -7,6 +7,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dyknow_common import SECOND_NS
 from dyknow_federation.messages import (
     Grant,
     Request,
@@ -166,3 +167,23 @@ def test_an_unknown_value_is_not_left_out_for_the_rate() -> None:
     samples += [(29, 1.0), (30, 2.0)]
     taken = [time for time, value in samples if thinning.passes(time, value)]
     assert taken == [0, 4, 16, 20, 30]
+
+
+@given(
+    st.lists(st.integers(0, 8).map(lambda each: each / 2) | st.just(math.nan), max_size=30),
+    st.sampled_from([0, 0.5, 1]),
+)
+def test_a_deadband_bounds_what_is_not_sent(values: list[float], deadband: float) -> None:
+    thinning, sent = Thinning(0, deadband), math.inf
+    for time, value in enumerate(values):
+        if thinning.passes(time, value):
+            sent = value
+        assert abs(value - sent) <= deadband or (math.isnan(value) and math.isnan(sent))
+
+
+def test_a_value_within_a_deadband_is_sent_again() -> None:
+    thinning = Thinning(0, 0)
+    sent = [time for time in range(25) if thinning.passes(time * SECOND_NS, value=True)]
+    assert sent == [0, 10, 20]
+    assert thinning.passes(25 * SECOND_NS, value=False)
+    assert not thinning.passes(26 * SECOND_NS, value=False)

@@ -87,8 +87,7 @@ class Federation(DyKnowNode):
         )
         self._latest = self.now()
         self._remote = RemoteStreams(self)
-        rates = {each.name: each.every for each in settings.share}
-        self._own = OwnStreams(self, self._peer, rates, self._plan)
+        self._own = OwnStreams(self, self._peer, settings.share, self._plan)
         prefix = str(self.resolve_topic_name(PREFIX)) + '/'
         self._vocabulary = SharedVocabulary(self, settings.same, self._remote.topic, prefix)
         self._shares: dict[str, Shares] = {}
@@ -253,7 +252,8 @@ class Federation(DyKnowNode):
         found, knowledge, faults = await self._vocabulary.offers(
             [each.name for each in self._settings.share]
         )
-        given, by_name = shares(self._peer.shares.version, found, knowledge)
+        deadbands = {each.name: each.deadband for each in self._settings.share}
+        given, by_name = shares(self._peer.shares.version, found, knowledge, deadbands)
         self._own.offers = by_name
         if given != self._peer.shares:
             self._peer.share(given.objects, given.features, self.now())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import Alternatives, DyKnowError, ExitCode
 from dyknow_common.ros import STREAM, DyKnowNode, LogOnce, RemoteNode, time_to_nanoseconds
+from dyknow_configuration import RequestedShare
 from dyknow_federation.messages import MAX_REASON, StreamFault
 from dyknow_federation.offers import VALUE, Offer
 from dyknow_federation.peer import Peer
@@ -54,7 +55,7 @@ class OwnStream:
         return sample_valid_time(message)
 
     def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:  # noqa: ARG002
-        """Pass a sample on, unless it follows too soon."""
+        """Pass a sample on, unless it follows too soon, or is within the deadband."""
         valid_time, value = sample_valid_time(message), sample_fields(message)[VALUE]
         if not self.fault and isinstance(value, Alternatives):
             # Its times are known up to the bounds of a clock that the asking host does not know.
@@ -102,12 +103,16 @@ class OwnStreams:
     Args:
         node: the node.
         peer: this host among its peers.
-        rates: the least time between two samples of each shared feature, in nanoseconds.
+        shared: the shared features, which say which samples are passed on.
         changed: is called after each sample and promise.
     """
 
     def __init__(
-        self, node: DyKnowNode, peer: Peer, rates: Mapping[str, int], changed: Callable[[], None]
+        self,
+        node: DyKnowNode,
+        peer: Peer,
+        shared: Iterable[RequestedShare],
+        changed: Callable[[], None],
     ) -> None:
         self.offers: Mapping[str, Offer] = {}
         """All that peers may ask for, by the names of the streams."""
@@ -115,7 +120,7 @@ class OwnStreams:
         """What cannot be shared, and why."""
         self._node = node
         self._peer = peer
-        self._rates = rates
+        self._shared = {each.name: each for each in shared}
         self._changed = changed
         services = (StreamCreateFromSpec, StreamDestroy)
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
@@ -181,8 +186,9 @@ class OwnStreams:
             # An earlier run of this node has left it, of another specification.
             await self._manager.call(StreamDestroy, stream_name=spec.name)
             created = await self._manager.call(StreamCreateFromSpec, spec=spec)
-        every = self._rates[offer.feature.name]
-        listener = OwnStream(self._node, self._peer, name, Thinning(every), self._changed)
+        shared = self._shared[offer.feature.name]
+        thinning = Thinning(shared.every, shared.deadband)
+        listener = OwnStream(self._node, self._peer, name, thinning, self._changed)
         remove = self._topics.listen(created.stream_topic, listener, STREAM, SampleMessage)
         self._topics.refresh()
         self._made[name] = offer, remove
