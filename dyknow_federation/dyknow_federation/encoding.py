@@ -4,7 +4,7 @@
     message    its kind, its fields
     int        7 bits a byte, the least ones first (LEB128); the sign is the last bit (zigzag)
     Time       the difference to the time before it in the packet, as an int
-    float      IEEE 754: 8 bytes, or 4 if these hold it exactly, after the number of bytes
+    float      IEEE 754, 8 bytes
     str        its length, then UTF-8
     tuple      its length, then its items
     Content    its type, then the value
@@ -18,7 +18,6 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
-from ctypes import c_float
 from dataclasses import fields
 from functools import cache
 from typing import Any, Final, get_args, get_origin, get_type_hints
@@ -35,11 +34,8 @@ MAX_PACKET: Final = 1024 * 1024
 MAX_MESSAGES: Final = 20
 """The number of messages of a packet."""
 
-MAX_TEXT: Final = 10_000
-"""The number of bytes of a text in a message, as of a value."""
-
-MAX_ITEMS: Final = 10_000
-"""The number of items of a list in a message."""
+MAX_LENGTH: Final = 10_000
+"""The number of bytes of a text in a message, and of the items of a list."""
 
 _COMPRESSED: Final = 0x80
 _COMPRESSES: Final = 256
@@ -54,7 +50,7 @@ _LONGEST: Final = 70
 
 _MESSAGES: Final[tuple[Any, ...]] = get_args(Message)
 _CONTENTS: Final = get_args(Content)
-_FLOATS: Final = {4: '<f', 8: '<d'}
+_DOUBLE: Final = struct.Struct('<d')
 
 
 def encode(packet: Packet) -> bytes:
@@ -69,7 +65,7 @@ def encode(packet: Packet) -> bytes:
         writer.data.append(_MESSAGES.index(type(each)))
         writer.write(type(each), each)
     plain = bytes(writer.data)
-    if len(plain) > MAX_PACKET:
+    if len(plain) >= MAX_PACKET:
         raise FederationError(
             f'{type(packet.messages[0]).__name__} has {len(plain)} bytes, more than {MAX_PACKET}; '
             'share less'
@@ -112,13 +108,11 @@ def _decompressed(data: bytes) -> bytes:
     return plain
 
 
-def _typed_fields(kind: Any) -> dict[str, Any]:
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    """Return the types of the fields of a dataclass, in order."""
     hints = get_type_hints(kind, include_extras=True)
     return {each.name: hints[each.name] for each in fields(kind)}
-
-
-_hints: Final[Callable[[Any], dict[str, Any]]] = cache(_typed_fields)
-"""The types of the fields of a dataclass, in order."""
 
 
 class _Writer:
@@ -138,9 +132,7 @@ class _Writer:
         elif kind is bool:
             self.data.append(value)
         elif kind is float:
-            length = 4 if c_float(value).value == value else 8
-            self.data.append(length)
-            self.data += struct.pack(_FLOATS[length], value)
+            self.data += _DOUBLE.pack(value)
         elif kind is str:
             text = value.encode(errors='replace')
             self._integer(len(text))
@@ -184,7 +176,7 @@ class _Reader:
             Time: self._time,
             int: lambda: _checked(self._integer()),
             bool: lambda: bool(self.below(2)),
-            float: self._float,
+            float: lambda: _DOUBLE.unpack(self.take(_DOUBLE.size))[0],
             str: self._text,
             Content: lambda: self.read(_CONTENTS[self.below(len(_CONTENTS))]),
         }
@@ -213,7 +205,7 @@ class _Reader:
             return kind(*[self.read(each) for each in _hints(kind).values()])
         kinds = get_args(kind)
         if kinds[-1] is Ellipsis:
-            kinds = (kinds[0],) * self._length(MAX_ITEMS)
+            kinds = (kinds[0],) * self._length()
         return tuple([self.read(each) for each in kinds])
 
     def below(self, end: int) -> int:
@@ -235,23 +227,15 @@ class _Reader:
                 return -(found // 2) - 1 if found % 2 else found // 2
         raise FederationError('an integer has more than 10 bytes')
 
-    def _float(self) -> float:
-        length = self.take(1)[0]
-        if length not in _FLOATS:
-            raise FederationError(f'a number has {length} bytes')
-        found: float = struct.unpack(_FLOATS[length], self.take(length))[0]
-        return found
-
     def _text(self) -> str:
-        length = self._length(MAX_TEXT)
         try:
-            return self.take(length).decode()
+            return self.take(self._length()).decode()
         except UnicodeDecodeError as error:
             raise FederationError(f'a text is no UTF-8: {error}') from None
 
-    def _length(self, most: int) -> int:
-        if not 0 <= (found := self._integer()) <= most:
-            raise FederationError(f'it has a length of {found}, not of at most {most}')
+    def _length(self) -> int:
+        if not 0 <= (found := self._integer()) <= MAX_LENGTH:
+            raise FederationError(f'it has a length of {found}, not of at most {MAX_LENGTH}')
         return found
 
 

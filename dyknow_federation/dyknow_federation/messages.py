@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 from typing import Annotated, Final
 
 from dyknow_common import Value, check_name
@@ -70,6 +71,10 @@ class SharedFeature:
     value_type: str
     unit: str = ''
     deadband: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.deadband < inf:
+            raise FederationError(f'a deadband of {self.deadband} is no number from 0 on')
 
 
 @dataclass(frozen=True, slots=True)

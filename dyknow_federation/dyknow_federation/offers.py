@@ -60,8 +60,7 @@ class Offer:
         objects = tuple(each.name for each in self.ground.arguments)
         feature = self.feature
         value_type = feature.value_type.value
-        unit = feature.unit or ''
-        return SharedFeature(feature.name, objects, name, value_type, unit, deadband)
+        return SharedFeature(feature.name, objects, name, value_type, feature.unit or '', deadband)
 
 
 def offers(feature: FeatureSignature, texts: Iterable[str], imported: str) -> Iterator[Offer]:

@@ -183,11 +183,7 @@ class Peer:
         """
         self._note_time(at)
         try:
-            packet = decode(data)
-            if sender == self._settings.name:
-                self._check_own(packet)
-            else:
-                self._take(packet, sender, at)
+            self._take(decode(data), sender, at)
         except FederationError as error:
             self._report(sender, f'a message is refused: {error}', at)
         return self._effects()
@@ -219,6 +215,12 @@ class Peer:
         self._now = at
 
     def _take(self, packet: Packet, sender: str, at: int) -> None:
+        if sender == self._settings.name:
+            if packet.incarnation == self._settings.incarnation:
+                return
+            raise FederationError(
+                f"another host is called '{sender}', too; give each host its own name"
+            )
         remote = self._remote(sender, at)
         events = remote.hear(packet.incarnation, at)
         if events is None:
@@ -277,12 +279,6 @@ class Peer:
             send = partial(self._send, name)
             self._remotes[name] = RemotePeer(name, self._settings, send, at)
         return self._remotes[name]
-
-    def _check_own(self, packet: Packet) -> None:
-        if packet.incarnation != self._settings.incarnation:
-            raise FederationError(
-                f"another host is called '{self._settings.name}', too; give each host its own name"
-            )
 
     def _report(self, peer: str, message: str, at: int) -> None:
         """Report a fault of a peer, once in a while."""

@@ -66,23 +66,18 @@ class ReceivedStream:
 
     Args:
         name: of the stream.
+        epoch: of its numbers; 0: it is not granted yet.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, epoch: int = 0) -> None:
         self._name = name
-        self._epoch = 0
+        self.epoch = epoch
         self._held: dict[int, Received | StreamFault] = {}
         self._end = self._number = 0
         """All samples before `_number` are delivered or lost; those before `_end` exist."""
         self._oldest = 0
         self._watermark: Watermark | None = None
         self._promised = BEGINNING
-        self._is_interrupted = False
-
-    @property
-    def is_subscribed(self) -> bool:
-        """True if the peer has answered the request."""
-        return self._epoch > 0
 
     @property
     def is_complete(self) -> bool:
@@ -91,14 +86,7 @@ class ReceivedStream:
 
     def request(self) -> Request:
         """Return the request that subscribes, acknowledges, and asks for what is missing."""
-        return Request(self._name, self._epoch, self._number, tuple(self._missing()))
-
-    def _interrupt(self) -> None:
-        """Note that the peer numbers its samples anew: what was not received is lost."""
-        self._is_interrupted = self._is_interrupted or self._epoch > 0
-        self._held.clear()
-        self._epoch = self._number = self._end = self._oldest = 0
-        self._watermark, self._promised = None, BEGINNING
+        return Request(self._name, self.epoch, self._number, tuple(self._missing()))
 
     def take(self, message: StreamMessage) -> None:
         """Take an answer of the peer."""
@@ -109,8 +97,7 @@ class ReceivedStream:
                 self._take_watermark(message)
 
     def _take_batch(self, batch: Samples) -> None:
-        if not self._is_current(batch.epoch, batch.first):
-            return
+        self._begin(batch.first)
         self._end = max(self._end, batch.first + len(batch.valid_times))
         rows = zip(batch.valid_times, batch.contents, strict=True)
         for number, (time, content) in enumerate(rows, batch.first):
@@ -122,8 +109,7 @@ class ReceivedStream:
     def _take_watermark(self, watermark: Watermark) -> None:
         """Take a promise; it holds once all samples before it are delivered or lost."""
         # It begins with the latest one: a violation may be all that comes.
-        if not self._is_current(watermark.epoch, max(watermark.number - 1, watermark.oldest)):
-            return
+        self._begin(max(watermark.number - 1, watermark.oldest))
         self._end = max(self._end, watermark.number)
         self._oldest = max(self._oldest, min(watermark.oldest, watermark.number))
         former = self._watermark
@@ -132,9 +118,6 @@ class ReceivedStream:
 
     def deliveries(self) -> Iterator[Delivery]:
         """Yield what is due, once."""
-        if self._is_interrupted:
-            self._is_interrupted = False
-            yield Lost(0, 'the peer has begun to number its samples anew')
         held = deque(sorted(each for each in self._held if each < self._oldest))
         while self._number < self._end:
             if self._number in self._held:
@@ -161,12 +144,10 @@ class ReceivedStream:
             self._promised = watermark.time
             yield Promise(watermark.time)
 
-    def _is_current(self, epoch: int, number: int) -> bool:
-        """Return False for a former epoch; begin a new one."""
-        if epoch > self._epoch:
-            self._interrupt()
-            self._epoch, self._number, self._end = epoch, number, number
-        return epoch == self._epoch
+    def _begin(self, number: int) -> None:
+        """Begin with the first number that is told, if there was none."""
+        if not self._number:
+            self._number = self._end = number
 
     def _missing(self) -> Iterator[tuple[int, int]]:
         """Yield the first ranges that are missing."""

@@ -150,7 +150,7 @@ class RemotePeer:
         if self._incarnation is not None:
             self._former.append(self._incarnation)
             for name, each in self._requested.items():
-                if each.stream.is_subscribed:
+                if each.stream.epoch:
                     events.append(self._lose(name, 0, 'the peer has started again'))
                 each.stream, each.is_refused = ReceivedStream(name), False
         self._granted.clear()
@@ -225,7 +225,7 @@ class RemotePeer:
                         each.is_refused = False
                     return [SharesChanged(self.name, message)]
             case Grant(stream, epoch):
-                self._take_grant(stream, epoch)
+                return self._take_grant(stream, epoch)
             case Samples() | Watermark():
                 return [*self._take_samples(message, at)]
             case RequestRefusal(stream, reason):
@@ -241,17 +241,22 @@ class RemotePeer:
         self._probe_at = at
         return [self._begin_times_anew(at)]
 
-    def _take_grant(self, name: str, epoch: int) -> None:
-        known = max((key for key, each in self._granted.items() if each == name), default=0)
+    def _take_grant(self, name: str, epoch: int) -> list[Event]:
+        requested = self._requested.get(name)
+        if requested is None:
+            self.send(Release(name))
+            return []
         shared = self.shares.features if self.shares else ()
         deadband = next((each.deadband for each in shared if each.stream == name), None)
-        if name not in self._requested:
-            self.send(Release(name))
-        elif epoch > known and deadband is not None:  # Else the next request is granted, too.
-            self._granted.pop(known, None)
-            self._granted[epoch] = name
-            reason = f'{self.name} shares {name} with a deadband of {deadband}'
-            self._requested[name].deadband = Deadband(deadband, reason)
+        former = requested.stream.epoch
+        if epoch <= former or deadband is None:  # Without shares, the next request is granted, too.
+            return []
+        self._granted.pop(former, None)
+        self._granted[epoch] = name
+        requested.stream = ReceivedStream(name, epoch)
+        reason = f'{self.name} shares {name} with a deadband of {deadband}'
+        requested.deadband = Deadband(deadband, reason)
+        return [self._lose(name, 0, 'the peer numbers its samples anew')] if former else []
 
     def _take_samples(self, message: StreamMessage, at: int) -> Iterator[Event]:
         name = self._granted.get(message.epoch)
@@ -367,6 +372,6 @@ class RemotePeer:
 
     def _send_request(self, requested: _Requested, at: int) -> None:
         stream = requested.stream
-        is_settled = requested.is_refused or (stream.is_subscribed and stream.is_complete)
+        is_settled = requested.is_refused or (stream.epoch and stream.is_complete)
         requested.due = at + (self._settings.hello_period if is_settled else self._retry)
         self.send(stream.request())

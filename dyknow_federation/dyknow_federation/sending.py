@@ -36,10 +36,7 @@ MAX_RESENT: Final = 2_000
 
 
 REFRESH: Final = 10 * SECOND_NS
-"""The time after which a value is sent again that stays within a deadband, in nanoseconds.
-
-Who asks later gets the last sample, and its time must not have become too uncertain.
-"""
+"""When a value within the deadband is sent again: the time of an old one becomes uncertain."""
 
 
 class Thinning:
@@ -50,8 +47,7 @@ class Thinning:
 
     Args:
         every: the least time between two others, in nanoseconds; 0: all are looked at.
-        deadband: of those, the ones that differ by at most this from the last one that was passed
-            on are not; None: they are.
+        deadband: by how much one must differ from the last one; None: all are passed on.
     """
 
     def __init__(self, every: int, deadband: float | None = None) -> None:
