@@ -37,6 +37,29 @@ def test_results_have_alternatives_too(flow: Flow) -> None:
     assert flow.take() == [(0, {'p': either(20.0, 24.0)}), (1, {'p': 0.0})]
 
 
+def test_an_interval_is_converted_and_otherwise_not_calculated_with(flow: Flow) -> None:
+    flow.create(
+        'compunit x: float convert(x: float); sink convert("a", given = "m", wanted = "cm");'
+    )
+    flow.push('a', 0, x=Alternatives.within([1.0], 0.5, REASON))
+    ((_, fields),) = flow.take()
+    value = fields['x']
+    assert isinstance(value, Alternatives)
+    assert value.is_interval
+    assert value.bounds == pytest.approx((50, 150))
+    assert value.reason == REASON
+
+
+def test_functions_of_intervals_are_refused(flow: Flow) -> None:
+    flow.create(
+        'compunit p: float electrical_power((voltage: float, current: float)); '
+        'sink electrical_power("a")'
+    )
+    flow.push('a', 0, voltage=Alternatives.within([1.0], 0.5, REASON), current=-2.0)
+    (violation,) = flow.violations
+    assert 'it is a number from 0.4999' in str(violation.message)
+
+
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [

@@ -213,7 +213,7 @@ class _OpenState:
         given = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
         bounds = {name: each.bounds for name, each in given.items() if each.is_interval}
         either = {name: each.values for name, each in given.items() if name not in bounds}
-        errors = {each: UnknownValueError(each, bounds.get(each)) for each in own.keys() - either}
+        errors = {x: UnknownValueError(x, bounds.get(x)) for x in own if x not in either}
         named = (name for name in part.features if name in values and name not in own)
         reasons = {name: each.reason for name, each in given.items()}
         return cls({name: values[name] for name in named}, errors, either, reasons)
