@@ -21,6 +21,7 @@ from itertools import chain
 from dyknow_common import Alternatives, ExitCode, choices
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
+    Freeze,
     PastFormula,
     compares_past,
     is_about_one_state,
@@ -83,7 +84,7 @@ class _Watched:
 
     def differs(self, values: Values) -> bool:
         """Return True if it may depend on which of the alternatives is true."""
-        if any(isinstance(each, Over) for each in walk(self.named.formula)):
+        if any(isinstance(each, Over | Freeze) for each in walk(self.named.formula)):
             return True
         try:
             return any(_differs(names, holds, values) for names, holds in self._atoms)

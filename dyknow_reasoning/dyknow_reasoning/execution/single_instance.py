@@ -13,6 +13,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
+from dyknow_reasoning.execution.kept_values import KeptReader
 from dyknow_reasoning.progression.nodes import Sides
 
 
@@ -80,7 +81,7 @@ class SingleInstance:
         target = move.target
         if target.verdict is not None:
             previous = now - elapsed
-            moment = DecidingMoment(self.state, symbol, now, previous)
+            moment = DecidingMoment.of(self.state, symbol, now, previous)
             return InstanceVerdict(self.instance, target.verdict, moment)
         if target is not location:
             self._enter(target, location, now)
@@ -95,6 +96,10 @@ class SingleInstance:
 
     def _read_for(self, location: Location) -> None:
         """Set `read` and `mask` to the atoms that a location depends on."""
+        if self.instance.keeps_values:
+            self.mask = -1
+            self.read = KeptReader(self.instance, self.template, lambda: [self.location.node])
+            return
         self.mask = mask = location.node.mask
         if mask not in self._readers:
             instance = self.instance
