@@ -14,7 +14,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import COMPARISONS, ComputedField, Value, ValueType, shortened
+from dyknow_common import (
+    COMPARISONS,
+    ComputedField,
+    ElementCondition,
+    Value,
+    ValueType,
+    shortened,
+)
 from dyknow_space import MAX_VERTICES
 from dyknow_stream_processing.sample import AbsentElement
 
@@ -78,6 +85,60 @@ def aggregate(field: ComputedField, kind: ValueType | None) -> Callable[[Any], V
         return result(int(np.count_nonzero(found)), len(numbers) - int(omitted))
 
     return test
+
+
+def joint_aggregate(
+    field: ComputedField, kinds: Sequence[ValueType | None]
+) -> Callable[[Sequence[Any]], Value]:
+    """Return the function of several arrays whose elements belong together by their places.
+
+    An element is ignored if a value of it is NaN. The function raises NoValueError for arrays of
+    different lengths.
+
+    Args:
+        field: with conditions that are joined.
+        kinds: the type of the elements of each array.
+    """
+    parts, result = field.parts, _RESULTS[field.function]
+    words = ['or', *(each.word for each in field.others)]
+
+    def test(arrays: Sequence[Any]) -> Value:
+        lengths = list(map(len, arrays))
+        for part, length in zip(parts, lengths, strict=True):
+            if length != lengths[0]:
+                raise NoValueError(
+                    f"'{parts[0].path}' has {lengths[0]} elements and '{part.path}' {length}, so "
+                    'they do not belong together'
+                )
+        known, found = np.ones(lengths[0], np.bool_), np.zeros(lengths[0], np.bool_)
+        term = found
+        for word, part, kind, elements in zip(words, parts, kinds, arrays, strict=True):
+            truths, usable = _truths(part.condition, kind, elements)
+            known &= usable
+            if word == 'or':
+                found, term = found | term, truths
+            else:
+                term = term & truths
+        found = (found | term) & known
+        return result(int(np.count_nonzero(found)), int(np.count_nonzero(known)))
+
+    return test
+
+
+def _truths(
+    condition: ElementCondition | None, kind: ValueType | None, elements: Any
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return for each element the truth of a condition, and True unless it is NaN."""
+    if condition is None:  # pragma: no cover - joined conditions are comparisons
+        raise AssertionError(elements)
+    compare, wanted = COMPARISONS[condition.operator], condition.value
+    if isinstance(wanted, str):
+        found = np.array([compare(each, wanted) for each in elements], np.bool_)
+        return found, np.ones(len(found), np.bool_)
+    numbers = _vector(elements, kind)
+    is_float = numbers.dtype.kind == 'f'
+    known = ~np.isnan(numbers) if is_float else np.ones(len(numbers), np.bool_)
+    return _compared(numbers, compare, wanted), known
 
 
 def plain(value: Any) -> Any:

@@ -317,6 +317,7 @@ Formula: TypeAlias = (
     | PastFormula
     | SpatialSyntax
     | Let
+    | Freeze
     | Soon
 )
 """A formula, which is true or false of a sequence of states."""

@@ -126,7 +126,7 @@ class FieldReference(SyntaxNode):
         field = parse_field(self.path)
         if not isinstance(field, ComputedField):
             return f'{stream}.{self.path}'
-        return f'{field.function}({stream}.{self.path[len(field.function) + 1 :]}'
+        return f'{field.function}({field.of(f"{stream}.")})'
 
 
 @dataclass(frozen=True, slots=True)
