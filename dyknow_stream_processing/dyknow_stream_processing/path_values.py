@@ -37,7 +37,7 @@ from dyknow_stream_processing.aggregates import (
     NoElementError,
     NoValueError,
     aggregate,
-    joint_aggregate,
+    conditioned,
     number,
     outline,
     plain,
@@ -68,8 +68,8 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]
         raise NoValueError(f"there is no field '{path}'")
     if isinstance(field, MessagePath):
         return _chained(_path_reader(fields, field), plain)
-    if field.others:
-        return _joint_reader(fields, field)
+    if field.condition is not None or field.function in {'any', 'all'}:
+        return _condition_reader(fields, field)
     read = _path_reader(fields, field.path)
     if field.function == WKT:
         return _chained(read, outline)
@@ -79,10 +79,10 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]
     return _chained(read, aggregate(field, None if is_struct else fields[entry]))
 
 
-def _joint_reader(fields: FieldTypes, field: ComputedField) -> Callable[[Any], Value]:
+def _condition_reader(fields: FieldTypes, field: ComputedField) -> Callable[[Any], Value]:
     readers = [_path_reader(fields, each.path) for each in field.parts]
     entries = [listed_as(fields, str(each)) for each in field.parts]
-    test = joint_aggregate(field, [fields[each] if each else None for each in entries])
+    test = conditioned(field, [fields[each] if each else None for each in entries])
     return lambda message: test([read(message) for read in readers])
 
 
