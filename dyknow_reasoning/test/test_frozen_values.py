@@ -249,6 +249,20 @@ def test_unusable_values_and_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
         )
 
 
+@pytest.mark.parametrize('every_state', [False, True])
+def test_a_formula_of_many_atoms(every_state: bool) -> None:  # noqa: FBT001
+    """It keeps no value, so it may have more slots; with one, it fails."""
+    objects = {'S': [f'u{number}' for number in range(automaton.MAX_SLOTS + 9)]}
+    states = [dict.fromkeys((f'p[{each}]' for each in objects['S']), True) | {'x': 1.0}]
+    some = 'exists u in S: eventually[0 s, 1 s] p[u]'
+    group, told = run(some, states, domains=objects, every_state=every_state)
+    assert bool(told) is not every_state
+    assert not every_state or group.standing.summary(1).counts.holds == 1
+    kept = f'({some}) and (let v = x in always x = v)'
+    _, told = run(kept, states, domains=objects, every_state=every_state)
+    assert 'keeps values of too many states at once' in told[0]
+
+
 def test_a_gap_after_which_an_edge_is_unknown() -> None:
     """What looks back across the gap makes the verdict unknown, an error, never wrong."""
     text = 'always (p and not (previous p) -> let v = x in eventually[0 s, 3 s] x > v)'

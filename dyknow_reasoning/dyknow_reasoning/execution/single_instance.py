@@ -25,6 +25,7 @@ class SingleInstance:
     """
 
     __slots__ = (
+        '_kept',
         '_origins',
         '_readers',
         'clocks',
@@ -48,6 +49,9 @@ class SingleInstance:
         self.clocks: Times = state.times
         self._origins: Mapping[Sides, int] = state.window_origins
         self._readers: dict[int, Reader] = {}
+        self._kept: KeptReader | None = None
+        if self.instance.keeps_values:
+            self._kept = KeptReader(self.instance, self.template, lambda: [self.location.node])
         self._read_for(self.location)
 
     @property
@@ -96,9 +100,8 @@ class SingleInstance:
 
     def _read_for(self, location: Location) -> None:
         """Set `read` and `mask` to the atoms that a location depends on."""
-        if self.instance.keeps_values:
-            self.mask = -1
-            self.read = KeptReader(self.instance, self.template, lambda: [self.location.node])
+        if self._kept is not None:
+            self.mask, self.read = -1, self._kept
             return
         self.mask = mask = location.node.mask
         if mask not in self._readers:

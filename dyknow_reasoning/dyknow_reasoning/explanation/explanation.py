@@ -305,7 +305,9 @@ class _Explainer:
         """Return the intervals in the formula that the present bounds of a window may stem from."""
         end = None if node.end is None else node.end.offset
         # With a kept value, a window is none of the formula, but one of its operators stated it.
-        known = self._intervals[sides(node)] or self._stated_intervals
+        known = self._intervals[sides(node)]
+        if self._before.instance.keeps_values and not known:
+            known = self._stated_intervals
         return {each for each in known if each.end == end}
 
     def _remaining(self, node: Junction | AtLeast, *, fresh: bool) -> str:

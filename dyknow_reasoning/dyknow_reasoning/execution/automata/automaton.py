@@ -131,8 +131,9 @@ class Automaton:
         self._found = 0
         self._limit = _MAX_NODES
         self._keeps_values = False
-        # The formulas that slots stand for at a state, by their number, which is never used again.
-        self._kept: dict[int, Mapping[int, Node]] = {}
+        # The formulas that slots stand for at a state, by their number, which is never used again;
+        # it is 0 for the instances that keep no value.
+        self._kept: dict[int, Mapping[int, Node]] = {0: NONE_KEPT}
         self._kept_numbers: dict[frozenset[tuple[int, Node]], int] = {}
         self._next_kept = count(1)
 
@@ -158,7 +159,7 @@ class Automaton:
 
     def kept(self, symbol: int) -> Mapping[int, Node]:
         """Return the formulas that some slots stand for at a state."""
-        return self._kept[symbol >> MAX_SLOTS] if symbol >> MAX_SLOTS else NONE_KEPT
+        return self._kept[symbol >> MAX_SLOTS] if self._keeps_values else NONE_KEPT
 
     def move(self, location: Location, symbol: int, times: Times) -> Move:
         """Return the step from a location over a state.
@@ -215,7 +216,7 @@ class Automaton:
             location.memories.clear()
         self._locations = {each.node: each for each in locations if each is not self.initial}
         self._progression = Progression([self.initial.node, *self._locations])
-        self._kept.clear()
+        self._kept = {0: NONE_KEPT}
         self._kept_numbers.clear()
         self._found = 0
         self._limit = max(_MAX_NODES, 2 * len(self._progression.store))
