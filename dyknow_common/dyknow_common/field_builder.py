@@ -10,6 +10,7 @@ from dyknow_common.fields import (
     ComputedField,
     ElementCondition,
     MessagePath,
+    joined_field,
     number_of,
     parse_field,
 )
@@ -33,20 +34,14 @@ from dyknow_common.values import Value, ValueType
 class FieldBuilder(ConstraintBuilder[Syntax]):
     """A builder for the rules of `common.lark`."""
 
-    def computed(
-        self,
-        function: Token,
-        path: Token,
-        comparison: Token | None = None,
-        value: Token | None = None,
-    ) -> Token:
-        """Return the canonical text of a function of the values at a path."""
-        condition = None
-        if comparison is not None and value is not None:
-            condition = ElementCondition(comparison_value(comparison), literal_value(value))
-        return Token.new_borrow_pos(
-            'COMPUTED', str(computed_field(function, path, condition)), function
-        )
+    def computed(self, function: Token, path: Token, *conditions: Token) -> Token:
+        """Return the canonical text of a function of the values at a path, or at several."""
+        field = ComputedField(str(function), message_path(path))
+        if conditions:  # Each is a word, a path, a comparison and a value.
+            flat = (path, path, *conditions)
+            groups = zip(flat[::4], flat[1::4], flat[2::4], flat[3::4], strict=True)
+            field = joined_field(str(function), (_condition(*each) for each in groups))
+        return Token.new_borrow_pos('COMPUTED', str(checked_field(field, function)), function)
 
     def compared(
         self, field: Token, comparison: Token, value: Token
@@ -65,15 +60,19 @@ class FieldBuilder(ConstraintBuilder[Syntax]):
         return ArrayElements(str(message_path(array)), str(variable))
 
 
-def computed_field(
-    function: Token, path: Token, condition: ElementCondition | None
-) -> ComputedField:
-    """Return a function of the values at a path.
+def _condition(
+    word: Token, path: Token, comparison: Token, value: Token
+) -> tuple[str, MessagePath, ElementCondition]:
+    condition = ElementCondition(comparison_value(comparison), literal_value(value))
+    return str(word), message_path(path), condition
+
+
+def checked_field(field: ComputedField, function: Token) -> ComputedField:
+    """Return a function of fields, whose name is at a token.
 
     Raises:
         PositionedError: for an unknown function, or one that has no condition.
     """
-    field = ComputedField(str(function), message_path(path), condition)
     if field.fault:
         raise PositionedError(field.fault, TextPosition.of(function))
     return field

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher
 from functools import cached_property, lru_cache
@@ -228,9 +228,29 @@ class _Lookup:
             return self._of_elements(field)
         if field.function == INDEX:
             raise _AbsenceError(f'{INDEX} takes the element of: each ... as {field.path} in ...')
-        found = self._argument(field)
-        _check_type(field, found, self._types.get(found))
-        return found
+        entries = [self._argument(each) for each in field.parts]
+        for each, found in zip(field.parts, entries, strict=True):
+            _check_type(each, found, self._types.get(found))
+        if field.others:
+            self._check_joined([each.path for each in field.parts])
+        return entries[0]
+
+    def _check_joined(self, paths: Sequence[MessagePath]) -> None:
+        """Check that values belong together: of members of one array, or of parallel arrays."""
+        arrays = []
+        for path in paths:
+            lasts = self._arrays[path.names].lasts
+            many = [each for each in range(len(path.names)) if self._are_many(path, each, lasts)]
+            place = many[-1]
+            is_last = place == len(path.names) - 1
+            # The names of parallel arrays differ.
+            name = '' if is_last else path.names[place]
+            arrays.append((path.steps[:place], name, path.steps[place].selector))
+            if len(many) > 1:
+                raise _AbsenceError(f"'{path}' leads through two arrays; ask for a single one")
+        if len(set(arrays)) > 1:
+            message = f"'{paths[0]}' and '{paths[-1]}' do not belong to the same elements"
+            raise _AbsenceError(f'{message}; name members of one array, or parallel arrays')
 
     def elements(self, array: MessagePath) -> FieldTypes:
         """Return the fields of the elements of an array, by the paths within them."""

@@ -7,6 +7,7 @@
     status[name = "lidar"].level            a member of the first struct whose `name` is "lidar"
     min(ranges[90:270])                     an aggregate of the elements 90 to 269
     count(status.level >= 2)                the number of elements that satisfy a condition
+    count(objects.p > 0.5 and objects.x < 2)    conditions of the same element
     number(status[name = "lidar"].message)  a text as a number
     samples(poses.position.x)               all numbers, as a text with spaces
 
@@ -18,8 +19,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
 from typing import Final
 
 from dyknow_common.values import TEXT_COMPARISONS, Value
@@ -65,7 +66,8 @@ _STEP: Final = re.compile(
 _FUNCTION: Final = re.compile(rf'({"|".join(_FUNCTIONS)})\s*\(\s*')
 _CONDITION: Final = re.compile(
     rf"""\s*(?P<operator>!=|<=|>=|=|<|>|{'|'.join(TEXT_COMPARISONS).replace(' ', '[ ]')})\s*
-    (?P<value>{_QUOTED}|true|false|-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*\Z""",
+    (?P<value>{_QUOTED}|true|false|-?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]+)?)\s*
+    (?:\Z|(?P<word>and|or)\b\s*)""",
     re.VERBOSE,
 )
 
@@ -168,12 +170,35 @@ class ElementCondition:
 
 
 @dataclass(frozen=True, slots=True)
+class JoinedCondition:
+    """A further condition of the same element, after `and` or `or`; `and` binds tighter."""
+
+    word: str
+    path: MessagePath
+    condition: ElementCondition
+
+
+@dataclass(frozen=True, slots=True)
 class ComputedField:
-    """A function of the values at a path, `count(ranges < 0.3)`."""
+    """A function of the values at a path, `count(ranges < 0.3)`.
+
+    Args:
+        function: of many values, or of one.
+        path: to the values.
+        condition: of each value.
+        others: further conditions, of values at other paths that belong to the same elements.
+    """
 
     function: str
     path: MessagePath
     condition: ElementCondition | None = None
+    others: tuple[JoinedCondition, ...] = ()
+
+    @property
+    def parts(self) -> tuple[ComputedField, ...]:
+        """The function of each condition alone."""
+        others = (ComputedField(self.function, each.path, each.condition) for each in self.others)
+        return (replace(self, others=()), *others)
 
     @property
     def gives_number(self) -> bool:
@@ -188,10 +213,17 @@ class ComputedField:
             return f"'{self.function}' is no function of fields (there are: {known})"
         if self.condition is not None and self.function not in CONDITIONED:
             return f"'{self.function}' takes no condition; {', '.join(CONDITIONED)} do"
-        return '' if self.condition is None else self.condition.fault
+        conditions = [each.condition for each in self.parts if each.condition is not None]
+        return next((each.fault for each in conditions if each.fault), '')
 
     def __str__(self) -> str:
-        return f'{self.function}({self.path}{"" if self.condition is None else self.condition})'
+        return f'{self.function}({self.of("")})'
+
+    def of(self, owner: str) -> str:
+        """Return the operand, with the name of an owner and a dot before each path, or nothing."""
+        first = f'{owner}{self.path}{"" if self.condition is None else self.condition}'
+        others = (f' {each.word} {owner}{each.path}{each.condition}' for each in self.others)
+        return ''.join([first, *others])
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +273,16 @@ def parse_field(text: str) -> MessagePath | ComputedField | UnnestedArray | None
     return _conditioned(head[1], inner) if path is None else ComputedField(head[1], path)
 
 
+def joined_field(
+    function: str, conditions: Iterable[tuple[str, MessagePath, ElementCondition]]
+) -> ComputedField:
+    """Return a function of conditions, each after a word, which is unused for the first."""
+    (_, path, condition), *others = conditions
+    return ComputedField(
+        function, path, condition, tuple(JoinedCondition(*each) for each in others)
+    )
+
+
 def _unnested(text: str) -> UnnestedArray | None:
     try:
         array, variable, *fields = json.loads(text)
@@ -269,24 +311,30 @@ def value_text(value: Value) -> str:
 
 
 def _conditioned(function: str, text: str) -> ComputedField | None:
-    steps, end = _steps(text)
-    found = _CONDITION.match(text, end)
-    value = None if found is None else _literal(found['value'])
-    if not steps or found is None or value is None:
-        return None
-    condition = ElementCondition(found['operator'], value)
-    return None if condition.fault else ComputedField(function, MessagePath(steps), condition)
+    conditions: list[tuple[str, MessagePath, ElementCondition]] = []
+    word, end = 'and', 0
+    while word:
+        steps, end = _steps(text, end)
+        found = _CONDITION.match(text, end)
+        value = None if found is None else _literal(found['value'])
+        if not steps or found is None or value is None:
+            return None
+        condition = ElementCondition(found['operator'], value)
+        if condition.fault:
+            return None
+        conditions.append((word, MessagePath(steps), condition))
+        word, end = found['word'] or '', found.end()
+    return joined_field(function, conditions)
 
 
 def _path(text: str) -> MessagePath | None:
-    steps, end = _steps(text)
+    steps, end = _steps(text, 0)
     return MessagePath(steps) if steps and end == len(text) else None
 
 
-def _steps(text: str) -> tuple[tuple[PathStep, ...], int]:
-    """Return the steps at the start of a text, and where they end; none if they are no path."""
+def _steps(text: str, position: int) -> tuple[tuple[PathStep, ...], int]:
+    """Return the steps from a position of a text on, and their end; none if they are no path."""
     steps: list[PathStep] = []
-    position = 0
     while found := _STEP.match(text, position):
         selector: Selector = None
         if found['index']:

@@ -24,7 +24,7 @@ from dyknow_common import Alternatives, PositionedError, choices, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import Histories
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
-from dyknow_reasoning.language.formula import Always, Forall, Formula, FutureFormula, walk
+from dyknow_reasoning.language.formula import Always, Forall, Formula, Freeze, FutureFormula, walk
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE
 from dyknow_reasoning.language.parsing import parse_formula
@@ -69,6 +69,12 @@ def check_trial(text: str, constants: Constants = NO_CONSTANTS) -> Formula:
     check_types(formula, text)
     with LANGUAGE.errors_in(text):
         for each in walk(asked_of_each_state(formula)):
+            if isinstance(each, Freeze):
+                raise PositionedError(
+                    f"'let {each.name} = ...' keeps a value for states to come; compare with the "
+                    'state before instead, prev(x)',
+                    each.position,
+                )
             if isinstance(each, FutureFormula):
                 raise PositionedError(
                     f"'{shortened(each)}' looks into the future, so no single state decides it; "

@@ -24,6 +24,7 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Atom,
     Comparison,
+    Freeze,
     PastFormula,
     compares_past,
     is_about_one_state,
@@ -121,7 +122,7 @@ class _Watched:
 
     def differs(self, values: Values) -> bool:
         """Return True if it may depend on which of the alternatives is true."""
-        if any(isinstance(each, Over) for each in walk(self.named.formula)):
+        if any(isinstance(each, Over | Freeze) for each in walk(self.named.formula)):
             return True
         try:
             return any(each.differs(values) for each in self._atoms)

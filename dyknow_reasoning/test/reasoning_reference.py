@@ -20,6 +20,7 @@ from dyknow_reasoning.language.formula import (
     Equivalent,
     Eventually,
     Formula,
+    Freeze,
     Historically,
     Implies,
     Interval,
@@ -30,7 +31,14 @@ from dyknow_reasoning.language.formula import (
     Since,
     Until,
 )
-from dyknow_reasoning.language.terms import Arithmetic, Feature, StateCount, Truth, ValueBefore
+from dyknow_reasoning.language.terms import (
+    Arithmetic,
+    Feature,
+    Kept,
+    StateCount,
+    Truth,
+    ValueBefore,
+)
 
 NAMES = ('p', 'q')
 
@@ -147,10 +155,20 @@ def holds(formula: Formula, trace: Trace, i: int) -> bool | None:  # noqa: C901,
             return holds(body, trace, i - 1) if i else False
         case Since(left, right, interval):
             return since(left, right, interval, trace, i)
+        case Freeze(name, term, body):
+            outer = dict(KEPT)
+            KEPT[name] = past_value_of(term, trace, i)
+            found = holds(body, trace, i)
+            KEPT.clear()
+            KEPT.update(outer)
+            return found
     if (spatial := SPATIAL.get(type(formula))) is not None:
         return spatial(formula, trace, i)
     raise AssertionError(formula)
 
+
+KEPT: dict[str, Any] = {}
+"""The values of names, within the formulas of `let`."""
 
 SPATIAL: dict[type, Any] = {}
 """The truth of spatial operators, from `spatial_reference`."""
@@ -183,6 +201,8 @@ def past_value_of(term: Any, trace: Trace, i: int) -> Any:
         case StateCount(body, interval):
             first = trace[i][0] - (interval.end or 0)
             return sum(holds(body, trace, j) is True for j in range(i + 1) if trace[j][0] >= first)
+        case Kept(name):
+            return KEPT[name]
         case Arithmetic('-', left, right):
             sides = [past_value_of(each, trace, i) for each in (left, right)]
             return None if None in sides else sides[0] - sides[1]

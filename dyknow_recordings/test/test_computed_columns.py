@@ -16,6 +16,7 @@ from dyknow_common import listed_as
 from dyknow_recordings.reading.messages.cdr import CdrReader
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
 from dyknow_recordings.reading.messages.layouts import TypeLayout
+from dyknow_stream_processing import NoValueError, value_reader
 
 pytestmark = pytest.mark.long
 
@@ -89,6 +90,30 @@ def test_last_elements_of_random_messages(drawn: Drawn, data: st.DataObject) -> 
                 continue
             wanted, value = every[found[int(index)]], fields.values[path].tolist()[row]
             assert value == wanted or (value != value and wanted != wanted)  # noqa: PLR0124 - NaN
+
+
+@settings(max_examples=max(60, settings.default.max_examples))
+@given(messages(), st.data())
+def test_joint_conditions_of_random_messages(drawn: Drawn, data: st.DataObject) -> None:
+    """Columns have what is read from each message, of structs and of parallel arrays."""
+    made, decoded, serialised = drawn
+    layout = TypeLayout(definition(made))
+    opened = [shape(each) for each in layout.fields if each.count('[') == 1]
+    pairs = [(first, second) for first in opened for second in opened]
+    function = data.draw(st.sampled_from(['count', 'any', 'all']))
+    wanted = [f'{function}({a} >= 1 and {b} < 2 or {a} = -1)' for a, b in pairs]
+    paths = [path for path in wanted if listed_as(layout.fields, path)]
+    fields, faults = CdrReader(layout, paths).read(stored(serialised))
+    assert faults == {}
+    for path in paths:
+        read = value_reader(layout.fields, path)
+        for row, message in enumerate(decoded):
+            absent = fields.absent.get(path, {})
+            if row in absent:
+                with pytest.raises(NoValueError, match=re.escape(absent[row])):
+                    read(message)
+            else:
+                assert read(message) == fields.values[path].tolist()[row]
 
 
 TEXT = """string[] name

@@ -14,7 +14,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import COMPARISONS, ComputedField, Value, ValueType, shortened
+from dyknow_common import (
+    COMPARISONS,
+    ComputedField,
+    ElementCondition,
+    Value,
+    ValueType,
+    shortened,
+)
 from dyknow_space import MAX_VERTICES
 from dyknow_stream_processing.sample import AbsentElement
 
@@ -48,7 +55,7 @@ class NoElementError(NoValueError):
 
 
 def aggregate(field: ComputedField, kind: ValueType | None) -> Callable[[Any], Value]:
-    """Return the function of an array that a field is computed with.
+    """Return the function of an array that a field without a condition is computed with.
 
     It raises NoValueError for an array that has no such value.
 
@@ -56,28 +63,61 @@ def aggregate(field: ComputedField, kind: ValueType | None) -> Callable[[Any], V
         field: with an aggregate.
         kind: the type of the elements; None for structs.
     """
-    function, condition = field.function, field.condition
-    if condition is None and function == 'count':
+    if field.function == 'count':
         return _count if kind is ValueType.FLOAT else len
-    if condition is None and function in _REDUCTIONS:
-        reduce = _REDUCTIONS[function]
-        return lambda elements: reduce(_vector(elements, kind))
-    symbol, wanted = ('=', True) if condition is None else (condition.operator, condition.value)
-    compare, result = COMPARISONS[symbol], _RESULTS[function]
-    if isinstance(wanted, str):
-        return lambda texts: result(sum(compare(each, wanted) for each in texts), len(texts))
+    reduce = _REDUCTIONS[field.function]
+    return lambda elements: reduce(_vector(elements, kind))
 
-    def test(elements: Any) -> Value:
-        numbers = _vector(elements, kind)
-        found = _compared(numbers, compare, wanted)
-        nan = np.isnan(numbers) if numbers.dtype.kind == 'f' and not found.all() else None
-        if symbol == '!=' and numbers.dtype.kind == 'f':
-            nan = np.isnan(numbers)
-            found &= ~nan
-        omitted = 0 if nan is None else np.count_nonzero(nan)
-        return result(int(np.count_nonzero(found)), len(numbers) - int(omitted))
+
+def conditioned(
+    field: ComputedField, kinds: Sequence[ValueType | None]
+) -> Callable[[Sequence[Any]], Value]:
+    """Return the function of arrays, one for each condition, that a field is computed with.
+
+    Their elements belong together by their places. An element is ignored if a value of it is NaN.
+    The function raises NoValueError for arrays of different lengths.
+
+    Args:
+        field: with conditions, or `any` or `all` of booleans.
+        kinds: the type of the elements of each array.
+    """
+    parts, result = field.parts, _RESULTS[field.function]
+    conditions = [each.condition or ElementCondition('=', value=True) for each in parts]
+    words = ['or', *(each.word for each in field.others)]
+
+    def test(arrays: Sequence[Any]) -> Value:
+        count = len(arrays[0])
+        for part, elements in zip(parts, arrays, strict=True):
+            if len(elements) != count:
+                raise NoValueError(
+                    f"'{parts[0].path}' has {count} elements and '{part.path}' {len(elements)}, "
+                    'so they do not belong together'
+                )
+        known, found = np.ones(count, np.bool_), np.zeros(count, np.bool_)
+        term = found
+        for word, condition, kind, elements in zip(words, conditions, kinds, arrays, strict=True):
+            truths, usable = _truths(condition, kind, elements)
+            known &= usable
+            if word == 'or':
+                found, term = found | term, truths
+            else:
+                term = term & truths
+        found = (found | term) & known
+        return result(int(np.count_nonzero(found)), int(np.count_nonzero(known)))
 
     return test
+
+
+def _truths(
+    condition: ElementCondition, kind: ValueType | None, elements: Any
+) -> tuple[NDArray[Any], NDArray[Any] | bool]:
+    """Return for each element the truth of a condition, and True unless it is NaN."""
+    compare, wanted = COMPARISONS[condition.operator], condition.value
+    if isinstance(wanted, str):
+        return np.array([compare(each, wanted) for each in elements], np.bool_), True
+    numbers = _vector(elements, kind)
+    known = ~np.isnan(numbers) if numbers.dtype.kind == 'f' else True
+    return _compared(numbers, compare, wanted), known
 
 
 def plain(value: Any) -> Any:

@@ -18,6 +18,7 @@ from dyknow_common import (
     AGGREGATES,
     WKT,
     ArraySlice,
+    ComputedField,
     ElementKey,
     FieldTypes,
     IndexField,
@@ -36,6 +37,7 @@ from dyknow_stream_processing.aggregates import (
     NoElementError,
     NoValueError,
     aggregate,
+    conditioned,
     number,
     outline,
     plain,
@@ -66,6 +68,8 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]
         raise NoValueError(f"there is no field '{path}'")
     if isinstance(field, MessagePath):
         return _chained(_path_reader(fields, field), plain)
+    if field.condition is not None or field.function in {'any', 'all'}:
+        return _condition_reader(fields, field)
     read = _path_reader(fields, field.path)
     if field.function == WKT:
         return _chained(read, outline)
@@ -73,6 +77,13 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]
         return _chained(read, number if field.function == 'number' else text)
     is_struct = field.function == 'count' and field.path.names not in arrays_of(fields)
     return _chained(read, aggregate(field, None if is_struct else fields[entry]))
+
+
+def _condition_reader(fields: FieldTypes, field: ComputedField) -> Callable[[Any], Value]:
+    readers = [_path_reader(fields, each.path) for each in field.parts]
+    entries = [listed_as(fields, str(each)) for each in field.parts]
+    test = conditioned(field, [fields[each] if each else None for each in entries])
+    return lambda message: test([read(message) for read in readers])
 
 
 def _rows_reader(fields: FieldTypes, unnested: UnnestedArray) -> Callable[[Any], Rows]:

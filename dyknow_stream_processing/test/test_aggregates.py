@@ -122,6 +122,103 @@ def test_conditions_of_texts(
     check(f'{function}(a {comparison} "{value}")', ValueType.STRING, elements, elements)
 
 
+JOINT = {
+    'a.x': (
+        ValueType.FLOAT,
+        st.floats(0, 2, width=32) | st.just(math.nan),
+        st.sampled_from([0, 1.5]),
+    ),
+    'a.y': (ValueType.INT, st.integers(0, 2), st.integers(0, 2)),
+    'a.n': (ValueType.STRING, st.text('ab', max_size=2), st.sampled_from(['"a"', '"ab"'])),
+}
+ELEMENTS = st.lists(st.tuples(*(elements for _, elements, _ in JOINT.values())), max_size=5)
+
+
+@st.composite
+def joint_conditions(draw: Any) -> list[tuple[str, int, str, Any]]:
+    """Conditions, each with the word before it, the number of its member and a comparison."""
+    found = []
+    for _ in range(draw(st.integers(2, 4))):
+        number_of_member = draw(st.integers(0, 2))
+        operators = TEXT_OPERATORS if number_of_member == 2 else OPERATORS
+        value = draw(list(JOINT.values())[number_of_member][2])
+        found.append(
+            (
+                draw(st.sampled_from(['and', 'or'])),
+                number_of_member,
+                draw(st.sampled_from(list(operators))),
+                value,
+            )
+        )
+    return found
+
+
+@given(
+    ELEMENTS,
+    joint_conditions(),
+    st.sampled_from(['count', 'any', 'all']),
+    st.booleans(),
+)
+def test_conditions_of_one_element(
+    rows: list[tuple[Any, ...]],
+    conditions: list[tuple[str, int, str, Any]],
+    function: str,
+    are_parallel: bool,  # noqa: FBT001
+) -> None:
+    """Of members of structs, or of arrays beside each other."""
+    names = [each.replace('a.', '') if are_parallel else each for each in JOINT]
+    texts = [f'{word} {names[at]} {symbol} {value}' for word, at, symbol, value in conditions]
+    path = f'{function}({" ".join(texts).partition(" ")[2]})'
+    assert str(parse_field(path)) == path
+    if are_parallel:
+        fields = {
+            f'{name}[0..]': kind for name, (kind, *_) in zip(names, JOINT.values(), strict=True)
+        }
+        columns = zip(*rows, strict=True) if rows else ([], [], [])
+        message = SimpleNamespace(**dict(zip(names, map(list, columns), strict=True)))
+    else:
+        fields = {each.replace('a.', 'a[0..].'): kind for each, (kind, *_) in JOINT.items()}
+        message = SimpleNamespace(a=[SimpleNamespace(x=x, y=y, n=n) for x, y, n in rows])
+
+    def holds(row: tuple[Any, ...]) -> bool:
+        terms: list[bool] = []
+        for number_of_condition, (word, at, symbol, value) in enumerate(conditions):
+            compare: Any = {**OPERATORS, **TEXT_OPERATORS}[symbol]
+            wanted = value.strip('"') if isinstance(value, str) else value
+            if word == 'or' or not number_of_condition:
+                terms.append(True)
+            terms[-1] &= compare(row[at], wanted)
+        return any(terms)
+
+    members = {at for _, at, _, _ in conditions}
+    known = [row for row in rows if all(row[at] == row[at] for at in members)]
+    found = [holds(row) for row in known]
+    expected = {'count': sum(found), 'any': any(found), 'all': all(found)}[function]
+    assert value_reader(fields, path)(message) == expected
+
+
+def test_conditions_that_do_not_belong_together() -> None:
+    fields = {
+        'a[0..].x': ValueType.FLOAT,
+        'b[0..].x': ValueType.FLOAT,
+        'a[0..].c[0..].x': ValueType.FLOAT,
+        'u[0..]': ValueType.FLOAT,
+        'v[0..]': ValueType.FLOAT,
+    }
+    for path, reason in (
+        ('a.x > 1 and b.x < 2', "'a.x' and 'b.x' do not belong to the same elements"),
+        ('a.x > 1 and u < 2', 'name members of one array, or parallel arrays'),
+        ('a[0:2].x > 1 and a[1:3].x < 2', 'do not belong to the same elements'),
+        ('a.c.x > 1 and a.c.x < 2', "'a.c.x' leads through two arrays"),
+        ('u > 1 and w < 2', "has no field 'count(u > 1 and w < 2)'"),
+        ('u > 1 and v = "on"', 'cannot be compared with a string'),
+    ):
+        assert reason in absence('it', fields, f'count({path})')
+    unequal = SimpleNamespace(u=[1.0, 2.0], v=[1.0])
+    with pytest.raises(NoValueError, match=r"^'u' has 2 elements and 'v' 1, so they do not belong"):
+        value_reader(fields, 'count(u > 1 and v < 2)')(unequal)
+
+
 @given(st.lists(st.integers(-9, 9)), st.integers(-6, 6))
 def test_single_elements(elements: list[int], index: int) -> None:
     found = dict(enumerate(elements)) | {

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from lark import Lark, Token, Tree
-from lark.exceptions import UnexpectedCharacters, UnexpectedToken, VisitError
+from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
 
 from dyknow_common.constraints import CONSTRAINT_KINDS
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
@@ -33,6 +33,11 @@ _FORBIDDEN: Final = re.compile('[\x00-\x08\x0b\x0e-\x1f\ud800-\udfff]')
 
 _ENDS: Final = ('$END', '<END-OF-FILE>')
 """The names of the end of a text in lark's parser and in its lexer."""
+
+_QUOTED_OR_BRACKET: Final = re.compile(r'"(?:\\.|[^"\\])*"|[()\[\]]')
+_CLOSING: Final = {'(': ')', '[': ']'}
+_MOST_MISSING: Final = 3
+"""The most missing brackets that a message names."""
 
 _CONSTRAINT: Final = f'a constraint ({", ".join(CONSTRAINT_KINDS)})'
 
@@ -200,16 +205,40 @@ class Language:
             return self._unexpected(found, error.token, text, offset, terminals)
         lines = text.rstrip().split('\n')
         end = TextPosition(len(lines), len(lines[-1]) + 1)
+        if missing := self._missing_brackets(text, len(text)):
+            return PositionedError(f'missing {missing!r} at the end of the {self.name}', end)
         return PositionedError(f'unexpected end of the {self.name}{self._expected(terminals)}', end)
 
     def _unexpected(
         self, found: str, place: Any, text: str, offset: int, terminals: Iterable[str] | None
     ) -> PositionedError:
+        if missing := self._missing_brackets(text, offset):
+            place_of_it = position_at(text, len(text[:offset].rstrip()))
+            return PositionedError(f'missing {missing!r} (unexpected {found})', place_of_it)
         hint = correction(text, offset, self._corrections, self._advice)
         # Who is told the mend needs no list of what else may stand there.
         unexpected = f'unexpected {found}'
         message = f'{hint} ({unexpected})' if hint else unexpected + self._expected(terminals)
         return PositionedError(message, TextPosition.of(place))
+
+    def _missing_brackets(self, text: str, offset: int) -> str:
+        """Return the closing brackets that a text lacks at an offset, if it is else correct.
+
+        It may lack others at its end.
+        """
+        before, opened = text[:offset].rstrip(), list[str]()
+        for each in _QUOTED_OR_BRACKET.finditer(before):
+            if each[0] in _CLOSING:
+                opened.append(each[0])
+            elif opened and each[0] in _CLOSING.values():
+                opened.pop()
+        closing = ''.join(_CLOSING[each] for each in reversed(opened))
+        for count in range(1, min(len(closing), _MOST_MISSING) + 1):
+            for others in ('', closing[count:]):
+                with suppress(UnexpectedInput):
+                    self._parser.parse(f'{before}{closing[:count]} {text[offset:]}{others}')
+                    return closing[:count]
+        return ''
 
     def _expected(self, terminals: Iterable[str] | None) -> str:
         names = sorted({self._spelling(terminal) for terminal in terminals or ()})

@@ -9,6 +9,7 @@ ways to progress give identical results; the monitor chooses the fastest one:
 - `block_progression`: individual instances over many states of a recording.
 - `recorded_symbols`: the atoms of many states at once.
 - `past`: the registers of past operators, whose values are atoms of the states.
+- `kept_values`: formulas about values of earlier states, whose atoms come and go.
 - `probability`: probabilities of formulas over uncertain numbers; they are registers, too.
 - `standing`: formulas that are asked at every state.
 - `unknown`: formulas that have met values that are unknown, or one of several.

@@ -28,6 +28,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     batch_key,
 )
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME, SamplingRegularity
+from dyknow_reasoning.language.formula import Freeze
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, whole_past_atoms
@@ -83,7 +84,8 @@ class InstanceMonitor:
             if type(node) is Constant:
                 continue
             memory = self.histories.memories.get(each)
-            key = None if memory else batch_key(each, kinds)
+            keeps = any(isinstance(atom, Freeze) for atom in each.atoms)
+            key = None if memory or keeps else batch_key(each, kinds)
             instance = FormulaInstance.of(each, formula_id, order, kinds, batch_key=key)
             self._new.append(self._begun(instance, memory))
             self._aggregation.add([instance])
@@ -159,7 +161,8 @@ class InstanceMonitor:
         while index < count and self._aggregation:
             end = min(index + min(size, self._pool.most_states), count)
             reached, outcomes = index, dict[int, Outcomes]()
-            if not (self.latest is None or self._gap_follows or self._new or self._is_large):
+            one_by_one = self._gap_follows or self._new or self._is_large or self._pool.keeps_values
+            if not (self.latest is None or one_by_one):
                 self._dissolve(recording, count - index)
                 symbols = RecordedSymbols(recording, range(index, end))
                 reached, outcomes = self._progress_block(recording, steps, symbols)

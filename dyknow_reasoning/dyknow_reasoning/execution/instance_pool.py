@@ -54,6 +54,11 @@ class InstancePool:
         ]
 
     @property
+    def keeps_values(self) -> bool:
+        """True if an instance keeps values of states."""
+        return any(each.instance.keeps_values for each in self.singles)
+
+    @property
     def most_states(self) -> int:
         """The most states of a recording whose values should be loaded at once for the batches."""
         return max(1, _MAX_VALUES // (1 + sum(map(len, self.batches))))

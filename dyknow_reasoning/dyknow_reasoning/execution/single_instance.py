@@ -13,6 +13,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
+from dyknow_reasoning.execution.kept_values import KeptReader
 from dyknow_reasoning.progression.nodes import Sides
 
 
@@ -24,6 +25,7 @@ class SingleInstance:
     """
 
     __slots__ = (
+        '_kept',
         '_origins',
         '_readers',
         'clocks',
@@ -47,6 +49,9 @@ class SingleInstance:
         self.clocks: Times = state.times
         self._origins: Mapping[Sides, int] = state.window_origins
         self._readers: dict[int, Reader] = {}
+        self._kept: KeptReader | None = None
+        if self.instance.keeps_values:
+            self._kept = KeptReader(self.instance, self.template, lambda: [self.location.node])
         self._read_for(self.location)
 
     @property
@@ -80,7 +85,7 @@ class SingleInstance:
         target = move.target
         if target.verdict is not None:
             previous = now - elapsed
-            moment = DecidingMoment(self.state, symbol, now, previous)
+            moment = DecidingMoment.of(self.state, symbol, now, previous)
             return InstanceVerdict(self.instance, target.verdict, moment)
         if target is not location:
             self._enter(target, location, now)
@@ -95,6 +100,9 @@ class SingleInstance:
 
     def _read_for(self, location: Location) -> None:
         """Set `read` and `mask` to the atoms that a location depends on."""
+        if self._kept is not None:
+            self.mask, self.read = -1, self._kept
+            return
         self.mask = mask = location.node.mask
         if mask not in self._readers:
             instance = self.instance

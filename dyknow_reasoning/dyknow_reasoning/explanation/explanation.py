@@ -154,8 +154,9 @@ class _Explainer:
         self._values = values
         self._now, self._previous = moment.valid_time, moment.previous
         self._times = (*before.times, moment.valid_time)
-        self._progression = Progression([before.node])
-        self._progression.begin(moment.symbol, self._times)
+        self._kept = moment.kept
+        self._progression = Progression([before.node, *self._kept.values()])
+        self._progression.begin(moment.symbol, self._times, self._kept)
         # Finds what past operators are at this state.
         self._progression.advance(before.node, fresh=before.is_fresh)
         self._atoms = before.instance.atoms
@@ -185,7 +186,7 @@ class _Explainer:
         """Return the reasons why the state decides a node."""
         match node:
             case Literal():
-                return [self._fact(node)]
+                return self._reasons_of_literal(node)
             case Junction() | AtLeast():
                 return self._reasons_of_parts(node, fresh=fresh)
             case Window():
@@ -198,6 +199,12 @@ class _Explainer:
                 return [f"'{text}' is {str(holds).lower()} at {format_time(self._now)}"]
             case Constant():
                 return [f'there is a state at {format_time(self._now)}']
+
+    def _reasons_of_literal(self, node: Literal) -> list[str]:
+        if body := self._kept.get(node.slot):
+            body = body if node.positive else self._progression.store.negation(body)
+            return self._reasons(body, fresh=True)
+        return [self._fact(node)]
 
     def _whatever_follows(self, node: Junction | AtLeast, *, fresh: bool) -> str:
         verdict = self._progressed(node, fresh=fresh)
@@ -297,7 +304,11 @@ class _Explainer:
     def _intervals_of(self, node: Window) -> set[Interval]:
         """Return the intervals in the formula that the present bounds of a window may stem from."""
         end = None if node.end is None else node.end.offset
-        return {each for each in self._intervals[sides(node)] if each.end == end}
+        # With a kept value, a window is none of the formula, but one of its operators stated it.
+        known = self._intervals[sides(node)]
+        if self._before.instance.keeps_values and not known:
+            known = self._stated_intervals
+        return {each for each in known if each.end == end}
 
     def _remaining(self, node: Junction | AtLeast, *, fresh: bool) -> str:
         """Return the text of what remains of a node after this state."""

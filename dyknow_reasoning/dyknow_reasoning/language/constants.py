@@ -2,26 +2,39 @@
 
 A constant is replaced by its value before names are resolved. Its name is nothing else in the same
 formula, so it hides no feature.
+
+The value may also be a term, `let before = Speed in eventually[0 s, 3 s] Speed < before - 1`. It is
+kept from the state at which the formula is reached (`Freeze`), as in temporal logics with freeze
+quantifiers (R. Alur and T. A. Henzinger, "A really temporal logic", 1994).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import islice
 from typing import Any, Final, TypeAlias
 
-from dyknow_common import NOWHERE, PositionedError, TextPosition, Value
+from dyknow_common import NOWHERE, PositionedError, TextPosition, Value, shortened
 from dyknow_reasoning.language.formula import (
     Formula,
+    Freeze,
     Let,
+    PastFormula,
+    Soon,
+    SpatialSyntax,
     walk,
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
     Feature,
+    FieldReference,
+    Kept,
     Number,
     Object,
+    PastTerm,
     Quantity,
+    Term,
     TextLiteral,
     Truth,
     holds_terms,
@@ -38,7 +51,13 @@ NO_CONSTANTS: Final[Constants] = ()
 Units: TypeAlias = Mapping[str, str]
 """The units of features and references, by name."""
 
-_Bound: TypeAlias = Mapping[str, tuple[Constant, TextPosition]]
+_Bound: TypeAlias = Mapping[str, tuple[Constant | Kept, TextPosition]]
+
+_NOT_AROUND: Final = PastFormula | PastTerm | SpatialSyntax | Soon
+"""What neither holds a formula with a kept value nor stands in one."""
+
+_LONGEST_TERM: Final = 100
+"""The most parts of a term whose value is kept: each use of the name has a copy of them."""
 
 
 def without_lets(formula: Formula, constants: Constants) -> tuple[Formula, Units]:
@@ -61,6 +80,8 @@ def without_lets(formula: Formula, constants: Constants) -> tuple[Formula, Units
         return formula, units
     known = {name: (value, NOWHERE) for name, value in constants}
     replaced: Formula = _replaced(formula, known, is_operand=False)
+    if any(isinstance(node, Freeze) for node in walk(replaced)):
+        _check_kept(replaced)
     names = {name.name: name.position for let in lets for name, _ in let.constants}
     _check_uses(replaced, {**dict.fromkeys(known, NOWHERE), **names})
     return replaced, units
@@ -90,18 +111,62 @@ def constants_of(node: Any, name: str) -> list[tuple[str, Constant]]:
 def _checked(name: Object, value: Any) -> Constant:
     if not isinstance(value, Constant):
         raise PositionedError(
-            f"the constant '{name}' must be a number, a quoted text, true or false",
+            f"the constant '{name}' must be a number, a quoted text, true or false; or a term with "
+            'a feature, whose value is kept',
             name.position,
         )
     return value
 
 
+def _value(name: Object, value: Any, bound: _Bound) -> Constant | Kept:
+    """Return a constant, or the value of a term that is to be kept."""
+    term = _replaced(value, bound, is_operand=True)
+    parts = list(islice(walk(term), _LONGEST_TERM))
+    if not isinstance(term, Term) or not any(
+        isinstance(each, Feature | FieldReference) for each in parts
+    ):
+        return _checked(name, term)
+    if len(parts) == _LONGEST_TERM:
+        message = f"the value of '{name}' has {_LONGEST_TERM} parts or more; write less in one"
+        raise PositionedError(message, name.position)
+    return Kept(name.name, term)
+
+
+def _check_kept(formula: Formula) -> None:
+    """Check that kept values are used, and apart from operators of the past and of space."""
+    for node in walk(formula):
+        inner = list(walk(node)) if isinstance(node, Freeze | _NOT_AROUND) else []
+        if isinstance(node, Freeze):
+            found = next((each for each in inner if isinstance(each, _NOT_AROUND)), None)
+            if found is not None:
+                message = f"'{shortened(found)}' cannot stand in 'let {node.name} = ...'"
+                raise PositionedError(
+                    f'{message}; make it a feature of a stream, or move it before the let',
+                    found.position,
+                )
+            if not any(isinstance(each, Kept) and each.name == node.name for each in inner):
+                raise PositionedError(f"nothing uses '{node.name}'; leave it out", node.position)
+        elif freeze := next((each for each in inner if isinstance(each, Freeze)), None):
+            message = (
+                f"the value of '{freeze.name}' is kept for states to come; '{shortened(node)}'"
+            )
+            raise PositionedError(f'{message} cannot hold that; move it out', freeze.position)
+
+
 def _replaced(node: Any, bound: _Bound, *, is_operand: bool) -> Any:
     match node:
         case Let(constants, _, body):
-            return _replaced(body, {**bound, **_new(constants, bound)}, is_operand=False)
+            new = _new(constants, bound)
+            body = _replaced(body, {**bound, **new}, is_operand=False)
+            for name, (value, position) in reversed(new.items()):
+                if isinstance(value, Kept):
+                    body = Freeze(name, value.body, body, position=position)
+            return body
         case Feature(name, ()) if name in bound:
             value, _ = bound[name]
+            if isinstance(value, Kept) and not is_operand:
+                message = f"'{name}' is a kept value, not a formula; compare it: {name} = true"
+                raise PositionedError(message, node.position)
             if not is_operand and not isinstance(value, Truth):
                 raise PositionedError(
                     f"the constant '{name}' is {value}, not a formula; compare it with another",
@@ -114,14 +179,14 @@ def _replaced(node: Any, bound: _Bound, *, is_operand: bool) -> Any:
 
 def _new(
     constants: Iterable[tuple[Object, Any]], bound: _Bound
-) -> dict[str, tuple[Constant, TextPosition]]:
-    found: dict[str, tuple[Constant, TextPosition]] = {}
+) -> dict[str, tuple[Constant | Kept, TextPosition]]:
+    found: dict[str, tuple[Constant | Kept, TextPosition]] = {}
     for name, value in constants:
         first = found.get(name.name) or bound.get(name.name)
         if first is not None:
             message = f"the constant '{name}' is defined already, {_place(first[1])}"
             raise PositionedError(f'{message}; choose another name', name.position)
-        found[name.name] = _checked(name, value), name.position
+        found[name.name] = _value(name, value, {**bound, **found}), name.position
     return found
 
 

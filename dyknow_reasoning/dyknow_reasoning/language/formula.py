@@ -20,6 +20,7 @@ from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Function,
+    Kept,
     Object,
     Operation,
     PastTerm,
@@ -265,6 +266,24 @@ class Let(SyntaxNode):
     uncertainties: tuple[tuple[Object, Uncertain], ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Freeze(SyntaxNode):
+    """A formula about the value that a term has at the state at which it is reached.
+
+    Args:
+        name: of the value; a `Kept` in the body is its use.
+        term: the term.
+        body: the formula.
+    """
+
+    name: str
+    term: Term
+    body: Formula
+
+    def __str__(self) -> str:
+        return f'let {self.name} = {self.term} in {operand_text(self.body)}'
+
+
 FutureFormula: TypeAlias = Always | Eventually | Until
 """An operator of the future."""
 
@@ -298,6 +317,7 @@ Formula: TypeAlias = (
     | PastFormula
     | SpatialSyntax
     | Let
+    | Freeze
     | Soon
 )
 """A formula, which is true or false of a sequence of states."""
@@ -318,8 +338,12 @@ def parts(  # noqa: C901, PLR0911 - one for each kind
             return (node.condition,) if node.weight is None else (node.condition, node.weight)
         case SpatialAtom():
             return tuple(node.places)
-        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm():
+        case (
+            Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm() | Kept()
+        ):
             return (node.body,)
+        case Freeze():
+            return (node.term, node.body)
         case PastAtom():
             return (node.formula,)
         case Feature() | Function():
@@ -332,7 +356,7 @@ def parts(  # noqa: C901, PLR0911 - one for each kind
             return ()
 
 
-def with_changed_parts(  # noqa: PLR0911 - one for each kind
+def with_changed_parts(  # noqa: C901, PLR0911 - one for each kind
     node: Any, change: Callable[[Any], Any]
 ) -> Any:
     """Return a node with a function applied to each of its parts."""
@@ -348,8 +372,12 @@ def with_changed_parts(  # noqa: PLR0911 - one for each kind
             return replace(node, condition=change(condition), weight=weight and change(weight))
         case SpatialAtom(formula):
             return replace(node, formula=change(formula))
-        case Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm():
+        case (
+            Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm() | Kept()
+        ):
             return replace(node, body=change(node.body))
+        case Freeze():
+            return replace(node, term=change(node.term), body=change(node.body))
         case Feature() | Function():
             return replace(node, arguments=tuple(map(change, node.arguments)))
         case Uncertain():
@@ -377,7 +405,8 @@ def looks_forward(formula: Formula) -> bool:
 
 def is_about_one_state(node: Formula | Term) -> bool:
     """Return True if a formula contains neither an operator nor a value of other states."""
-    return not any(isinstance(each, FutureFormula | PastFormula | PastTerm) for each in walk(node))
+    kinds = FutureFormula | PastFormula | PastTerm | Freeze
+    return not any(isinstance(each, kinds) for each in walk(node))
 
 
 def compares_past(node: Formula | Term) -> bool:

@@ -7,6 +7,7 @@ stream computes, `min(ranges[90:270])`.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Any, Final
 
 from lark import Token
@@ -21,8 +22,9 @@ from dyknow_common import (
     MessagePath,
     PositionedError,
     TextPosition,
-    computed_field,
+    checked_field,
     format_duration,
+    joined_field,
     message_path,
     number_of,
     parse_duration,
@@ -30,8 +32,10 @@ from dyknow_common import (
     shortened,
 )
 from dyknow_reasoning.language.formula import (
+    And,
     Comparison,
     Formula,
+    Or,
     with_changed_parts,
 )
 from dyknow_reasoning.language.terms import (
@@ -100,27 +104,43 @@ def function_of_field(name: Token, argument: Formula | Term) -> Term:
         (values,) = argument.arguments
         least = function_of_field(Token.new_borrow_pos(name.type, 'min', name), values)
         return Function('max', (function_of_field(name, values), Arithmetic('-', Number(0), least)))
-    condition, reference = None, argument
-    if isinstance(argument, Comparison) and isinstance(
-        argument.right, Number | TextLiteral | Truth
-    ):
-        reference = argument.left
-        condition = ElementCondition(argument.operator, argument.right.value)
-    field = parse_field(reference.path) if isinstance(reference, FieldReference) else None
-    is_compared = isinstance(argument, Comparison)
-    if (
-        not isinstance(reference, FieldReference)
-        or not isinstance(field, MessagePath)
-        or is_compared is not (condition is not None)
-    ):
+    conditions = list(_conditions(argument, 'or'))
+    streams = {stream for stream, _ in conditions}
+    if len(streams) == 1 and (stream := streams.pop()) is not None:
+        found = joined_field(str(name), [each for _, each in conditions])
+        return FieldReference(stream, str(checked_field(found, name)))
+    path = parse_field(argument.path) if isinstance(argument, FieldReference) else None
+    if not isinstance(argument, FieldReference) or not isinstance(path, MessagePath):
         raise PositionedError(
             f"'{name}' takes a field of a stream, not '{shortened(argument)}'; write "
             f'{name}("/scan".ranges), or for count, any and all a condition, such as '
-            'any("/scan".ranges < 0.3)',
+            'any("/scan".ranges < 0.3), or some of one stream, joined without brackets',
             TextPosition.of(name),
         )
-    path = Token.new_borrow_pos('FIELD', str(field), name)
-    return FieldReference(reference.stream, str(computed_field(name, path, condition)))
+    found = checked_field(ComputedField(str(name), path), name)
+    return FieldReference(argument.stream, str(found))
+
+
+def _conditions(
+    node: Formula | Term, word: str
+) -> Iterator[tuple[str | None, tuple[str, MessagePath, ElementCondition]]]:
+    """Yield the streams of joined conditions, and these as `joined_field` takes them.
+
+    The stream of anything else is None.
+    """
+    match node:
+        case Or(left, right):
+            yield from _conditions(left, word)
+            yield from _conditions(right, 'or')
+        case And(left, right) if not any(isinstance(each, Or) for each in (left, right)):
+            yield from _conditions(left, word)
+            yield from _conditions(right, 'and')
+        case Comparison(operator, FieldReference(stream, path), right) if isinstance(
+            found := parse_field(path), MessagePath
+        ) and isinstance(right, Number | TextLiteral | Truth):
+            yield stream, (word, found, ElementCondition(operator, right.value))
+        case _:
+            yield None, (word, MessagePath(()), ElementCondition('=', value=True))
 
 
 def with_numbers(node: Any) -> Any:

@@ -146,7 +146,9 @@ def _formula(node: Formula | Term) -> Formula:
                 f"'previous {_shown(node.body)}'",
                 node.position,
             )
-        case terms.Object() | terms.Variable():  # pragma: no cover - never an operand here
+        case (
+            terms.Object() | terms.Variable() | terms.Kept()
+        ):  # pragma: no cover - never an operand here
             raise PositionedError(f"'{_shown(node)}' is an object, not a formula", node.position)
         case _:
             return node

@@ -26,6 +26,7 @@ from dyknow_reasoning.language.constants import Units
 from dyknow_reasoning.language.formula import (
     Comparison,
     Formula,
+    Freeze,
     walk,
     with_changed_parts,
 )
@@ -37,6 +38,7 @@ from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Function,
+    Kept,
     Number,
     Probability,
     Quantity,
@@ -100,13 +102,18 @@ def _converted(node: Any, conversion: _Conversion) -> Any:
     if isinstance(node, Over):
         found = with_changed_parts(node, lambda part: _converted(part, conversion))
         return replace(found, body=_measured_by(found.body, found.links.link.weight, conversion))
-    if not isinstance(node, Comparison):
+    if isinstance(node, Freeze):
+        node = replace(node, body=_converted(node.body, conversion))
+    elif not isinstance(node, Comparison):
         return with_changed_parts(node, lambda part: _converted(part, conversion))
-    if _quantity(node) is None:
+    measured = node.term if isinstance(node, Freeze) else node
+    if _quantity(measured) is None:
         return node
-    fields = [each for each in walk(node) if isinstance(each, Feature | FieldReference)]
+    fields = [each for each in walk(measured) if isinstance(each, Feature | FieldReference)]
     if fields and not conversion.units and all(isinstance(each, Feature) for each in fields):
         return node
+    if isinstance(node, Freeze):
+        return replace(node, term=conversion.alike((node.term,))[0][0])
     (left, _), (right, _) = conversion.alike((node.left, node.right))
     return Comparison(node.operator, left, right, position=node.position)
 
@@ -128,7 +135,7 @@ def _measured_by(node: Any, length: Term | None, conversion: _Conversion) -> Any
     return replace(found, distances=replace(found.distances, start=ends[0], end=ends[1]))
 
 
-def _quantity(node: Comparison) -> Quantity | None:
+def _quantity(node: Comparison | Term) -> Quantity | None:
     return next((each for each in walk(node) if isinstance(each, Quantity)), None)
 
 
@@ -204,7 +211,7 @@ class _Conversion:
                 return self._function(term)
             case Aggregate(function='count') | StateCount() | Probability():
                 return with_changed_parts(term, lambda body: _converted(body, self)), None
-            case Aggregate() | ValueBefore():
+            case Aggregate() | ValueBefore() | Kept():
                 ((body, unit),) = self.alike((term.body,))
                 return replace(term, body=body), unit
             case Uncertain(mean, deviation):

@@ -126,7 +126,7 @@ class FieldReference(SyntaxNode):
         field = parse_field(self.path)
         if not isinstance(field, ComputedField):
             return f'{stream}.{self.path}'
-        return f'{field.function}({stream}.{self.path[len(field.function) + 1 :]}'
+        return f'{field.function}({field.of(f"{stream}.")})'
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,6 +240,22 @@ class Covariance(Operation):
 
 
 @dataclass(frozen=True, slots=True)
+class Kept(SyntaxNode):
+    """The value that a term had at the state at which `let NAME = TERM in` was reached.
+
+    Args:
+        name: of the value.
+        body: the term.
+    """
+
+    name: str
+    body: Any
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True, slots=True)
 class Uncertain(SyntaxNode):
     """A number that is known up to a normal error; it stands in `P(...)` only.
 
@@ -293,7 +309,15 @@ NumericTerm: TypeAlias = (
 """The terms that are numbers, whatever their parts are."""
 
 Term: TypeAlias = (
-    NumericTerm | ValueBefore | TextLiteral | Truth | Object | Variable | Feature | FieldReference
+    NumericTerm
+    | ValueBefore
+    | Kept
+    | TextLiteral
+    | Truth
+    | Object
+    | Variable
+    | Feature
+    | FieldReference
 )
 """An operand of a comparison."""
 
@@ -301,7 +325,7 @@ Term: TypeAlias = (
 def holds_terms(node: Any) -> bool:
     """Return True if the parts of a node are terms, not formulas."""
     is_aggregate = isinstance(node, Aggregate) and node.function != 'count'
-    return is_aggregate or isinstance(node, Operation | Function | ValueBefore | Uncertain)
+    return is_aggregate or isinstance(node, Operation | Function | ValueBefore | Kept | Uncertain)
 
 
 def operand_text(node: Any) -> str:

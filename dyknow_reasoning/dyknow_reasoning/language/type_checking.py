@@ -93,7 +93,7 @@ class _TypeChecker:
                 _check_arity(node, arities.setdefault(node.name, node))
             elif isinstance(node, terms.Object):
                 _check_object(node, variables, sorts)
-            elif isinstance(node, terms.ValueBefore):
+            elif isinstance(node, terms.ValueBefore | terms.Kept):
                 _check_before(node)
         _check_probabilities(formula)
 
@@ -131,7 +131,9 @@ class _TypeChecker:
                 if len(self.uses) > known:
                     pending.append(next(reversed(self.uses)))
 
-    def _infer_use(self, node: Formula | Term) -> None:
+    def _infer_use(  # noqa: C901 - one for each kind
+        self, node: Formula | Term
+    ) -> None:
         match node:
             case terms.Feature() | terms.FieldReference():
                 self._require(node, Kind.BOOLEAN, 'as a formula')
@@ -143,6 +145,9 @@ class _TypeChecker:
                     self._require(side, Kind.STRING, f"as an operand of '{symbol}'")
             case syntax.Comparison() | terms.Arithmetic() | terms.Function():
                 self._infer_numbers(node)
+            case syntax.Freeze(_, term, body):
+                self._infer_numbers(term)
+                self._infer_use(body)
             case LinkLength(condition, weight):
                 self._infer_use(condition)
                 if weight is not None:
@@ -172,7 +177,7 @@ class _TypeChecker:
                 symbol = 'within' if isinstance(node, terms.Bounded) else 'normal'
                 pairs = ((each.left, each.right) for each in covariances)
                 operands = (mean, deviation, *chain.from_iterable(pairs))
-            case terms.ValueBefore(body):
+            case terms.ValueBefore(body) | terms.Kept(body=body):
                 self._infer_numbers(body)
                 return
             case terms.Aggregate(function=symbol, body=body):
@@ -192,7 +197,7 @@ class _TypeChecker:
 
     def _kind(self, term: Term) -> Kind | None:
         match term:
-            case terms.ValueBefore(body):
+            case terms.ValueBefore(body) | terms.Kept(body=body):
                 return self._kind(body)
             case _ if isinstance(term, terms.NumericTerm):
                 return Kind.NUMBER
@@ -288,10 +293,11 @@ def _check_object(node: terms.Object, variables: set[str], sorts: set[str]) -> N
         )
 
 
-def _check_before(node: terms.ValueBefore) -> None:
+def _check_before(node: terms.ValueBefore | terms.Kept) -> None:
     if isinstance(_valued(node), terms.Object | terms.Variable):
         message = f"'{node.body}' is an object, which is the same at every state"
-        raise PositionedError(f'{message}; leave out the prev()', node.position)
+        correction = 'write its name' if isinstance(node, terms.Kept) else 'leave out the prev()'
+        raise PositionedError(f'{message}; {correction}', node.position)
 
 
 _WITHOUT_PROBABILITY: Final = syntax.PastFormula | terms.PastTerm | Over | Spatial
@@ -356,7 +362,7 @@ def _computed_kind(reference: terms.FieldReference) -> Kind | None:
 
 def _valued(term: Term) -> Term:
     """Return the term whose value it is, now or before."""
-    return _valued(term.body) if isinstance(term, terms.ValueBefore) else term
+    return _valued(term.body) if isinstance(term, terms.ValueBefore | terms.Kept) else term
 
 
 def _name(term: Term) -> str:

@@ -109,7 +109,7 @@ def predicate(atom: Atom, kinds: Kinds) -> Predicate:
 def _comparison(atom: Comparison, kinds: Kinds) -> Predicate:
     compare = COMPARISONS[atom.operator]
     left, right = term_reader(atom.left, kinds), term_reader(atom.right, kinds)
-    if isinstance(atom.right, Number | TextLiteral | Truth):
+    if isinstance(atom.right, Number | TextLiteral | Truth) and not has_unknown_kind(atom, kinds):
         constant = atom.right.value
         return lambda values: compare(left(values), constant)
     if has_unknown_kind(atom, kinds):

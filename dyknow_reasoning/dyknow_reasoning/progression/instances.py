@@ -26,6 +26,7 @@ from dyknow_reasoning.language.formula import (
     Exists,
     Forall,
     Formula,
+    Freeze,
     Implies,
     Not,
     Or,
@@ -47,6 +48,7 @@ from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
     Function,
+    Kept,
     Number,
     Object,
     Operation,
@@ -103,15 +105,21 @@ class Instance:
 
     Args:
         binding: the choice.
-        atoms: the atom of each slot; comparisons only with `POSITIVE_COMPARISONS`.
+        atoms: the atom of each slot; comparisons only with `POSITIVE_COMPARISONS`. A formula about
+            a kept value has a slot, too (see `execution.kept_values`).
         node: the formula over these slots.
         source: the formula that it is an instance of.
     """
 
     binding: Binding
-    atoms: tuple[Atom, ...]
+    atoms: Sequence[Atom]
     node: Node
     source: Source | None = field(default=None, kw_only=True)
+
+    @property
+    def keeps_values(self) -> bool:
+        """True if it has atoms of kept values, which come and go: they are a list."""
+        return isinstance(self.atoms, list)
 
 
 def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[Instance]:
@@ -122,7 +130,7 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
     """
     instances: dict[tuple[Node, tuple[Atom, ...]], Instance] = {}
     for binding, body in _instances(formula, domains, {}):
-        translator = _Translator(store, domains)
+        translator = Translator(store, domains)
         node = translator.node(body, binding)
         atoms = tuple(translator.slots)
         source = Source(body, domains)
@@ -130,10 +138,16 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
     return list(instances.values())
 
 
-@lru_cache(maxsize=128)
 def written_atoms(instance: Instance) -> tuple[Atom, ...]:
     """Return the atoms of an instance as its formula says them; see `wording_of`."""
+    return (_as_written if instance.keeps_values else _written_atoms)(instance)
+
+
+def _as_written(instance: Instance) -> tuple[Atom, ...]:
     return tuple(map(as_written, instance.atoms))
+
+
+_written_atoms = lru_cache(maxsize=128)(_as_written)
 
 
 @lru_cache(maxsize=128)
@@ -200,8 +214,14 @@ def _with_origin(formula: Over, binding: Binding) -> Binding:
     return {**binding, formula.variable: binding.get(origin, origin)}
 
 
-def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[StateAtom]:
+def _ground_atoms(  # noqa: C901 - one for each kind
+    formula: Formula, binding: Binding, domains: Domains
+) -> Iterator[StateAtom]:
     match formula:
+        case Comparison() if any(isinstance(each, Kept) for each in walk(formula)):
+            pass  # It depends on an earlier state, too.
+        case Freeze():
+            yield from _ground_atoms(formula.body, binding, domains)
         case Feature() | FieldReference() | Comparison():
             yield ground_atom(formula, binding, domains)
         case (
@@ -238,7 +258,7 @@ def _instances(
             yield binding, formula
 
 
-class _Translator:
+class Translator:
     """Translates a formula to nodes, and numbers its atoms."""
 
     def __init__(self, store: NodeStore, domains: Domains) -> None:
@@ -247,7 +267,7 @@ class _Translator:
         self._thresholds = Thresholds(store)
         self._domains = domains
 
-    def node(  # noqa: PLR0911 - one for each kind
+    def node(  # noqa: C901, PLR0911 - one for each kind
         self, formula: Formula, binding: Binding
     ) -> Node:
         """Return the node of a formula whose free variables are bound."""
@@ -266,6 +286,8 @@ class _Translator:
                 return self._past(formula, binding)
             case PastAtom():
                 return self._literal(formula, positive=True)
+            case Freeze():
+                return self._literal(ground(formula, binding, self._domains), positive=True)
             case Over() | Spatial():
                 return self.node(ground(formula, binding, self._domains), {})
             case Always() | Eventually() | Until():
@@ -379,7 +401,7 @@ class _Translator:
         is_open = self._literal(PastAtom(opposite), positive=False)
         is_left = isinstance(comparison.left, Probability)
         asked = comparison.left if is_left else comparison.right
-        body = _Translator(self._store, {}).node(cast('Probability', asked).body, {})
+        body = Translator(self._store, {}).node(cast('Probability', asked).body, {})
         wants_more = (comparison.operator in {'>', '>='}) is is_left
         if holds_at_the_end(body) is wants_more:
             later = self._store.window(None, None, known, is_open, universal=True)
@@ -389,12 +411,15 @@ class _Translator:
         return self._store.junction((known, waiting), universal=False)
 
     def _literal(self, atom: Atom, *, positive: bool) -> Node:
-        slot = self.slots.setdefault(atom, len(self.slots))
+        slot = self._slot(atom)
         self._thresholds.add(slot, atom)
         return self._store.literal(slot, positive=positive)
 
+    def _slot(self, atom: Atom) -> int:
+        return self.slots.setdefault(atom, len(self.slots))
 
-class _Recorder(_Translator):
+
+class _Recorder(Translator):
     """A translator that records for which part of the formula each node stands."""
 
     def __init__(self, store: NodeStore, domains: Domains) -> None:
@@ -437,7 +462,7 @@ def ground_nodes(
     formulas: Iterable[Formula], store: NodeStore
 ) -> tuple[tuple[Atom, ...], list[Node]]:
     """Return the atom of each slot, and the nodes of ground formulas over these."""
-    translator = _Translator(store, {})
+    translator = Translator(store, {})
     nodes = [translator.node(each, {}) for each in formulas]
     return tuple(translator.slots), nodes
 
@@ -481,6 +506,13 @@ def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
             return with_changed_parts(formula, lambda part: ground(part, binding, domains))
 
 
+def with_kept(node: Any, name: str, value: Term) -> Any:
+    """Return a formula with a value for each use of a name that `let` gave to a term."""
+    if isinstance(node, Kept):
+        return value if node.name == name else node
+    return with_changed_parts(node, lambda part: with_kept(part, name, value))
+
+
 def _value_without_state(atom: Comparison) -> bool | None:
     """Return the truth of a comparison of constants; None if it needs a state, or has no value."""
     if any(isinstance(each, Feature | FieldReference | Uncertain) for each in walk(atom)):
@@ -509,8 +541,8 @@ def _substitute(  # noqa: PLR0911 - one for each kind
             return type(node)(operator, *sides)
         case Function(name, operands):
             return Function(name, tuple(_substitute(each, binding, domains) for each in operands))
-        case ValueBefore(body):
-            return ValueBefore(_substitute(body, binding, domains))
+        case ValueBefore() | Kept():
+            return with_changed_parts(node, lambda part: _substitute(part, binding, domains))
         case StateCount(body, interval):
             return StateCount(ground(body, binding, domains), interval)
         case Probability(body):

@@ -32,8 +32,10 @@ Example, `always (p -> once[0, 2 s] eventually[0, 1 s] q)`; a memory is written 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from operator import attrgetter
+from types import MappingProxyType
+from typing import Final
 
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
@@ -54,6 +56,8 @@ from dyknow_reasoning.progression.nodes import (
     past_nodes,
 )
 
+NONE_KEPT: Final[Mapping[int, Node]] = MappingProxyType({})
+
 _RECURSION_DEPTH = 64
 """Nodes that nest deeper are progressed without recursion over junctions."""
 
@@ -70,16 +74,21 @@ class Progression:
         self.store = NodeStore(self.chronology, roots)
         self._memo: dict[tuple[Node, bool], Node] = {}
         self._symbol = 0
+        self._kept = NONE_KEPT
         self._now = Bound(0, 0)
 
-    def begin(self, symbol: int, times: Sequence[int]) -> None:
+    def begin(
+        self, symbol: int, times: Sequence[int], kept: Mapping[int, Node] = NONE_KEPT
+    ) -> None:
         """Set the state to progress over.
 
         Args:
             symbol: the truth of the atoms at the state; bit n is the atom of slot n.
             times: the times of the states that bounds count from, in nanoseconds; the last one is
                 the time of this state.
+            kept: the formulas that some slots stand for at this state, instead of an atom.
         """
+        self._kept = kept
         self.chronology.begin(times)
         self._memo.clear()
         self._symbol = symbol
@@ -113,8 +122,14 @@ class Progression:
             if members != node.parts:
                 return self.store.at_least(node.count, members)
         elif type(node) is Literal:
-            return TRUE if (self._symbol >> node.slot & 1) == node.positive else FALSE
+            return self._step_literal(node)
         return node
+
+    def _step_literal(self, node: Literal) -> Node:
+        if body := self._kept.get(node.slot):
+            body = body if node.positive else self.store.negation(body)
+            return self.progress(body, fresh=True)
+        return TRUE if (self._symbol >> node.slot & 1) == node.positive else FALSE
 
     def _step_parts(self, node: Junction, *, fresh: bool) -> tuple[Node, ...]:
         """Progress the parts; the members of a window join the junction's members."""

@@ -24,12 +24,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import count
 from math import inf
 from operator import itemgetter
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from dyknow_reasoning.progression.gaps import Gap, apart, halves_after
+from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
+    FALSE,
+    TRUE,
     Bound,
     Constant,
     Node,
@@ -39,9 +43,12 @@ from dyknow_reasoning.progression.nodes import (
     bounds_of,
     sides,
 )
-from dyknow_reasoning.progression.progression import Progression
+from dyknow_reasoning.progression.progression import NONE_KEPT, Progression
 
 _MAX_NODES = 1 << 16
+
+MAX_SLOTS: Final = 1 << 10
+"""The most slots of an instance that keeps values; above, a symbol has the number of formulas."""
 
 Times: TypeAlias = tuple[int, ...]
 """The times of the states that bounds count from, in nanoseconds, increasing."""
@@ -123,6 +130,36 @@ class Automaton:
         # The steps that were found; over many atoms, each state may need another one.
         self._found = 0
         self._limit = _MAX_NODES
+        self._keeps_values = False
+        # The formulas that slots stand for at a state, by their number, which is never used again;
+        # it is 0 for the instances that keep no value.
+        self._kept: dict[int, Mapping[int, Node]] = {0: NONE_KEPT}
+        self._kept_numbers: dict[frozenset[tuple[int, Node]], int] = {}
+        self._next_kept = count(1)
+
+    @property
+    def store(self) -> NodeStore:
+        """The nodes, until `forget`."""
+        return self._progression.store
+
+    def symbol(self, truth: int, kept: Mapping[int, Node]) -> int:
+        """Return the symbol of a state at which some slots stand for formulas of the store.
+
+        Args:
+            truth: of the other atoms, as bits.
+            kept: these formulas, by their slots.
+        """
+        self._keeps_values = True
+        key = frozenset(kept.items())
+        number = self._kept_numbers.get(key)
+        if number is None:
+            number = self._kept_numbers[key] = next(self._next_kept)
+            self._kept[number] = kept
+        return truth | number << MAX_SLOTS
+
+    def kept(self, symbol: int) -> Mapping[int, Node]:
+        """Return the formulas that some slots stand for at a state."""
+        return self._kept[symbol >> MAX_SLOTS] if self._keeps_values else NONE_KEPT
 
     def move(self, location: Location, symbol: int, times: Times) -> Move:
         """Return the step from a location over a state.
@@ -156,7 +193,9 @@ class Automaton:
         """
         self._progression.begin(0, times)
         store = self._progression.store
-        halves = halves_after(location.node, gap, times, store)
+        halves: tuple[Node, Node] = TRUE, FALSE  # Both atoms would need slots of their own.
+        if not (past and self._keeps_values):
+            halves = halves_after(location.node, gap, times, store)
         optimistic, pessimistic = (self.apart(half, past) for half in halves)
         self.has_grown = True
         return self._move(location, optimistic), self._move(location, pessimistic)
@@ -168,7 +207,7 @@ class Automaton:
     @property
     def is_full(self) -> bool:
         """True if there are so many nodes or steps that `forget` should be called."""
-        return max(len(self._progression.store), self._found) > self._limit
+        return max(len(self._progression.store), self._found, len(self._kept)) > self._limit
 
     def forget(self, locations: Iterable[Location]) -> None:
         """Drop everything but the initial location and the given ones."""
@@ -177,6 +216,8 @@ class Automaton:
             location.memories.clear()
         self._locations = {each.node: each for each in locations if each is not self.initial}
         self._progression = Progression([self.initial.node, *self._locations])
+        self._kept = {0: NONE_KEPT}
+        self._kept_numbers.clear()
         self._found = 0
         self._limit = max(_MAX_NODES, 2 * len(self._progression.store))
 
@@ -184,7 +225,7 @@ class Automaton:
         self, location: Location, symbol: int, times: Times, *, is_memory: bool = False
     ) -> Move:
         progression = self._progression
-        progression.begin(symbol, times)
+        progression.begin(symbol, times, self.kept(symbol))
         if is_memory:
             known, node = location.memories, progression.remember(location.node)
         else:

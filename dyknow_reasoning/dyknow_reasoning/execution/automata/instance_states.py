@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.configurations import Template
+from dyknow_reasoning.language.formula import Freeze
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.gaps import Gap, Half, apart, bounded_atoms, whole_past_atoms
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Chronology, Node, Sides
+from dyknow_reasoning.progression.progression import NONE_KEPT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +36,11 @@ class FormulaInstance(Instance):
     batch_key: Hashable
     half: Half = Half.WHOLE
     gap: Gap | None = None
+
+    def __post_init__(self) -> None:
+        if self.keeps_values or any(isinstance(each, Freeze) for each in self.atoms):
+            # Each has its own: what is to stay as it is needs a copy.
+            object.__setattr__(self, 'atoms', list(self.atoms))
 
     @classmethod
     def of(
@@ -111,12 +118,24 @@ class DecidingMoment:
         symbol: the truth of the atoms at this state, as bits.
         valid_time: the valid time of this state, in nanoseconds.
         previous: the valid time of the state before; unused if the instance is fresh.
+        kept: the formulas that slots stand for at this state, because of kept values.
     """
 
     before: InstanceState
     symbol: int
     valid_time: int
     previous: int
+    kept: Mapping[int, Node] = field(default_factory=lambda: NONE_KEPT)
+
+    @classmethod
+    def of(
+        cls, before: InstanceState, symbol: int, valid_time: int, previous: int
+    ) -> DecidingMoment:
+        """Return a moment, also if the atoms of the instance come and go."""
+        if before.instance.keeps_values:
+            before = replace(before, instance=replace(before.instance))
+        kept = before.template.automaton.kept(symbol)
+        return cls(before, symbol, valid_time, previous, kept)
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,7 +39,8 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
-from dyknow_reasoning.execution.automata.readers import quick_reader
+from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
+from dyknow_reasoning.execution.kept_values import KeptReader
 from dyknow_reasoning.execution.standing.fading import Future
 from dyknow_reasoning.execution.standing.groups import (
     ALWAYS,
@@ -59,7 +60,7 @@ from dyknow_reasoning.execution.standing.runs import (
     union,
 )
 from dyknow_reasoning.progression.gaps import Gap, Half
-from dyknow_reasoning.progression.nodes import bounds_of
+from dyknow_reasoning.progression.nodes import Node, bounds_of
 from dyknow_reasoning.progression.residual import growth_error
 
 _MAX_KNOWN: Final = 4096
@@ -78,11 +79,11 @@ class OpenStarts:
     def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
         self.instance = instance
         self.template = template
-        self.reader = quick_reader(instance.atoms, instance.kinds, instance.node.mask)
+        self.reader = self._reader()
         """Returns the truth of the atoms at a state, for `step`."""
         self.wakes_at: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
-        self.can_fade = True
+        self.can_fade = not instance.keeps_values
         """True if `fades_at` may be later than the state that decides."""
         self.fades_at: float = inf
         """The time at which a start leaves its group in this way, in nanoseconds."""
@@ -99,6 +100,15 @@ class OpenStarts:
         # For each truth of the atoms, how long the group of the start state stays the same, with
         # times that count from its oldest start.
         self._known_validity: dict[int, Validity] = {}
+
+    def _reader(self) -> Reader:
+        instance = self.instance
+        if instance.keeps_values:
+            return KeptReader(instance, self.template, lambda: [instance.node, *self._nodes()])
+        return quick_reader(instance.atoms, instance.kinds, instance.node.mask)
+
+    def _nodes(self) -> list[Node]:
+        return [location.node for location in self.locations]
 
     def forget(self) -> None:
         """Forget the results that are kept of the automaton; the next state needs a step."""
@@ -220,7 +230,7 @@ class OpenStarts:
             before = replace(before, window_origins=dict.fromkeys(group.location.unbounded, begin))
         number = len(self._times) - 1
         previous = self._times[number - 1] if run.first < number else 0
-        moment = DecidingMoment(before, decided.symbol, self._times[number], previous)
+        moment = DecidingMoment.of(before, decided.symbol, self._times[number], previous)
         return InstanceVerdict(before.instance, decided.holds, moment)
 
     def begins(self) -> DecidedStarts:

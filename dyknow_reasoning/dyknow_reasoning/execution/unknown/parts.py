@@ -78,7 +78,9 @@ class Instances:
 
     @property
     def is_plain(self) -> bool:
-        """False if a gap or an error has an effect on a past operator."""
+        """False if a gap or an error has an effect on a past operator, or values are kept."""
+        if any(each.keeps_values for each in self.instances.values()):
+            return False
         parts = (self.part([each]) for each in self.instances)
         return all(register.is_plain for part in parts for register in part.registers.values())
 

@@ -403,8 +403,8 @@ def _apart(state: InstanceState) -> InstanceState:
 
 
 def _remembers(state: InstanceState) -> bool:
-    """Return True for a formula that begins with what was kept of earlier states."""
-    return state.is_fresh and type(state.node) is Remembering
+    """Return True for one that keeps values, or begins with what was kept of earlier states."""
+    return state.instance.keeps_values or (state.is_fresh and type(state.node) is Remembering)
 
 
 def _is_known(column: Array) -> bool:

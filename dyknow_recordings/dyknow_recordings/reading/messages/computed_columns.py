@@ -90,12 +90,13 @@ def _members(path: str) -> Iterator[str]:
     if isinstance(field, UnnestedArray):
         for each in (field.elements.array, *field.fields):
             yield from _members(each)
-    found = field.path if isinstance(field, ComputedField) else field
-    match found:
-        case MessagePath((PathStep(name, selector), *_)):
-            yield name
-            if isinstance(selector, ElementKey | IndexField):
-                yield selector.field.partition('.')[0]
+    found = [each.path for each in field.parts] if isinstance(field, ComputedField) else [field]
+    for path_of_it in found:
+        match path_of_it:
+            case MessagePath((PathStep(name, selector), *_)):
+                yield name
+                if isinstance(selector, ElementKey | IndexField):
+                    yield selector.field.partition('.')[0]
 
 
 def _column(values: list[Any], kind: ValueType | None) -> NDArray[Any]:
