@@ -34,14 +34,21 @@ from typing import Any, Final
 import yaml
 
 from dyknow_common import (
+    CONSTRAINT_KINDS,
     NOT_CALIBRATED,
+    WKT,
     InlineText,
     LanguageError,
     Value,
     format_duration,
     quoted,
 )
-from dyknow_configuration.composed_text import PLACEHOLDER, variables
+from dyknow_configuration.composed_text import (
+    PLACEHOLDER,
+    ComposedText,
+    constraints_text,
+    variables,
+)
 from dyknow_configuration.robot import (
     FeatureForecast,
     ForecastSource,
@@ -56,16 +63,28 @@ from dyknow_configuration.yaml_values import YamlValue, read_yaml
 from dyknow_reasoning import Feature, ForecastBound, ForecastFeature, parse_formula, walk
 from dyknow_stream_processing import MAX_STEPS, parse_specification, specifications_by_sink
 
-FORECAST_KEYS: Final = ('by', 'fields', 'horizons', 'step', 'settings', 'table')
+FORECAST_KEYS: Final = ('by', 'fields', 'path', 'horizons', 'step', 'settings', 'table')
+PATH_KEYS: Final = ('topic', 'field', *(each for each in CONSTRAINT_KINDS if each != 'expires'))
 TABLE_KEYS: Final = ('forecast', 'coverage', 'widening')
 
-_TURNING: Final = 'constant_turn_rate'
-_ODOMETRY: Final = {
-    'speed': 'twist.twist.linear.x',
-    'turn': 'twist.twist.angular.z',
-    **{f'q{each}': f'pose.pose.orientation.{each}' for each in 'xyzw'},
+_PLANNED: Final = 'planned_path'
+_SPEED: Final = {'speed': 'twist.twist.linear.x'}
+_ODOMETRY: Final[Mapping[str, Mapping[str, str]]] = {
+    'constant_turn_rate': {
+        **_SPEED,
+        'turn': 'twist.twist.angular.z',
+        **{f'q{each}': f'pose.pose.orientation.{each}' for each in 'xyzw'},
+    },
+    _PLANNED: {
+        **{each: f'pose.pose.position.{each}' for each in 'xy'},
+        **_SPEED,
+        'frame': 'header.frame_id',
+    },
 }
-"""The fields that `constant_turn_rate` reads beside `value` if none are given."""
+"""The fields that forecasts in the plane read beside `value` if none are given."""
+
+_TEXTS: Final = frozenset({'frame', 'path_frame', 'path'})
+"""The inputs that are texts; the others are numbers."""
 
 
 @dataclass(slots=True)
@@ -97,7 +116,7 @@ def read_forecasts(
         ConfigurationError: with the place of the fault.
     """
     found = Forecasts([], [], [])
-    inputs: dict[str, tuple[str, ...]] = {}
+    inputs: dict[str, tuple[Mapping[str, str], ...]] = {}
     entries = values['features'].entries('a mapping from features') if 'features' in values else []
     for name, value in entries:
         stated = {key.text(): each for key, each in value.entries('the description of a feature')}
@@ -105,9 +124,9 @@ def read_forecasts(
             continue
         reader = _ForecastReader(vocabulary.features[name.text().strip()], stated, vocabulary)
         forecast = reader.read(calibrated=calibrated)
-        given = tuple(forecast.inputs)
-        if inputs.setdefault(forecast.by, given) != given:
-            other = ', '.join(inputs[forecast.by])
+        given = (forecast.inputs, forecast.path_inputs)
+        if [*map(list, inputs.setdefault(forecast.by, given))] != [*map(list, given)]:
+            other = ', '.join(name for each in inputs[forecast.by] for name in each)
             message = f"another forecast by '{forecast.by}' has the inputs {other}; give the same"
             raise stated['forecast'].error(message)
         found.features.append(forecast)
@@ -115,7 +134,7 @@ def read_forecasts(
             found.streams.append(InlineText(stated['forecast'].place, text))
             found.annotations.append(InlineText(stated['forecast'].place, meaning))
     if found.streams:
-        units = ''.join(f'{_declaration(by, names)};\n' for by, names in inputs.items())
+        units = ''.join(f'{_declaration(by, *each)};\n' for by, each in inputs.items())
         text = units + ''.join(each.text for each in found.streams)
         found.streams = [replace(found.streams[0], text=text)]
     return found
@@ -141,6 +160,9 @@ class _ForecastReader:
         if 'expires' in self._carrier.stated:
             message = 'a forecast is made of known values; remove expires, or the forecast'
             raise self._carrier.stated['expires'].error(message)
+        self._path: Mapping[str, YamlValue] = {}
+        if 'path' in self._stated:
+            self._path = self._stated['path'].mapping(PATH_KEYS, ('topic',))
 
     def read(self, *, calibrated: bool) -> FeatureForecast:
         """Return the forecast, with its widening if there is a table."""
@@ -151,6 +173,7 @@ class _ForecastReader:
             ForecastSource(
                 self._carrier.stream_of(objects)[0],
                 {name: _filled(path, objects) for name, path in inputs.items()},
+                self._path_topic(objects),
             )
             for objects in self._carrier.choices()
         )
@@ -164,6 +187,7 @@ class _ForecastReader:
             self._table(),
             self._carrier.unit or self._feature.unit,
             tuple(sources) if self._carrier.is_topic else (),
+            path_inputs=self._path_inputs(by),
         )
         return self._with_table(forecast) if calibrated else forecast
 
@@ -206,11 +230,35 @@ class _ForecastReader:
             numbers = forecast.widening[: horizon // forecast.step + 1]
             settings['widening'] = quoted(' '.join(map(repr, numbers)))
         stated = ', '.join(f'{name} = {value}' for name, value in settings.items())
-        return f'{forecast.by}(select {fields} from {source}{given}, {stated})'
+        path = self._path_text(forecast, objects)
+        return f'{forecast.by}(select {fields} from {source}{given}{path}, {stated})'
+
+    def _path_text(self, forecast: FeatureForecast, objects: Mapping[str, str]) -> str:
+        """Return the second input, the planned path, in the language of streams; or nothing."""
+        if not self._path:
+            return ''
+        fields = ', '.join(f'{field} as {name}' for name, field in forecast.path_inputs.items())
+        topic = quoted(self._path_topic(objects))
+        return f', select {fields} from {topic}{constraints_text(self._path)}'
+
+    def _path_topic(self, objects: Mapping[str, str]) -> str:
+        if not self._path:
+            return ''
+        return str(ComposedText().add_template(self._path['topic'], objects)).strip()
+
+    def _path_inputs(self, by: str) -> dict[str, str]:
+        if not self._path:
+            if by == _PLANNED:
+                raise self._stated['by'].error("add the path: 'path: {topic: TOPIC}'")
+            return {}
+        variables(self._path['topic'], tuple(self._feature.arguments))
+        field = self._path['field'].text('a field').strip() if 'field' in self._path else 'poses'
+        return {'path_frame': 'header.frame_id', 'path': f'{WKT}({field})'}
 
     def _check(self, forecast: FeatureForecast, text: str) -> None:
         try:
-            declared = f'{_declaration(forecast.by, forecast.inputs)}; {text}'
+            declaration = _declaration(forecast.by, forecast.inputs, forecast.path_inputs)
+            declared = f'{declaration}; {text}'
             specifications_by_sink(parse_specification(declared))
         except LanguageError as error:
             raise self._value.error(f'its stream is not well formed: {error.reason}') from None
@@ -219,7 +267,7 @@ class _ForecastReader:
         """Return the fields that a forecast reads, by the inputs of its unit."""
         known = tuple(self._feature.arguments)
         found = {'value': self._carrier.stated['field'].text().strip()}
-        found |= _ODOMETRY if by == _TURNING else {}
+        found |= _ODOMETRY.get(by, {})
         if 'fields' in self._stated:
             for key, value in self._stated['fields'].entries('a mapping from inputs to fields'):
                 variables(value, known)
@@ -244,7 +292,7 @@ class _ForecastReader:
 
     def _settings(self, by: str, field: str) -> dict[str, Value]:
         found: dict[str, Value] = {}
-        if by == _TURNING and field[-1:] in {'x', 'y'}:
+        if by in _ODOMETRY and field[-1:] in {'x', 'y'}:
             found['axis'] = field[-1]
         if 'settings' in self._stated:
             for key, value in self._stated['settings'].entries('a mapping from names to values'):
@@ -354,8 +402,12 @@ def _reason(forecast: FeatureForecast) -> str:
     )
 
 
-def _declaration(by: str, inputs: Iterable[str]) -> str:
-    return f'compunit bound: float {by}(({", ".join(f"{each}: float" for each in inputs)}))'
+def _declaration(by: str, *inputs: Iterable[str]) -> str:
+    typed = (
+        ', '.join(f'{each}: {"string" if each in _TEXTS else "float"}' for each in fields)
+        for fields in inputs
+    )
+    return f'compunit bound: float {by}({", ".join(f"({each})" for each in typed if each)})'
 
 
 def _is_number(value: Any) -> bool:

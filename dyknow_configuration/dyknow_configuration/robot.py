@@ -159,10 +159,12 @@ class ForecastSource:
     Args:
         topic: its name, for some objects.
         inputs: the fields of its messages, by the inputs of the unit.
+        path_topic: of the planned path; empty for none.
     """
 
     topic: str
     inputs: Mapping[str, str]
+    path_topic: str = ''
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +183,7 @@ class FeatureForecast:
         sources: the topics; none if it is made of a stream.
         widening: of its half-width at each time from now to the last horizon, in `unit`; empty if
             it is not calibrated.
+        path_inputs: the fields of the planned path, by the inputs of the unit; none without one.
     """
 
     feature: str
@@ -193,6 +196,7 @@ class FeatureForecast:
     unit: str = ''
     sources: tuple[ForecastSource, ...] = ()
     widening: tuple[float, ...] = ()
+    path_inputs: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def steps(self) -> int:
@@ -202,7 +206,8 @@ class FeatureForecast:
     @property
     def description(self) -> str:
         """All that the widening depends on, as a text."""
-        inputs = ', '.join(f'{name} = {path}' for name, path in self.inputs.items())
+        fields = {**self.inputs, **self.path_inputs}
+        inputs = ', '.join(f'{name} = {path}' for name, path in fields.items())
         settings = {**self.settings, 'step': format_duration(self.step)}
         settings |= {'unit': self.unit} if self.unit else {}
         given = ', '.join(f'{name} = {value}' for name, value in settings.items())

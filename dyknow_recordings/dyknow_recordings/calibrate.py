@@ -158,10 +158,18 @@ def _calibrated(
     block = options.block or forecast.horizons[-1]
     errors = list(forecast_errors(forecast, block, options.recording, types))
     others = list(forecast_errors(forecast, block, options.held_out, types))
+    for each in (*errors, *others):
+        for reason, count in each.refused.items():
+            sys.stderr.write(
+                f"dyknow calibrate: {each.recording}: {count} forecasts of '{forecast.feature}' "
+                f'are missing: {reason}\n'
+            )
     others = others if options.held_out else errors
     parities = (None, None) if options.held_out else (0, 1)
     if not all(any(len(each.times) for each in measured) for measured in (errors, others)):
-        topics = ', '.join(each.topic for each in forecast.sources)
+        topics = ', '.join(
+            topic for each in forecast.sources for topic in (each.topic, each.path_topic) if topic
+        )
         raise RecordingError(f"the recordings have no message for '{forecast.feature}' ({topics})")
     scores = block_scores(errors, parities[0])
     try:

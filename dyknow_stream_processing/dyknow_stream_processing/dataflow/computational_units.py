@@ -42,7 +42,12 @@ from dyknow_stream_processing.dataflow.batches import (
     refuse,
     rows_of,
 )
-from dyknow_stream_processing.dataflow.forecasts import ConstantTurnRate, ConstantVelocity, Kalman
+from dyknow_stream_processing.dataflow.forecasts import (
+    ConstantTurnRate,
+    ConstantVelocity,
+    Kalman,
+    PlannedPath,
+)
 from dyknow_stream_processing.dataflow.operators import Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 from dyknow_stream_processing.errors import StreamError, open_value
@@ -67,6 +72,7 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
     'minimum': units.Minimum,
     'moving_distance': MovingDistance,
     'planar_pose': units.planar_pose,
+    'planned_path': PlannedPath,
     'rate_of_change': units.RateOfChange,
     'region_distances': RegionDistances,
     'sight_distance': SightDistance,

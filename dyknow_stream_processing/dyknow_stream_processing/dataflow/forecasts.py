@@ -18,12 +18,13 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import SECOND_NS
+from dyknow_stream_processing.aggregates import poses_of_line
 
 MAX_STEPS: Final = 100
 """The most times of a forecast after now."""
@@ -71,13 +72,17 @@ class Forecast(ABC):
             )
 
     @abstractmethod
-    def forecast(
-        self, fields: Mapping[str, float], valid_time: int
-    ) -> tuple[Floats, Floats] | None:
-        """Return the values at `times` and their half-widths; None if there is no forecast yet."""
+    def forecast(self, fields: Mapping[str, Any], valid_time: int) -> tuple[Floats, Floats] | None:
+        """Return the values at `times` and their half-widths; None if there is no forecast yet.
 
-    def __call__(self, fields: Mapping[str, float], valid_time: int) -> float | None:
+        Args:
+            fields: of all inputs.
+            valid_time: of them, in nanoseconds.
+        """
+
+    def __call__(self, *inputs: Mapping[str, Any], valid_time: int) -> float | None:
         """Return the least or the greatest value until the horizon."""
+        fields = {name: value for each in inputs for name, value in each.items()}
         found = self.forecast(fields, valid_time)
         if found is None:
             return None
@@ -108,23 +113,15 @@ class ConstantVelocity(Forecast):
 
     def forecast(
         self,
-        fields: Mapping[str, float],
+        fields: Mapping[str, Any],
         valid_time: int,  # noqa: ARG002
     ) -> tuple[Floats, Floats]:
         """Extrapolate `value` with `rate`, its change per second."""
         return fields['value'] + fields['rate'] * self.times, self._half_widths
 
 
-class ConstantTurnRate(ConstantVelocity):
-    """A coordinate of a vehicle that keeps its speed and its turn rate in the plane.
-
-    The defaults of robot.yaml read nav_msgs/Odometry: the pose in the frame of the map, the twist
-    in the frame of the vehicle, as REP-105 and the message say.
-
-    Args:
-        axis: the coordinate that is forecast, `x` or `y`.
-        horizon, step, bound, widening, acceleration: as of `ConstantVelocity`.
-    """
+class _InThePlane(ConstantVelocity):
+    """A coordinate of a vehicle in the plane: `axis` is `x` or `y`."""
 
     def __init__(
         self,
@@ -138,20 +135,113 @@ class ConstantTurnRate(ConstantVelocity):
         super().__init__(horizon, step, bound, widening, acceleration)
         if axis not in {'x', 'y'}:
             raise ValueError(f'axis is \'{axis}\'; write "x" or "y"')
-        self._offset = 0.0 if axis == 'x' else -math.pi / 2
+        self._is_x = axis == 'x'
+
+
+class ConstantTurnRate(_InThePlane):
+    """A coordinate of a vehicle that keeps its speed and its turn rate in the plane.
+
+    The defaults of robot.yaml read nav_msgs/Odometry: the pose in the frame of the map, the twist
+    in the frame of the vehicle, as REP-105 and the message say.
+
+    Args:
+        axis: the coordinate that is forecast, `x` or `y`.
+        horizon, step, bound, widening, acceleration: as of `ConstantVelocity`.
+    """
 
     def forecast(
         self,
-        fields: Mapping[str, float],
+        fields: Mapping[str, Any],
         valid_time: int,  # noqa: ARG002
     ) -> tuple[Floats, Floats]:
         """Follow the arc of `speed` (m/s) and `turn` (rad/s) from the orientation `qx` to `qw`."""
         qx, qy, qz, qw = (fields[name] for name in ('qx', 'qy', 'qz', 'qw'))
-        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)) + self._offset
+        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+        yaw -= 0.0 if self._is_x else math.pi / 2
         half_turn = fields['turn'] * self.times / 2
         # The chord of the arc; numpy's sinc(x) is sin(pi x) / (pi x), which is 1 without a turn.
         chord = fields['speed'] * self.times * np.sinc(half_turn / math.pi)
         return fields['value'] + chord * np.cos(yaw + half_turn), self._half_widths
+
+
+class PlannedPath(_InThePlane):
+    """A coordinate of a vehicle that goes on along its planned path, and stands at its end.
+
+    It begins at the point of the path that is nearest to the vehicle, the first one if several
+    are, and keeps its distance from the path. If the poses of the path have stamps of their own,
+    it takes the time between them, and else it keeps its present speed.
+
+    Args:
+        axis: the coordinate that is forecast, `x` or `y`.
+        horizon, step, bound, widening, acceleration: as of `ConstantVelocity`.
+    """
+
+    _text = ''
+    _path = np.zeros((0, 3))
+    _is_timed = False
+
+    def forecast(
+        self,
+        fields: Mapping[str, Any],
+        valid_time: int,  # noqa: ARG002
+    ) -> tuple[Floats, Floats]:
+        """Follow `path` (`wkt` of poses) from `x` and `y` at `speed` (m/s).
+
+        Raises:
+            ValueError: if `path` has no pose or no usable one, or its frame `path_frame` is not
+                the `frame` of the vehicle.
+        """
+        if fields['frame'] != fields['path_frame']:
+            raise ValueError(
+                f"the path is in frame '{fields['path_frame']}', but the vehicle in frame "
+                f"'{fields['frame']}'; give a topic with its pose in the frame of the path"
+            )
+        if fields['path'] != self._text:
+            self._path, self._is_timed = _route(fields['path'])
+            self._text = fields['path']
+        here = np.array([fields['x'], fields['y']])
+        if not np.all(np.isfinite(here)):
+            return np.full_like(self.times, math.nan), self._half_widths
+        along, points = self._path[:, 2], self._path[:, :2]
+        passed = _nearest(points, along, here)
+        rate = 1.0 if self._is_timed else abs(fields['speed'])
+        way = np.interp(passed + rate * self.times, along, points[:, 0 if self._is_x else 1])
+        return fields['value'] + (way - way[0]), self._half_widths
+
+
+def _route(text: str) -> tuple[Floats, bool]:
+    """Return the points of a path with their times or distances from its start.
+
+    Returns:
+        x and y in metres with seconds, or else metres; and True for seconds.
+    """
+    points, stamps = poses_of_line(text)
+    if not len(points) or not np.all(np.isfinite(points)):
+        raise ValueError('the path has no pose, or one that is not finite')
+    steps = np.diff(stamps)
+    if len(steps) and np.any(steps != 0):
+        if np.any(steps <= 0):
+            raise ValueError('the stamps of the path do not increase, and are not all the same')
+        return np.column_stack([points, (stamps - stamps[0]) / SECOND_NS]), True
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    # A pose that repeats the one before it has no place of its own on the way.
+    kept = np.concatenate([[True], lengths > 0])
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    return np.column_stack([points, along])[kept], False
+
+
+def _nearest(points: Floats, along: Floats, here: Floats) -> float:
+    """Return where the point of a path that is nearest to another one is along the path."""
+    if len(points) == 1:
+        return float(along[0])
+    starts, ways = points[:-1], np.diff(points, axis=0)
+    squares = (ways**2).sum(axis=1)
+    # A vehicle that waits has a pose twice, with two stamps.
+    parts = ((here - starts) * ways).sum(axis=1) / np.where(squares > 0, squares, 1.0)
+    parts = parts.clip(0, 1)
+    distances = np.hypot(*(starts + parts[:, np.newaxis] * ways - here).T)
+    index = int(np.argmin(distances))
+    return float(along[index] + parts[index] * (along[index + 1] - along[index]))
 
 
 class Kalman(Forecast):
@@ -183,9 +273,7 @@ class Kalman(Forecast):
         self._state = np.zeros(2)
         self._covariance = np.zeros((2, 2))
 
-    def forecast(
-        self, fields: Mapping[str, float], valid_time: int
-    ) -> tuple[Floats, Floats] | None:
+    def forecast(self, fields: Mapping[str, Any], valid_time: int) -> tuple[Floats, Floats] | None:
         """Correct the estimate by `value`; None for the first sample, which tells no rate."""
         value = fields['value']
         if not math.isfinite(value):
