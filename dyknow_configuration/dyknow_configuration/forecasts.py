@@ -36,7 +36,6 @@ import yaml
 from dyknow_common import (
     CONSTRAINT_KINDS,
     NOT_CALIBRATED,
-    WKT,
     InlineText,
     LanguageError,
     Value,
@@ -50,6 +49,7 @@ from dyknow_configuration.composed_text import (
     variables,
 )
 from dyknow_configuration.robot import (
+    PATH_INPUTS,
     FeatureForecast,
     ForecastSource,
     RequestedFormula,
@@ -61,23 +61,27 @@ from dyknow_configuration.topics import FeatureCarrier
 from dyknow_configuration.vocabulary import read_horizons
 from dyknow_configuration.yaml_values import YamlValue, read_yaml
 from dyknow_reasoning import Feature, ForecastBound, ForecastFeature, parse_formula, walk
-from dyknow_stream_processing import MAX_STEPS, parse_specification, specifications_by_sink
+from dyknow_stream_processing import (
+    MAX_STEPS,
+    Coverage,
+    parse_specification,
+    specifications_by_sink,
+)
 
 FORECAST_KEYS: Final = ('by', 'fields', 'path', 'horizons', 'step', 'settings', 'table')
-PATH_KEYS: Final = ('topic', 'field', *(each for each in CONSTRAINT_KINDS if each != 'expires'))
+PATH_KEYS: Final = ('topic', *(each for each in CONSTRAINT_KINDS if each != 'expires'))
 TABLE_KEYS: Final = ('forecast', 'coverage', 'widening')
 
 _PLANNED: Final = 'planned_path'
-_SPEED: Final = {'speed': 'twist.twist.linear.x'}
 _ODOMETRY: Final[Mapping[str, Mapping[str, str]]] = {
     'constant_turn_rate': {
-        **_SPEED,
+        'speed': 'twist.twist.linear.x',
         'turn': 'twist.twist.angular.z',
         **{f'q{each}': f'pose.pose.orientation.{each}' for each in 'xyzw'},
     },
     _PLANNED: {
         **{each: f'pose.pose.position.{each}' for each in 'xy'},
-        **_SPEED,
+        'speed': 'twist.twist.linear.x',
         'frame': 'header.frame_id',
     },
 }
@@ -116,7 +120,7 @@ def read_forecasts(
         ConfigurationError: with the place of the fault.
     """
     found = Forecasts([], [], [])
-    inputs: dict[str, tuple[Mapping[str, str], ...]] = {}
+    declarations: dict[str, str] = {}
     entries = values['features'].entries('a mapping from features') if 'features' in values else []
     for name, value in entries:
         stated = {key.text(): each for key, each in value.entries('the description of a feature')}
@@ -124,17 +128,17 @@ def read_forecasts(
             continue
         reader = _ForecastReader(vocabulary.features[name.text().strip()], stated, vocabulary)
         forecast = reader.read(calibrated=calibrated)
-        given = (forecast.inputs, forecast.path_inputs)
-        if [*map(list, inputs.setdefault(forecast.by, given))] != [*map(list, given)]:
-            other = ', '.join(name for each in inputs[forecast.by] for name in each)
-            message = f"another forecast by '{forecast.by}' has the inputs {other}; give the same"
+        declaration = reader.declaration(forecast)
+        other = declarations.setdefault(forecast.by, declaration)
+        if other != declaration:
+            message = f"another forecast is declared by '{other}'; give it the same inputs"
             raise stated['forecast'].error(message)
         found.features.append(forecast)
         for text, meaning in reader.streams(forecast):
             found.streams.append(InlineText(stated['forecast'].place, text))
             found.annotations.append(InlineText(stated['forecast'].place, meaning))
     if found.streams:
-        units = ''.join(f'{_declaration(by, *each)};\n' for by, each in inputs.items())
+        units = ''.join(f'{each};\n' for each in declarations.values())
         text = units + ''.join(each.text for each in found.streams)
         found.streams = [replace(found.streams[0], text=text)]
     return found
@@ -163,6 +167,7 @@ class _ForecastReader:
         self._path: Mapping[str, YamlValue] = {}
         if 'path' in self._stated:
             self._path = self._stated['path'].mapping(PATH_KEYS, ('topic',))
+            variables(self._path['topic'], tuple(feature.arguments))
 
     def read(self, *, calibrated: bool) -> FeatureForecast:
         """Return the forecast, with its widening if there is a table."""
@@ -187,7 +192,6 @@ class _ForecastReader:
             self._table(),
             self._carrier.unit or self._feature.unit,
             tuple(sources) if self._carrier.is_topic else (),
-            path_inputs=self._path_inputs(by),
         )
         return self._with_table(forecast) if calibrated else forecast
 
@@ -228,37 +232,34 @@ class _ForecastReader:
         }
         if forecast.widening:
             numbers = forecast.widening[: horizon // forecast.step + 1]
-            settings['widening'] = quoted(' '.join(map(repr, numbers)))
+            promise = f'; {forecast.coverage}' if forecast.coverage else ''
+            settings['widening'] = quoted(' '.join(map(repr, numbers)) + promise)
         stated = ', '.join(f'{name} = {value}' for name, value in settings.items())
-        path = self._path_text(forecast, objects)
+        path = ''
+        if self._path:
+            selected = ', '.join(f'{field} as {name}' for name, field in PATH_INPUTS.items())
+            path = f', select {selected} from {quoted(self._path_topic(objects))}'
+            path += constraints_text(self._path)
         return f'{forecast.by}(select {fields} from {source}{given}{path}, {stated})'
 
-    def _path_text(self, forecast: FeatureForecast, objects: Mapping[str, str]) -> str:
-        """Return the second input, the planned path, in the language of streams; or nothing."""
-        if not self._path:
-            return ''
-        fields = ', '.join(f'{field} as {name}' for name, field in forecast.path_inputs.items())
-        topic = quoted(self._path_topic(objects))
-        return f', select {fields} from {topic}{constraints_text(self._path)}'
-
     def _path_topic(self, objects: Mapping[str, str]) -> str:
+        """Return the topic of the planned path; empty without one."""
         if not self._path:
             return ''
         return str(ComposedText().add_template(self._path['topic'], objects)).strip()
 
-    def _path_inputs(self, by: str) -> dict[str, str]:
-        if not self._path:
-            if by == _PLANNED:
-                raise self._stated['by'].error("add the path: 'path: {topic: TOPIC}'")
-            return {}
-        variables(self._path['topic'], tuple(self._feature.arguments))
-        field = self._path['field'].text('a field').strip() if 'field' in self._path else 'poses'
-        return {'path_frame': 'header.frame_id', 'path': f'{WKT}({field})'}
+    def declaration(self, forecast: FeatureForecast) -> str:
+        """Return the declaration of the unit of a forecast."""
+        inputs = [forecast.inputs, PATH_INPUTS] if self._path else [forecast.inputs]
+        typed = (
+            ', '.join(f'{name}: {"string" if name in _TEXTS else "float"}' for name in fields)
+            for fields in inputs
+        )
+        return f'compunit bound: float {forecast.by}({", ".join(f"({each})" for each in typed)})'
 
     def _check(self, forecast: FeatureForecast, text: str) -> None:
         try:
-            declaration = _declaration(forecast.by, forecast.inputs, forecast.path_inputs)
-            declared = f'{declaration}; {text}'
+            declared = f'{self.declaration(forecast)}; {text}'
             specifications_by_sink(parse_specification(declared))
         except LanguageError as error:
             raise self._value.error(f'its stream is not well formed: {error.reason}') from None
@@ -274,7 +275,9 @@ class _ForecastReader:
                 if key.text().strip() == 'value':
                     raise key.error("'value' is the field of the feature; leave it out")
                 found[key.text().strip()] = value.text('a field').strip()
-        elif by == 'constant_velocity':
+        if by == _PLANNED and not self._path:
+            raise self._stated['by'].error("add the path: 'path: {topic: TOPIC}'")
+        if by == 'constant_velocity' and 'rate' not in found:
             raise self._value.error("add the field of the rate: 'fields: {rate: FIELD}'")
         return found
 
@@ -313,12 +316,17 @@ class _ForecastReader:
             return forecast
         for name, value in read_yaml(forecast.table).entries('a mapping from features to tables'):
             if name.text() == forecast.feature:
-                return replace(forecast, widening=_read_widening(value, forecast))
+                stated = value.mapping(TABLE_KEYS, TABLE_KEYS)
+                widening, coverage = _read_widening(stated, forecast), stated['coverage']
+                # A bare number is of a version that did not note the blocks.
+                if _is_number(coverage.plain()):
+                    return replace(forecast, widening=widening)
+                promise = str(coverage.read(Coverage.parse, coverage.line()))
+                return replace(forecast, widening=widening, coverage=promise)
         return forecast
 
 
-def _read_widening(value: YamlValue, forecast: FeatureForecast) -> tuple[float, ...]:
-    stated = value.mapping(TABLE_KEYS, TABLE_KEYS)
+def _read_widening(stated: Mapping[str, YamlValue], forecast: FeatureForecast) -> tuple[float, ...]:
     measured = stated['forecast'].text('the forecast that was calibrated')
     if measured != forecast.description:
         raise stated['forecast'].error(
@@ -334,12 +342,12 @@ def _read_widening(value: YamlValue, forecast: FeatureForecast) -> tuple[float, 
     return tuple(map(float, numbers))
 
 
-def table_text(forecasts: Iterable[FeatureForecast], coverage: float) -> str:
+def table_text(forecasts: Iterable[FeatureForecast]) -> str:
     """Return the table of forecasts with their widening, as `robot.yaml` names it."""
     document = {
         each.feature: {
             'forecast': each.description,
-            'coverage': coverage,
+            'coverage': each.coverage,
             'widening': list(each.widening),
         }
         for each in forecasts
@@ -400,14 +408,6 @@ def _reason(forecast: FeatureForecast) -> str:
         f"the forecast of '{forecast.feature}' is not calibrated, so nothing may be done because "
         f'of it; {mend}'
     )
-
-
-def _declaration(by: str, *inputs: Iterable[str]) -> str:
-    typed = (
-        ', '.join(f'{each}: {"string" if each in _TEXTS else "float"}' for each in fields)
-        for fields in inputs
-    )
-    return f'compunit bound: float {by}({", ".join(f"({each})" for each in typed if each)})'
 
 
 def _is_number(value: Any) -> bool:

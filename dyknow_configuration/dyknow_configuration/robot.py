@@ -152,6 +152,10 @@ class RobotFeature:
     uncertainty: str = ''
 
 
+PATH_INPUTS: Final[Mapping[str, str]] = {'path_frame': 'header.frame_id', 'path': 'wkt(poses)'}
+"""The fields of a planned path (nav_msgs/Path), by the inputs of a forecast."""
+
+
 @dataclass(frozen=True, slots=True)
 class ForecastSource:
     """A topic whose messages a forecast reads.
@@ -165,6 +169,11 @@ class ForecastSource:
     topic: str
     inputs: Mapping[str, str]
     path_topic: str = ''
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """All topics that it reads."""
+        return (self.topic, self.path_topic) if self.path_topic else (self.topic,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +192,7 @@ class FeatureForecast:
         sources: the topics; none if it is made of a stream.
         widening: of its half-width at each time from now to the last horizon, in `unit`; empty if
             it is not calibrated.
-        path_inputs: the fields of the planned path, by the inputs of the unit; none without one.
+        coverage: what the widening promises, as the text of a `Coverage`; empty if not known.
     """
 
     feature: str
@@ -196,7 +205,7 @@ class FeatureForecast:
     unit: str = ''
     sources: tuple[ForecastSource, ...] = ()
     widening: tuple[float, ...] = ()
-    path_inputs: Mapping[str, str] = field(default_factory=dict)
+    coverage: str = ''
 
     @property
     def steps(self) -> int:
@@ -206,8 +215,7 @@ class FeatureForecast:
     @property
     def description(self) -> str:
         """All that the widening depends on, as a text."""
-        fields = {**self.inputs, **self.path_inputs}
-        inputs = ', '.join(f'{name} = {path}' for name, path in fields.items())
+        inputs = ', '.join(f'{name} = {path}' for name, path in self.inputs.items())
         settings = {**self.settings, 'step': format_duration(self.step)}
         settings |= {'unit': self.unit} if self.unit else {}
         given = ', '.join(f'{name} = {value}' for name, value in settings.items())

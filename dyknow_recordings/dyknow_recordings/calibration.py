@@ -33,7 +33,7 @@ from dyknow_common import (
     listed_as,
     unit_conversion,
 )
-from dyknow_configuration import FeatureForecast, ForecastSource, RequestedFormula
+from dyknow_configuration import PATH_INPUTS, FeatureForecast, ForecastSource, RequestedFormula
 from dyknow_reasoning import (
     Comparison,
     Feature,
@@ -147,7 +147,7 @@ def forecast_errors(
         with open_recording(path, types) as recording:
             recorded = {each.name for each in recording.topics if each.message_count}
             for source in forecast.sources:
-                if {source.topic, source.path_topic or source.topic} <= recorded:
+                if {*source.topics} <= recorded:
                     yield _errors(forecast, block, recording, source)
 
 
@@ -158,7 +158,7 @@ def _errors(
     unit = _made(forecast)
     ticks, fields = times, columns
     if source.path_topic:
-        ticks, fields = _with_path(recording, forecast, source, times, columns)
+        ticks, fields = _with_path(recording, source.path_topic, times, columns)
     shape = (len(ticks), len(unit.times))
     forecasts, half_widths = np.full(shape, np.nan), np.zeros(shape)
     refused: Counter[str] = Counter()
@@ -174,7 +174,7 @@ def _errors(
     return ForecastErrors(
         str(recording.path),
         ticks,
-        _held(times, columns['value'], ticks),
+        fields['value'],
         forecasts,
         half_widths,
         _truths(ticks, times, columns['value'], unit.times, forecast.step),
@@ -184,25 +184,18 @@ def _errors(
 
 
 def _with_path(
-    recording: RecordingReader,
-    forecast: FeatureForecast,
-    source: ForecastSource,
-    times: Times,
-    columns: Columns,
+    recording: RecordingReader, topic: str, times: Times, columns: Columns
 ) -> tuple[Times, Columns]:
     """Return the times at which a forecast of a planned path is made, and its inputs, as `sync`."""
-    path_times, path_columns = _read(recording, source.path_topic, forecast.path_inputs)
-    ticks = np.union1d(times, path_times)
-    ticks = ticks[ticks >= max(times[:1].max(initial=0), path_times[:1].max(initial=0))]
-    joined = {name: _held(times, each, ticks) for name, each in columns.items()}
-    joined |= {name: _held(path_times, each, ticks) for name, each in path_columns.items()}
-    return ticks, joined
-
-
-def _held(times: Times, values: NDArray[Any], ticks: Times) -> NDArray[Any]:
-    """Return the latest value at each tick, of which none is before the first value."""
-    found: NDArray[Any] = values[np.searchsorted(times, ticks, side='right') - 1]
-    return found
+    path_times, path_columns = _read(recording, topic, PATH_INPUTS)
+    never, ticks = np.iinfo(np.int64).max, np.union1d(times, path_times)
+    ticks = ticks[ticks >= max(times.min(initial=never), path_times.min(initial=never))]
+    found = ((times, columns), (path_times, path_columns))
+    return ticks, {
+        name: each[np.searchsorted(of, ticks, side='right') - 1]
+        for of, held in found
+        for name, each in held.items()
+    }
 
 
 def _made(forecast: FeatureForecast) -> Forecast:

@@ -126,11 +126,7 @@ def outline(points: Sequence[Any]) -> str:
 
 
 def line(poses: Sequence[Any]) -> str:
-    """Return the line through stamped poses, in well-known text; nothing is repaired.
-
-    Args:
-        poses: as in nav_msgs/Path. Each vertex is x, y and, as its measure, the stamp of the pose
-            in nanoseconds.
+    """Return the line through stamped poses, in well-known text: x, y, the stamp in nanoseconds.
 
     Raises:
         NoValueError: if they are too many.
