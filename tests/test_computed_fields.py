@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Point32, Polygon, PolygonStamped, Pose, PoseArray
+from geometry_msgs.msg import Point32, Polygon, PolygonStamped, Pose, PoseArray, PoseStamped
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nav_msgs.msg import Path as NavPath
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -86,6 +87,7 @@ PATHS = {
         'count(poses)',
         'poses[-1].position.x',
     ],
+    'nav_msgs/msg/Path': ['wkt(poses)', 'poses[-1].pose.position.y'],
     'geometry_msgs/msg/PolygonStamped': ['wkt(polygon.points)', 'polygon.points[-1].y'],
     'sensor_msgs/msg/PointCloud': [
         'sum(channels.values)',
@@ -96,7 +98,7 @@ PATHS = {
 
 
 @st.composite
-def messages(draw: Any) -> Any:
+def messages(draw: Any) -> Any:  # noqa: PLR0911 - one for each type
     name = draw(st.sampled_from(list(PATHS)))
     floats = draw(FLOATS)
     match name.rpartition('/')[2]:
@@ -110,6 +112,13 @@ def messages(draw: Any) -> Any:
             for pose, x in zip(poses, floats, strict=True):
                 pose.position.x = x
             return PoseArray(poses=poses)
+        case 'Path':
+            poses = [PoseStamped() for _ in floats]
+            for pose, x in zip(poses, floats, strict=True):
+                pose.pose.position.y = x
+                pose.header.stamp.sec = draw(st.integers(0, 9))
+                pose.header.stamp.nanosec = draw(st.integers(0, 9))
+            return NavPath(poses=poses)
         case 'PolygonStamped':
             points = [Point32(x=x, y=-x) for x in floats]
             return PolygonStamped(polygon=Polygon(points=points))

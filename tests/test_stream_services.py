@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Duration
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
 from dyknow_interfaces.msg import (
     ConstraintViolation,
@@ -149,6 +150,32 @@ def test_telemetry_that_stops_violates_its_period(engine: Nodes) -> None:
     assert nanoseconds(violations[0].valid_time) == last + PERIOD
     assert nanoseconds(violations[0].allowed) == PERIOD
     assert 'fading' in violations[0].message
+
+
+def test_the_drift_of_a_forecast_is_a_diagnostic(engine: Nodes) -> None:
+    statuses = engine.collect(DiagnosticStatus, f'/{ENGINE}/_status', LATCHED)
+    samples = create(
+        engine,
+        'bound',
+        'compunit bound: float constant_velocity((value: float, rate: float)); '
+        'sink constant_velocity("/height" with max_delay = 1 h, reorder = false, horizon = 1 s, '
+        'step = 1 s, widening = "0 0.5; 0.95 of 40 blocks of 1 s")',
+    )
+    source = engine.client.node.create_publisher(Sample, '/height', LATCHED)
+    now = engine.client.node.get_clock().now().nanoseconds
+    for second in range(20):
+        fields = [Field(type='float', name=name, value='1.0') for name in ('value', 'rate')]
+        source.publish(Sample(valid_time=time_of(now + (second - 20) * SECOND), fields=fields))
+
+    def warned() -> bool:
+        return bool(statuses) and statuses[-1].level == DiagnosticStatus.WARN
+
+    engine.client.spin_until(warned, 'a warning')
+    values = {each.key: each.value for each in statuses[-1].values}
+    assert values['faults'].startswith("stream 'bound': ")
+    engine.client.spin_until(lambda: len(samples) == 20, 'all bounds')
+    engine.obtain(ENGINE, srv.StreamDestroy, stream_name='bound')
+    engine.client.spin_until(lambda: not warned(), 'no warning')
 
 
 def test_stamps_ahead_of_the_clock(engine: Nodes) -> None:

@@ -304,13 +304,16 @@ class _Lookup:
         raise _AbsenceError
 
     def _points(self, path: MessagePath) -> ListedArray:
-        """Return the entry of the first coordinate of an array of points."""
-        found = [self._arrays.get((*path.names, axis)) for axis in 'xy']
-        x, y = found
-        kinds = {self._types.get(each.entry) for each in found if each}
-        if x is None or y is None or not kinds <= {None, *_NUMBERS}:
-            raise _AbsenceError(f"'{path}' is no array of points, which {WKT} takes")
-        return x
+        """Return the entry of the first coordinate of an array of points, or of stamped poses."""
+        of_points = [(*path.names, axis) for axis in 'xy']
+        of_poses = [(*path.names, 'pose', 'position', axis) for axis in 'xy']
+        of_poses.append((*path.names, 'header', 'stamp', 'sec'))
+        wanted = of_points if of_points[0] in self._arrays else of_poses
+        found = [self._arrays[each] for each in wanted if each in self._arrays]
+        kinds = {self._types.get(each.entry) for each in found}
+        if len(found) < len(wanted) or not kinds <= {None, *_NUMBERS}:
+            raise _AbsenceError(f"'{path}' is no array of points or poses, which {WKT} takes")
+        return found[0]
 
     def _are_many(self, path: MessagePath, number: int, lasts: tuple[float | None, ...]) -> bool:
         """Check the selector of a step; return True if it leads to several elements of an array."""

@@ -38,7 +38,8 @@ INDEX: Final = 'index'
 """The function that gives the number of an element, counted from 0, where each is a sample."""
 
 WKT: Final = 'wkt'
-"""The function that gives the polygon of an array of points, in well-known text."""
+"""The function that gives the polygon of an array of points, or the line of an array of stamped
+poses, in well-known text."""
 
 TEXTUAL: Final = ('text', WKT, 'samples')
 """The functions that give texts."""

@@ -29,6 +29,7 @@ from dyknow_configuration.recipes.insertion import AddedRecipe, add_recipe
 from dyknow_configuration.regions import POSITION_FEATURES
 from dyknow_configuration.robot import (
     NO_MAP,
+    PATH_INPUTS,
     FeatureForecast,
     ForecastSource,
     ParameterValue,
@@ -57,6 +58,7 @@ __all__ = [
     'MAX_MESSAGES',
     'NO_MAP',
     'PACKAGES',
+    'PATH_INPUTS',
     'PLACEHOLDERS',
     'POSITION_FEATURES',
     'AddedRecipe',

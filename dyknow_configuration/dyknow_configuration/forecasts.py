@@ -34,6 +34,7 @@ from typing import Any, Final
 import yaml
 
 from dyknow_common import (
+    CONSTRAINT_KINDS,
     NOT_CALIBRATED,
     InlineText,
     LanguageError,
@@ -41,8 +42,14 @@ from dyknow_common import (
     format_duration,
     quoted,
 )
-from dyknow_configuration.composed_text import PLACEHOLDER, variables
+from dyknow_configuration.composed_text import (
+    PLACEHOLDER,
+    ComposedText,
+    constraints_text,
+    variables,
+)
 from dyknow_configuration.robot import (
+    PATH_INPUTS,
     FeatureForecast,
     ForecastSource,
     RequestedFormula,
@@ -54,18 +61,34 @@ from dyknow_configuration.topics import FeatureCarrier
 from dyknow_configuration.vocabulary import read_horizons
 from dyknow_configuration.yaml_values import YamlValue, read_yaml
 from dyknow_reasoning import Feature, ForecastBound, ForecastFeature, parse_formula, walk
-from dyknow_stream_processing import MAX_STEPS, parse_specification, specifications_by_sink
+from dyknow_stream_processing import (
+    MAX_STEPS,
+    Coverage,
+    parse_specification,
+    specifications_by_sink,
+)
 
-FORECAST_KEYS: Final = ('by', 'fields', 'horizons', 'step', 'settings', 'table')
+FORECAST_KEYS: Final = ('by', 'fields', 'path', 'horizons', 'step', 'settings', 'table')
+PATH_KEYS: Final = ('topic', *(each for each in CONSTRAINT_KINDS if each != 'expires'))
 TABLE_KEYS: Final = ('forecast', 'coverage', 'widening')
 
-_TURNING: Final = 'constant_turn_rate'
-_ODOMETRY: Final = {
-    'speed': 'twist.twist.linear.x',
-    'turn': 'twist.twist.angular.z',
-    **{f'q{each}': f'pose.pose.orientation.{each}' for each in 'xyzw'},
+_PLANNED: Final = 'planned_path'
+_ODOMETRY: Final[Mapping[str, Mapping[str, str]]] = {
+    'constant_turn_rate': {
+        'speed': 'twist.twist.linear.x',
+        'turn': 'twist.twist.angular.z',
+        **{f'q{each}': f'pose.pose.orientation.{each}' for each in 'xyzw'},
+    },
+    _PLANNED: {
+        **{each: f'pose.pose.position.{each}' for each in 'xy'},
+        'speed': 'twist.twist.linear.x',
+        'frame': 'header.frame_id',
+    },
 }
-"""The fields that `constant_turn_rate` reads beside `value` if none are given."""
+"""The fields that forecasts in the plane read beside `value` if none are given."""
+
+_TEXTS: Final = frozenset({'frame', 'path_frame', 'path'})
+"""The inputs that are texts; the others are numbers."""
 
 
 @dataclass(slots=True)
@@ -97,7 +120,7 @@ def read_forecasts(
         ConfigurationError: with the place of the fault.
     """
     found = Forecasts([], [], [])
-    inputs: dict[str, tuple[str, ...]] = {}
+    declarations: dict[str, str] = {}
     entries = values['features'].entries('a mapping from features') if 'features' in values else []
     for name, value in entries:
         stated = {key.text(): each for key, each in value.entries('the description of a feature')}
@@ -105,17 +128,17 @@ def read_forecasts(
             continue
         reader = _ForecastReader(vocabulary.features[name.text().strip()], stated, vocabulary)
         forecast = reader.read(calibrated=calibrated)
-        given = tuple(forecast.inputs)
-        if inputs.setdefault(forecast.by, given) != given:
-            other = ', '.join(inputs[forecast.by])
-            message = f"another forecast by '{forecast.by}' has the inputs {other}; give the same"
+        declaration = reader.declaration(forecast)
+        other = declarations.setdefault(forecast.by, declaration)
+        if other != declaration:
+            message = f"another forecast is declared by '{other}'; give it the same inputs"
             raise stated['forecast'].error(message)
         found.features.append(forecast)
         for text, meaning in reader.streams(forecast):
             found.streams.append(InlineText(stated['forecast'].place, text))
             found.annotations.append(InlineText(stated['forecast'].place, meaning))
     if found.streams:
-        units = ''.join(f'{_declaration(by, names)};\n' for by, names in inputs.items())
+        units = ''.join(f'{each};\n' for each in declarations.values())
         text = units + ''.join(each.text for each in found.streams)
         found.streams = [replace(found.streams[0], text=text)]
     return found
@@ -141,6 +164,10 @@ class _ForecastReader:
         if 'expires' in self._carrier.stated:
             message = 'a forecast is made of known values; remove expires, or the forecast'
             raise self._carrier.stated['expires'].error(message)
+        self._path: Mapping[str, YamlValue] = {}
+        if 'path' in self._stated:
+            self._path = self._stated['path'].mapping(PATH_KEYS, ('topic',))
+            variables(self._path['topic'], tuple(feature.arguments))
 
     def read(self, *, calibrated: bool) -> FeatureForecast:
         """Return the forecast, with its widening if there is a table."""
@@ -151,6 +178,7 @@ class _ForecastReader:
             ForecastSource(
                 self._carrier.stream_of(objects)[0],
                 {name: _filled(path, objects) for name, path in inputs.items()},
+                self._path_topic(objects),
             )
             for objects in self._carrier.choices()
         )
@@ -204,13 +232,34 @@ class _ForecastReader:
         }
         if forecast.widening:
             numbers = forecast.widening[: horizon // forecast.step + 1]
-            settings['widening'] = quoted(' '.join(map(repr, numbers)))
+            promise = f'; {forecast.coverage}' if forecast.coverage else ''
+            settings['widening'] = quoted(' '.join(map(repr, numbers)) + promise)
         stated = ', '.join(f'{name} = {value}' for name, value in settings.items())
-        return f'{forecast.by}(select {fields} from {source}{given}, {stated})'
+        path = ''
+        if self._path:
+            selected = ', '.join(f'{field} as {name}' for name, field in PATH_INPUTS.items())
+            path = f', select {selected} from {quoted(self._path_topic(objects))}'
+            path += constraints_text(self._path)
+        return f'{forecast.by}(select {fields} from {source}{given}{path}, {stated})'
+
+    def _path_topic(self, objects: Mapping[str, str]) -> str:
+        """Return the topic of the planned path; empty without one."""
+        if not self._path:
+            return ''
+        return str(ComposedText().add_template(self._path['topic'], objects)).strip()
+
+    def declaration(self, forecast: FeatureForecast) -> str:
+        """Return the declaration of the unit of a forecast."""
+        inputs = [forecast.inputs, PATH_INPUTS] if self._path else [forecast.inputs]
+        typed = (
+            ', '.join(f'{name}: {"string" if name in _TEXTS else "float"}' for name in fields)
+            for fields in inputs
+        )
+        return f'compunit bound: float {forecast.by}({", ".join(f"({each})" for each in typed)})'
 
     def _check(self, forecast: FeatureForecast, text: str) -> None:
         try:
-            declared = f'{_declaration(forecast.by, forecast.inputs)}; {text}'
+            declared = f'{self.declaration(forecast)}; {text}'
             specifications_by_sink(parse_specification(declared))
         except LanguageError as error:
             raise self._value.error(f'its stream is not well formed: {error.reason}') from None
@@ -219,14 +268,16 @@ class _ForecastReader:
         """Return the fields that a forecast reads, by the inputs of its unit."""
         known = tuple(self._feature.arguments)
         found = {'value': self._carrier.stated['field'].text().strip()}
-        found |= _ODOMETRY if by == _TURNING else {}
+        found |= _ODOMETRY.get(by, {})
         if 'fields' in self._stated:
             for key, value in self._stated['fields'].entries('a mapping from inputs to fields'):
                 variables(value, known)
                 if key.text().strip() == 'value':
                     raise key.error("'value' is the field of the feature; leave it out")
                 found[key.text().strip()] = value.text('a field').strip()
-        elif by == 'constant_velocity':
+        if by == _PLANNED and not self._path:
+            raise self._stated['by'].error("add the path: 'path: {topic: TOPIC}'")
+        if by == 'constant_velocity' and 'rate' not in found:
             raise self._value.error("add the field of the rate: 'fields: {rate: FIELD}'")
         return found
 
@@ -244,7 +295,7 @@ class _ForecastReader:
 
     def _settings(self, by: str, field: str) -> dict[str, Value]:
         found: dict[str, Value] = {}
-        if by == _TURNING and field[-1:] in {'x', 'y'}:
+        if by in _ODOMETRY and field[-1:] in {'x', 'y'}:
             found['axis'] = field[-1]
         if 'settings' in self._stated:
             for key, value in self._stated['settings'].entries('a mapping from names to values'):
@@ -265,12 +316,17 @@ class _ForecastReader:
             return forecast
         for name, value in read_yaml(forecast.table).entries('a mapping from features to tables'):
             if name.text() == forecast.feature:
-                return replace(forecast, widening=_read_widening(value, forecast))
+                stated = value.mapping(TABLE_KEYS, TABLE_KEYS)
+                widening, coverage = _read_widening(stated, forecast), stated['coverage']
+                # A bare number is of a version that did not note the blocks.
+                if _is_number(coverage.plain()):
+                    return replace(forecast, widening=widening)
+                promise = str(coverage.read(Coverage.parse, coverage.line()))
+                return replace(forecast, widening=widening, coverage=promise)
         return forecast
 
 
-def _read_widening(value: YamlValue, forecast: FeatureForecast) -> tuple[float, ...]:
-    stated = value.mapping(TABLE_KEYS, TABLE_KEYS)
+def _read_widening(stated: Mapping[str, YamlValue], forecast: FeatureForecast) -> tuple[float, ...]:
     measured = stated['forecast'].text('the forecast that was calibrated')
     if measured != forecast.description:
         raise stated['forecast'].error(
@@ -286,12 +342,12 @@ def _read_widening(value: YamlValue, forecast: FeatureForecast) -> tuple[float, 
     return tuple(map(float, numbers))
 
 
-def table_text(forecasts: Iterable[FeatureForecast], coverage: float) -> str:
+def table_text(forecasts: Iterable[FeatureForecast]) -> str:
     """Return the table of forecasts with their widening, as `robot.yaml` names it."""
     document = {
         each.feature: {
             'forecast': each.description,
-            'coverage': coverage,
+            'coverage': each.coverage,
             'widening': list(each.widening),
         }
         for each in forecasts
@@ -352,10 +408,6 @@ def _reason(forecast: FeatureForecast) -> str:
         f"the forecast of '{forecast.feature}' is not calibrated, so nothing may be done because "
         f'of it; {mend}'
     )
-
-
-def _declaration(by: str, inputs: Iterable[str]) -> str:
-    return f'compunit bound: float {by}(({", ".join(f"{each}: float" for each in inputs)}))'
 
 
 def _is_number(value: Any) -> bool:

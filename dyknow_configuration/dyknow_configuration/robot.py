@@ -152,6 +152,10 @@ class RobotFeature:
     uncertainty: str = ''
 
 
+PATH_INPUTS: Final[Mapping[str, str]] = {'path_frame': 'header.frame_id', 'path': 'wkt(poses)'}
+"""The fields of a planned path (nav_msgs/Path), by the inputs of a forecast."""
+
+
 @dataclass(frozen=True, slots=True)
 class ForecastSource:
     """A topic whose messages a forecast reads.
@@ -159,10 +163,17 @@ class ForecastSource:
     Args:
         topic: its name, for some objects.
         inputs: the fields of its messages, by the inputs of the unit.
+        path_topic: of the planned path; empty for none.
     """
 
     topic: str
     inputs: Mapping[str, str]
+    path_topic: str = ''
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """All topics that it reads."""
+        return (self.topic, self.path_topic) if self.path_topic else (self.topic,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +192,7 @@ class FeatureForecast:
         sources: the topics; none if it is made of a stream.
         widening: of its half-width at each time from now to the last horizon, in `unit`; empty if
             it is not calibrated.
+        coverage: what the widening promises, as the text of a `Coverage`; empty if not known.
     """
 
     feature: str
@@ -193,6 +205,7 @@ class FeatureForecast:
     unit: str = ''
     sources: tuple[ForecastSource, ...] = ()
     widening: tuple[float, ...] = ()
+    coverage: str = ''
 
     @property
     def steps(self) -> int:

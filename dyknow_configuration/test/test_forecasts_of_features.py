@@ -39,7 +39,8 @@ guards:
 HIGH = """\
 stream forecast_Height_high_1s_uav1 = constant_velocity(select pose.pose.position.z as value, \
 twist.twist.linear.z as rate from "/uav1/odom" with max_delay = 1 s, acceleration = 0.5, \
-horizon = 1 s, step = 500 ms, bound = "high", widening = "0.0 0.25 1.5");
+horizon = 1 s, step = 500 ms, bound = "high", widening = "0.0 0.25 1.5; 0.95 of 40 blocks \
+of 5 s");
 sink forecast_Height_high_1s_uav1;
 """
 MEANING = 'stream forecast_Height_high_1s_uav1 contains Height_high_1s[uav1] = bound [ft];'
@@ -56,7 +57,9 @@ def calibrated(folder: Path) -> RobotConfiguration:
     path = folder / 'robot.yaml'
     path.write_text(ROBOT)
     height, _ = read_robot(path, calibrated=False).forecasts
-    table = table_text([replace(height, widening=(0.0, 0.25, 1.5))], 0.95)
+    table = table_text(
+        [replace(height, widening=(0.0, 0.25, 1.5), coverage='0.95 of 40 blocks of 5 s')]
+    )
     (folder / 'tables.yaml').write_text(table)
     return read_robot(path)
 

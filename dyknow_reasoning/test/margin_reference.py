@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from math import inf
 
-from reasoning_reference import value_of
+from reasoning_reference import past_value_of
 
 from dyknow_reasoning.language.formula import (
     Always,
@@ -60,7 +60,7 @@ def margin(formula: Formula, trace: Sequence[Step], i: int) -> Bounds:  # noqa: 
         case Feature():
             return (inf, inf) if values[str(formula)] else (-inf, -inf)
         case Comparison():
-            return comparison(formula, values)
+            return comparison(formula, trace[: i + 1])
         case Not(body):
             return negation(margin(body, trace, i))
         case And(left, right):
@@ -134,8 +134,13 @@ def maybe(trace: Sequence[Step], j: int, bounds: Bounds, without: float) -> Boun
     return min(bounds[0], without), max(bounds[1], without)
 
 
-def comparison(formula: Comparison, values: Mapping[str, float]) -> Bounds:
-    left, right = value_of(formula.left, values), value_of(formula.right, values)
+def comparison(formula: Comparison, trace: Sequence[Step]) -> Bounds:
+    """The margin of a comparison at the last step of a trace."""
+    states = [(time, values or {}) for time, _, values in trace]
+    sides = (formula.left, formula.right)
+    left, right = (past_value_of(each, states, len(states) - 1) for each in sides)
+    if left is None or right is None:
+        return -inf, -inf
     if left != left or right != right:  # noqa: PLR0124
         return UNKNOWN
     found = {

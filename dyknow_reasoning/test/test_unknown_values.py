@@ -10,9 +10,10 @@ from typing import cast
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from margin_reference import ended, margin
 from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds
 
-from dyknow_common import Margin, Value, Verdict
+from dyknow_common import Value, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures
 from dyknow_reasoning.language.formula import Comparison, Formula, Interval
 from dyknow_reasoning.language.terms import Arithmetic, Feature, Number, StateCount, ValueBefore
@@ -305,16 +306,6 @@ def test_a_gap_beside_an_unknown_value_is_an_error(
     assert 'depends on states that are missing' in str(result.error)
 
 
-def margin_of(text: str, states: PartialTrace | Trace) -> tuple[Margin | None, bool]:
-    """The margin after the states, and True if the formula is decided before the last one."""
-    group = FormulaGroup()
-    group.add_formula('f', text, margin=True)
-    group.begin({}, RANGES)
-    results = [result for state in states[:-1] for result in group.progress(*state)]
-    group.progress(*states[-1])
-    return group.margin(1), bool(results)
-
-
 COMPARED = st.one_of(EXACT, SOUND).filter(lambda atom: 'count' not in str(atom))
 
 
@@ -322,16 +313,20 @@ COMPARED = st.one_of(EXACT, SOUND).filter(lambda atom: 'count' not in str(atom))
 def test_margins_of_all_completions_are_within_bounds(
     formula: Formula, trace: PartialTrace
 ) -> None:
-    found, has_ended = margin_of(str(formula), trace)
-    assert found
-    if has_ended:
-        return
-    for each in completions(trace, GRID):
-        alone, has_ended = margin_of(str(formula), each)
-        assert alone
-        if not has_ended:  # Else the margin is that of an earlier state.
-            assert found.lower <= alone.lower, (str(formula), trace, each)
-            assert alone.upper <= found.upper, (str(formula), trace, each)
+    group = FormulaGroup()
+    group.add_formula('f', str(formula), margin=True)
+    group.begin({}, RANGES)
+    for states, (time, values) in enumerate(trace, 1):
+        has_ended = bool(group.progress(time, values))
+        found = group.margin(1)
+        assert found
+        for each in completions(trace[:states], GRID):
+            steps = [(time, time, cast('Mapping[str, float]', state)) for time, state in each]
+            lower, upper = margin(formula, ended(steps), 0)
+            assert found.lower <= lower, (str(formula), trace, each)
+            assert upper <= found.upper, (str(formula), trace, each)
+        if has_ended:
+            return
 
 
 @pytest.mark.parametrize(
@@ -354,6 +349,6 @@ def test_margins_have_bounds(text: str, lower: float, upper: float) -> None:
     group.begin({'S': ('a', 'b')}, UnknownFeatures({**RANGES.ranges, 'z': (-inf, inf)}))
     for second, x in enumerate((None, 2.0, 2.0)):
         group.progress(second * 10**9, {'x': x, 'y': 2.0, 'z': None})
-    margin = group.margin(1)
-    assert margin
-    assert (margin.lower, margin.upper) == (lower, upper)
+    found = group.margin(1)
+    assert found
+    assert (found.lower, found.upper) == (lower, upper)

@@ -33,6 +33,7 @@ from dyknow_recordings.calibration import (
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.opening import add_reading_options, message_types
+from dyknow_stream_processing import Coverage
 
 _SIGMAS: Final = 2
 """The standard deviations by which a measured coverage may be below the wanted one by chance."""
@@ -126,7 +127,7 @@ def calibrate(options: argparse.Namespace) -> int:
     for table, features in tables.items():
         forecasts = [each.forecast for each in found if each.forecast.feature in features]
         with write_errors(table):
-            replace_text(table, table_text(forecasts, options.coverage))
+            replace_text(table, table_text(forecasts))
     for calibration in found:
         sys.stdout.write('\n'.join([*_lines(calibration), '']))
     short = [each.forecast.feature for each in found if each.is_short_of(options.coverage)]
@@ -158,17 +159,22 @@ def _calibrated(
     block = options.block or forecast.horizons[-1]
     errors = list(forecast_errors(forecast, block, options.recording, types))
     others = list(forecast_errors(forecast, block, options.held_out, types))
+    for each in (*errors, *others):
+        for reason, count in each.refused.items():
+            missing = f"{count} forecasts of '{forecast.feature}' are missing: {reason}"
+            sys.stderr.write(f'dyknow calibrate: {each.recording}: {missing}\n')
     others = others if options.held_out else errors
     parities = (None, None) if options.held_out else (0, 1)
     if not all(any(len(each.times) for each in measured) for measured in (errors, others)):
-        topics = ', '.join(each.topic for each in forecast.sources)
+        topics = ', '.join(topic for each in forecast.sources for topic in each.topics)
         raise RecordingError(f"the recordings have no message for '{forecast.feature}' ({topics})")
     scores = block_scores(errors, parities[0])
     try:
         widening = widening_of(scores, options.coverage)
     except RecordingError as error:
         raise RecordingError(f"the forecast of '{forecast.feature}': {error.message}") from None
-    found = replace(forecast, widening=widening)
+    promise = Coverage(options.coverage, len(scores), block)
+    found = replace(forecast, widening=widening, coverage=str(promise))
     inside, whole = _coverage(others, parities[1], widening)
     unit = robot.units.get(forecast.feature, '')
     return Calibration(

@@ -15,6 +15,7 @@ stated probability, whatever the distribution of the scores is.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,7 +33,7 @@ from dyknow_common import (
     listed_as,
     unit_conversion,
 )
-from dyknow_configuration import FeatureForecast, ForecastSource, RequestedFormula
+from dyknow_configuration import PATH_INPUTS, FeatureForecast, ForecastSource, RequestedFormula
 from dyknow_reasoning import (
     Comparison,
     Feature,
@@ -51,6 +52,7 @@ from dyknow_stream_processing import Forecast, load_units
 
 Times = NDArray[np.int64]
 Floats = NDArray[np.float64]
+Columns = Mapping[str, NDArray[Any]]
 
 _GAP_PERIODS: Final = 3
 """No truth is interpolated in a gap longer than this many median periods, and than the step."""
@@ -69,6 +71,7 @@ class ForecastErrors:
         truths: the values that were recorded for these times, interpolated; NaN beyond the end and
             in gaps; of shape (n, k).
         blocks: the number of the block of each message; of shape (n,).
+        refused: how often the unit refused its inputs, by the reason.
     """
 
     recording: str
@@ -78,6 +81,7 @@ class ForecastErrors:
     half_widths: Floats
     truths: Floats
     blocks: NDArray[np.int64]
+    refused: Mapping[str, int]
 
     @property
     def scores(self) -> Floats:
@@ -143,31 +147,55 @@ def forecast_errors(
         with open_recording(path, types) as recording:
             recorded = {each.name for each in recording.topics if each.message_count}
             for source in forecast.sources:
-                if source.topic in recorded:
+                if {*source.topics} <= recorded:
                     yield _errors(forecast, block, recording, source)
 
 
 def _errors(
     forecast: FeatureForecast, block: int, recording: RecordingReader, source: ForecastSource
 ) -> ForecastErrors:
-    times, columns = _read(recording, source)
+    times, columns = _read(recording, source.topic, source.inputs)
     unit = _made(forecast)
-    shape = (len(times), len(unit.times))
+    ticks, fields = times, columns
+    if source.path_topic:
+        ticks, fields = _with_path(recording, source.path_topic, times, columns)
+    shape = (len(ticks), len(unit.times))
     forecasts, half_widths = np.full(shape, np.nan), np.zeros(shape)
-    rows = zip(*(each.tolist() for each in columns.values()), strict=True)
-    for index, (time, row) in enumerate(zip(times.tolist(), rows, strict=True)):
-        found = unit.forecast(dict(zip(columns, row, strict=True)), time)
+    refused: Counter[str] = Counter()
+    rows = zip(*(each.tolist() for each in fields.values()), strict=True)
+    for index, (time, row) in enumerate(zip(ticks.tolist(), rows, strict=True)):
+        try:
+            found = unit.forecast(dict(zip(fields, row, strict=True)), time)
+        except ValueError as error:
+            refused[str(error)] += 1
+            continue
         if found is not None:
             forecasts[index], half_widths[index] = found
     return ForecastErrors(
         str(recording.path),
-        times,
-        columns['value'],
+        ticks,
+        fields['value'],
         forecasts,
         half_widths,
-        _truths(times, columns['value'], unit.times, forecast.step),
-        (times - times[:1]) // block,
+        _truths(ticks, times, columns['value'], unit.times, forecast.step),
+        (ticks - ticks[:1]) // block,
+        refused,
     )
+
+
+def _with_path(
+    recording: RecordingReader, topic: str, times: Times, columns: Columns
+) -> tuple[Times, Columns]:
+    """Return the times at which a forecast of a planned path is made, and its inputs, as `sync`."""
+    path_times, path_columns = _read(recording, topic, PATH_INPUTS)
+    never, ticks = np.iinfo(np.int64).max, np.union1d(times, path_times)
+    ticks = ticks[ticks >= max(times.min(initial=never), path_times.min(initial=never))]
+    found = ((times, columns), (path_times, path_columns))
+    return ticks, {
+        name: each[np.searchsorted(of, ticks, side='right') - 1]
+        for of, held in found
+        for name, each in held.items()
+    }
 
 
 def _made(forecast: FeatureForecast) -> Forecast:
@@ -186,9 +214,10 @@ def _made(forecast: FeatureForecast) -> Forecast:
         raise RecordingError(message) from error
 
 
-def _read(recording: RecordingReader, source: ForecastSource) -> tuple[Times, Mapping[str, Floats]]:
+def _read(
+    recording: RecordingReader, topic: str, inputs: Mapping[str, str]
+) -> tuple[Times, Columns]:
     """Return the valid times of the messages of a topic, in order, and the inputs of a forecast."""
-    topic, inputs = source.topic, source.inputs
     known = recording.fields(topic)
     for path in inputs.values():
         if listed_as(known, path) is None:
@@ -197,14 +226,16 @@ def _read(recording: RecordingReader, source: ForecastSource) -> tuple[Times, Ma
             )
             raise RecordingError(f'{recording.path}: {topic}: {absence(message_type, known, path)}')
     times: list[Times] = []
-    values: dict[str, list[Floats]] = {name: [] for name in inputs}
+    values: dict[str, list[NDArray[Any]]] = {name: [] for name in inputs}
     for part in recording.columns({topic: set(inputs.values())}):
         if not part.values:
             continue
         times.append(part.log_times if part.stamps is None else part.stamps)
         for name, path in inputs.items():
-            column = part.values[path].astype(np.float64)
-            column[list(part.absent.get(path, ()))] = np.nan
+            column = part.values[path]
+            if not any(isinstance(each, str) for each in column[:1]):
+                column = column.astype(np.float64)
+                column[list(part.absent.get(path, ()))] = np.nan
             values[name].append(column)
     joined = np.concatenate([np.zeros(0, np.int64), *times])
     # As in a stream, a message that is older than its predecessor counts for nothing.
@@ -215,12 +246,12 @@ def _read(recording: RecordingReader, source: ForecastSource) -> tuple[Times, Ma
     }
 
 
-def _truths(times: Times, recorded: Floats, ahead: Floats, step: int) -> Floats:
+def _truths(ticks: Times, times: Times, recorded: Floats, ahead: Floats, step: int) -> Floats:
     """Return the values at the times of each forecast, interpolated; of shape (n, k)."""
     if len(times) < 2:  # noqa: PLR2004 - there is nothing to interpolate between
-        return np.full((len(times), len(ahead)), np.nan)
+        return np.full((len(ticks), len(ahead)), np.nan)
     seconds = (times - times[0]) / SECOND_NS
-    wanted = seconds[:, np.newaxis] + ahead
+    wanted = ((ticks - times[0]) / SECOND_NS)[:, np.newaxis] + ahead
     found: Floats = np.interp(wanted, seconds, recorded, right=np.nan)
     after = np.searchsorted(seconds, wanted, side='left').clip(1, len(times) - 1)
     gaps = np.diff(seconds)

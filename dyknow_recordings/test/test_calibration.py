@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from pathlib import Path
 
@@ -94,7 +95,9 @@ def test_new_blocks_are_covered_although_samples_of_a_block_are_alike() -> None:
     assert np.mean(inside) > 0.95 - 3 * error
 
 
-def write_run(path: Path, seed: int, period_ms: int = 50, count: int = 1200) -> None:
+def write_run(
+    path: Path, seed: int, period_ms: int = 50, count: int = 1200, push: float = 0.5
+) -> None:
     """Write a run whose height is pulled back to 0 and pushed by noise."""
     random = np.random.default_rng(seed)
     z = v = 0.0
@@ -102,7 +105,7 @@ def write_run(path: Path, seed: int, period_ms: int = 50, count: int = 1200) -> 
     for index in range(count):
         step = period_ms / 1000
         z += v * step
-        v += (-z - 0.5 * v) * step + random.normal(0, 0.5) * math.sqrt(step)
+        v += (-z - 0.5 * v) * step + random.normal(0, push) * math.sqrt(step)
         lines.append(f'{index * period_ms},{z!r},{v!r}')
     path.write_text('\n'.join(lines) + '\n')
 
@@ -211,3 +214,20 @@ def test_runs_that_are_too_short_to_test_with_show_nothing(tmp_path: Path) -> No
     write_run(tmp_path / 'short.csv', 2, count=15)
     held_out = ('--held-out', str(tmp_path / 'short.csv'))
     assert calibrated(tmp_path, str(tmp_path / 'run.csv'), *held_out) == 1
+
+
+def test_drift_is_a_note_of_a_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    like, wild = tmp_path / 'like.csv', tmp_path / 'wild.csv'
+    for seed, path in enumerate((tmp_path / 'run.csv', like)):
+        write_run(path, seed)
+    write_run(wild, 2, push=3.0)
+    assert calibrated(tmp_path, str(tmp_path / 'run.csv')) == 0
+    capsys.readouterr()
+    found = []
+    for path in (like, wild):
+        check([str(path), '--config', str(tmp_path / 'robot.yaml'), '--json'])
+        found.append(json.loads(capsys.readouterr().out)['notes'])
+    assert found[0] == []
+    (note,) = found[1]
+    assert note.startswith("stream 'forecast_Height_high_1s': ")
+    assert 'values, at most one in each 1 s, were outside' in note

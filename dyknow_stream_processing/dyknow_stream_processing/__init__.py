@@ -10,6 +10,7 @@ from dyknow_stream_processing.dataflow.batches import (
 )
 from dyknow_stream_processing.dataflow.computational_units import STATELESS_UNITS, load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
+from dyknow_stream_processing.dataflow.drift import Coverage
 from dyknow_stream_processing.dataflow.forecasts import MAX_STEPS, Forecast
 from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
 from dyknow_stream_processing.dataflow.received_violations import OVERTAKEN, ReceivedViolations
@@ -67,6 +68,7 @@ __all__ = [
     'BuiltInSource',
     'Call',
     'Condition',
+    'Coverage',
     'Dataflow',
     'DelayLimits',
     'Forecast',

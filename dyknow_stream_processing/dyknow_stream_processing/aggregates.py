@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from dyknow_common import (
     COMPARISONS,
+    SECOND_NS,
     ComputedField,
     ElementCondition,
     Value,
@@ -27,6 +28,8 @@ from dyknow_stream_processing.sample import AbsentElement
 
 _WIDE: Final = 8
 """The bytes of integers whose sum numpy may not hold."""
+
+_LINE: Final = 'LINESTRING M'
 
 _MAX_INT64: Final = (1 << 63) - 1
 _MAX_EXACT: Final = 1 << 53
@@ -161,6 +164,36 @@ def outline(points: Sequence[Any]) -> str:
     if ring and ring[0] != ring[-1]:
         ring.append(ring[0])
     return f'POLYGON (({", ".join(ring)}))' if ring else 'POLYGON EMPTY'
+
+
+def line(poses: Sequence[Any]) -> str:
+    """Return the line through stamped poses, in well-known text: x, y, the stamp in nanoseconds.
+
+    Raises:
+        NoValueError: if they are too many.
+    """
+    if len(poses) > MAX_VERTICES:
+        raise NoValueError(f'the path has {len(poses)} poses, more than {MAX_VERTICES}')
+    vertices = []
+    for each in poses:
+        position, stamp = each.pose.position, each.header.stamp
+        time = stamp.sec * SECOND_NS + stamp.nanosec
+        vertices.append(f'{float(position.x)!r} {float(position.y)!r} {time}')
+    return f'{_LINE} ({", ".join(vertices)})' if vertices else f'{_LINE} EMPTY'
+
+
+def poses_of_line(text: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the positions of poses, of shape (n, 2), and their stamps; the inverse of `line`.
+
+    Raises:
+        ValueError: if the text is no such line.
+    """
+    name, _, rest = text.partition('(')
+    vertices = [each.split() for each in rest.removesuffix(')').split(',') if each]
+    if name.split() != f'{_LINE}{"" if vertices else " EMPTY"}'.split():
+        raise ValueError(f"'{shortened(text)}' is no path; write wkt(poses) of a nav_msgs/Path")
+    points = np.array([(float(x), float(y)) for x, y, _ in vertices], np.float64)
+    return points.reshape(-1, 2), np.array([int(time) for *_, time in vertices], np.int64)
 
 
 def _vector(elements: Any, kind: ValueType | None) -> NDArray[Any]:

@@ -38,6 +38,7 @@ from dyknow_stream_processing.aggregates import (
     NoValueError,
     aggregate,
     conditioned,
+    line,
     number,
     outline,
     plain,
@@ -72,7 +73,8 @@ def value_reader(fields: FieldTypes, path: str) -> Callable[[Any], Value | Rows]
         return _condition_reader(fields, field)
     read = _path_reader(fields, field.path)
     if field.function == WKT:
-        return _chained(read, outline)
+        are_points = (*field.path.names, 'x') in arrays_of(fields)
+        return _chained(read, outline if are_points else line)
     if field.function not in AGGREGATES:
         return _chained(read, number if field.function == 'number' else text)
     is_struct = field.function == 'count' and field.path.names not in arrays_of(fields)

@@ -346,6 +346,6 @@ def test_the_polygon_of_an_array_of_points() -> None:
     assert outline((0, math.nan)) == 'POLYGON ((0.0 nan))'
     with pytest.raises(NoValueError, match='10001 vertices, more than 10000'):
         outline(*[(0, 0)] * (MAX_VERTICES + 1))
-    assert "'n' is no array of points" in absence('the message', fields, 'wkt(n)')
+    assert "'n' is no array of points or poses" in absence('the message', fields, 'wkt(n)')
     assert 'a single value' in absence('the message', fields, 'wkt(a.p[0])')
     assert field_type(fields, 'wkt(a.p)') is ValueType.STRING

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Mapping
+from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from dyknow_stream_processing.dataflow.forecasts import (
     ConstantVelocity,
     Forecast,
     Kalman,
+    PlannedPath,
 )
 
 MS = 1_000_000
@@ -44,7 +47,9 @@ def test_the_bounds_are_those_of_all_times(
         'acceleration': acceleration,
     }
     low, high = (
-        ConstantVelocity(2000 * MS, 1000 * MS, bound, **settings)({'value': value, 'rate': rate}, 0)
+        ConstantVelocity(2000 * MS, 1000 * MS, bound, **settings)(
+            {'value': value, 'rate': rate}, valid_time=0
+        )
         for bound in ('low', 'high')
     )
     ends = []
@@ -74,6 +79,93 @@ def test_a_constant_turn_rate_is_the_limit_of_small_steps(
             assert [each[(index + 1) // steps] for each in found] == pytest.approx((x, y), abs=1e-5)
 
 
+STEPS = 200
+Pose = tuple[float, float]
+coordinates = st.integers(-4, 4).map(lambda number: number / 2)
+poses = st.lists(st.tuples(coordinates, coordinates), min_size=1, max_size=6)
+
+
+def line(points: list[Pose], stamps: list[int]) -> str:
+    vertices = (f'{x!r} {y!r} {time}' for (x, y), time in zip(points, stamps, strict=True))
+    return f'LINESTRING M ({", ".join(vertices)})'
+
+
+def planned(path: str, here: Pose, speed: float, **settings: Any) -> list[list[float]]:
+    """The coordinates of a vehicle at each time of its forecast, x and y."""
+    fields = {'x': here[0], 'y': here[1], 'speed': speed, 'path': path}
+    fields |= {'frame': 'map', 'path_frame': 'map'}
+    units = (PlannedPath(3000 * MS, 1000 * MS, axis=axis, **settings) for axis in 'xy')
+    return [
+        unit.forecast({**fields, 'value': value}, 0)[0].tolist()
+        for unit, value in zip(units, here, strict=True)
+    ]
+
+
+def walks(points: list[Pose], durations: list[float], here: Pose, rate: float) -> list[list[Pose]]:
+    """Where small steps lead to after each second, from each place that may be the nearest one."""
+    fine, elapsed = [points[0]], [0.0]
+    for ((x, y), (to_x, to_y)), duration in zip(pairwise(points), durations, strict=False):
+        for part in range(1, STEPS + 1):
+            fine.append((x + (to_x - x) * part / STEPS, y + (to_y - y) * part / STEPS))
+            elapsed.append(elapsed[-1] + duration / STEPS)
+    distances = [math.dist(each, here) for each in fine]
+    # The nearest of these points is half a small step, of at most 6 m, from the nearest one.
+    starts = [each for each, far in enumerate(distances) if far <= min(distances) + 3 / STEPS]
+    found = []
+    for start in starts:
+        times = (elapsed[start] + second * rate for second in range(4))
+        lasts = [bisect_right(elapsed, time) - 1 for time in times]
+        (x, y), (away_x, away_y) = fine[start], here
+        found.append([(fine[each][0] - x + away_x, fine[each][1] - y + away_y) for each in lasts])
+    return found
+
+
+@given(poses, st.tuples(coordinates, coordinates), st.floats(-2, 2), st.data())
+def test_a_planned_path_is_followed(
+    points: list[Pose], here: Pose, speed: float, data: st.DataObject
+) -> None:
+    is_timed = data.draw(st.booleans()) and len(points) > 1
+    steps = data.draw(st.lists(st.integers(1, 3), min_size=len(points), max_size=len(points)))
+    stamps = [sum(steps[:each]) * 1000 * MS for each in range(len(points))]
+    path = line(points, stamps if is_timed else [7] * len(points))
+    durations = (
+        [float(each) for each in steps] if is_timed else list(starmap(math.dist, pairwise(points)))
+    )
+    expected = walks(points, durations, here, 1.0 if is_timed else abs(speed))
+    found = list(zip(*planned(path, here, speed), strict=True))
+    assert found[0] == here
+    assert any(
+        all(math.dist(*each) < 20 / STEPS for each in zip(found, walk, strict=True))
+        for walk in expected
+    )
+
+
+def test_a_planned_path_ends_at_its_goal() -> None:
+    path = line([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0)], [0, 0, 0])
+    assert planned(path, (0.5, 0.25), 1.0) == [[0.5, 1.5, 2.0, 2.0], [0.25, 0.25, 0.75, 1.75]]
+    assert planned(path, (2.0, 1.5), 1.0) == [[2.0] * 4, [1.5, 2.0, 2.0, 2.0]]
+    nowhere = planned(path, (math.nan, 0.0), 1.0)
+    assert all(math.isnan(each) for values in nowhere for each in values)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'reason'),
+    [
+        ({'frame': 'odom'}, "the path is in frame 'map', but the vehicle in frame 'odom'"),
+        ({'path': 'LINESTRING M EMPTY'}, 'the path has no pose'),
+        ({'path': 'LINESTRING M (nan 0.0 0)'}, 'one that is not finite'),
+        ({'path': 'LINESTRING M (0.0 0.0 5, 1.0 0.0 5, 2.0 0.0 6)'}, 'do not increase'),
+        ({'path': 'POLYGON ((0 0, 1 0, 1 1, 0 0))'}, 'is no path; write wkt'),
+        ({'path': 'LINESTRING M (0 0)'}, 'not enough values'),
+    ],
+)
+def test_a_path_that_is_none_is_refused(fields: dict[str, str], reason: str) -> None:
+    given_ = {'value': 0.0, 'x': 0.0, 'y': 0.0, 'speed': 1.0, 'frame': 'map', 'path_frame': 'map'}
+    path = {'path': line([(0.0, 0.0)], [0])}
+    with pytest.raises(ValueError, match=reason):
+        PlannedPath(1000 * MS, 500 * MS).forecast({**given_, **path, **fields}, 0)
+
+
 def test_a_kalman_filter_knows_how_well_it_forecasts() -> None:
     """Its intervals hold 95 % of the measured values, if the noise is as it says."""
     random = np.random.default_rng(7)
@@ -99,8 +191,8 @@ def test_a_kalman_filter_knows_how_well_it_forecasts() -> None:
 
 def test_a_kalman_filter_needs_two_values() -> None:
     filter_ = Kalman(acceleration=1.0, noise=0.0, horizon=1000 * MS, step=500 * MS)
-    assert filter_({'value': 1.0}, 0) is None
-    assert math.isnan(filter_({'value': math.nan}, 50 * MS) or 0.0)
+    assert filter_({'value': 1.0}, valid_time=0) is None
+    assert math.isnan(filter_({'value': math.nan}, valid_time=50 * MS) or 0.0)
     values, widths = filter_.forecast({'value': 2.0}, 100 * MS) or ([], [])
     assert values == pytest.approx([2.0, 7.0, 12.0])
     assert widths[0] == 0
@@ -127,5 +219,5 @@ def test_settings_are_checked(settings: Mapping[str, Any], reason: str) -> None:
 
 def test_forecasts_are_registered() -> None:
     units = load_units()
-    for name in ('constant_velocity', 'constant_turn_rate', 'kalman'):
+    for name in ('constant_velocity', 'constant_turn_rate', 'kalman', 'planned_path'):
         assert issubclass(units[name], Forecast)  # type: ignore[arg-type]

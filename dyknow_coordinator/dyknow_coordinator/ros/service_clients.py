@@ -56,6 +56,9 @@ _ALL_KNOWN: Final[Mapping[str, tuple[float, float]]] = {}
 _MOST_QUERIES: Final = 4
 """The queries of the ontology that are sent at a time."""
 
+_MOST_SOLUTIONS: Final = 1000
+"""The queries of which the solutions are kept."""
+
 _PLACED_ERROR: Final = re.compile(
     r'stream specification:\d+:\d+: (?P<reason>[^\n]*)\n.*', re.DOTALL
 )
@@ -80,6 +83,8 @@ class ServiceClients:
     def __init__(self, node: DyKnowNode, background: Background) -> None:
         self._node, self._background = node, background
         self._waiting: dict[str, Future] = {}
+        self._solutions: dict[str, list[tuple[str, ...]]] = {}
+        self._solved_for: dict[str, str] = {}
         self._senders = 0
         names = {
             role: node.parameter(role, role, f'Name of the {role.replace("_", " ")} node.')
@@ -146,8 +151,15 @@ class ServiceClients:
         """Return the solutions of a query of the ontology.
 
         A few queries are sent at a time, so that many formulas at once do not fill the queue of the
-        ontology manager. Equal ones that wait are sent once.
+        ontology manager. Equal ones that wait are sent once, and solutions are kept until the
+        ontology manager reports a change, in its status before it answers who changed it.
         """
+        status = dict(self.ontology_manager.status) if self.ontology_manager.alive else {}
+        if status != self._solved_for or len(self._solutions) >= _MOST_SOLUTIONS:
+            self._solutions, self._solved_for = {}, status
+        if sparql in self._solutions:
+            return self._solutions[sparql]
+        kept = self._solutions
         solutions = self._waiting.get(sparql)
         if solutions is None:
             solutions = self._waiting[sparql] = Future()
@@ -155,6 +167,8 @@ class ServiceClients:
                 self._senders += 1
                 self._node.spawn(self._send_queries)
         found: list[tuple[str, ...]] = await solutions
+        if status:
+            kept[sparql] = found
         return found
 
     async def _send_queries(self) -> None:

@@ -101,7 +101,7 @@ class RecordedStreams:
             f"topic '{topic}' leaves stamps at zero: the time of recording is used"
             for topic in sorted(self._unstamped)
         )
-        return (*faults, *zero)
+        return (*faults, *zero, *self.dataflow.warnings())
 
     async def fields(self, name: str) -> tuple[str, ...]:
         """Return the fields of the stream with a name.

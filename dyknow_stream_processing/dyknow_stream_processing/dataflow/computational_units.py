@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from dyknow_common import Alternatives, Value, ValueType, choices, listed
 from dyknow_space import MovingDistance, RegionDistances, SightDistance, SweptDistances
 from dyknow_stream_processing.dataflow import built_in_units as units
+from dyknow_stream_processing.dataflow import forecasts
 from dyknow_stream_processing.dataflow.batches import (
     Columns,
     Planned,
@@ -42,7 +43,6 @@ from dyknow_stream_processing.dataflow.batches import (
     refuse,
     rows_of,
 )
-from dyknow_stream_processing.dataflow.forecasts import ConstantTurnRate, ConstantVelocity, Kalman
 from dyknow_stream_processing.dataflow.operators import Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 from dyknow_stream_processing.errors import StreamError, open_value
@@ -55,18 +55,19 @@ ENTRY_POINTS: Final = 'dyknow.computational_units'
 """The entry point group that units are registered in."""
 
 _BUILT_IN: Final[Mapping[str, Unit]] = {
-    'constant_turn_rate': ConstantTurnRate,
-    'constant_velocity': ConstantVelocity,
+    'constant_turn_rate': forecasts.ConstantTurnRate,
+    'constant_velocity': forecasts.ConstantVelocity,
     'convert': units.Convert,
     'distance': units.distance,
     'electrical_power': units.electrical_power,
-    'kalman': Kalman,
+    'kalman': forecasts.Kalman,
     'magnitude': units.magnitude,
     'maximum': units.Maximum,
     'mean': units.Mean,
     'minimum': units.Minimum,
     'moving_distance': MovingDistance,
     'planar_pose': units.planar_pose,
+    'planned_path': forecasts.PlannedPath,
     'rate_of_change': units.RateOfChange,
     'region_distances': RegionDistances,
     'sight_distance': SightDistance,
@@ -76,8 +77,8 @@ _BUILT_IN: Final[Mapping[str, Unit]] = {
 
 STATELESS_UNITS: Final[frozenset[Unit]] = frozenset(
     {
-        ConstantTurnRate,
-        ConstantVelocity,
+        forecasts.ConstantTurnRate,
+        forecasts.ConstantVelocity,
         RegionDistances,
         units.Convert,
         units.electrical_power,
@@ -161,6 +162,12 @@ class UnitCall:
         """True if it does not get the valid time."""
         return not self._takes_time
 
+    @property
+    def warning(self) -> str:
+        """The drift of a forecast; empty for none, and for other units."""
+        drift = self._call.drift if isinstance(self._call, forecasts.Forecast) else None
+        return drift.warning if drift else ''
+
     def of_alternatives(
         self, valid_time: int, inputs: Sequence[Mapping[str, Value]]
     ) -> Mapping[str, Value] | None:
@@ -223,9 +230,9 @@ class UnitOperator(SynchronisedOperator):
     ) -> None:
         super().__init__(wiring)
         self._name = declaration.name
-        self._call = UnitCall(unit, declaration, arguments)
+        self.call = UnitCall(unit, declaration, arguments)
         self._is_stateless = unit in STATELESS_UNITS
-        self._keeps_alternatives = self._call.is_timeless and (
+        self._keeps_alternatives = self.call.is_timeless and (
             self._is_stateless or not isclass(unit)
         )
         self._open: StreamError | None = None
@@ -252,12 +259,12 @@ class UnitOperator(SynchronisedOperator):
         """Plan to compute without a memory, from one input: a refused plan computes twice."""
         if len(inputs) > 1 or not self._is_stateless:
             refuse(Refusal.OPERATOR)
-        (batch,), (names,) = inputs, self._call.parameters
+        (batch,), (names,) = inputs, self.call.parameters
         if len(batch) and not set(names) <= batch.columns.keys():
             refuse(Refusal.FIELDS)
         columns = {name: batch.columns[name] for name in names} if len(batch) else {}
         try:
-            is_result, found = self._call.many(batch.valid_times, columns)
+            is_result, found = self.call.many(batch.valid_times, columns)
         # User code may raise any exception; steps report it.
         except Exception:  # noqa: BLE001
             refuse(Refusal.VALUE)
@@ -268,7 +275,7 @@ class UnitOperator(SynchronisedOperator):
         try:
             arguments = [
                 {name: fields[name] for name in names}
-                for names, fields in zip(self._call.parameters, values, strict=True)
+                for names, fields in zip(self.call.parameters, values, strict=True)
             ]
         except KeyError as error:
             message = f"computational unit '{self._name}' finds {missing_text(error)}"
@@ -282,7 +289,7 @@ class UnitOperator(SynchronisedOperator):
             self._reject(Fault(ViolationKind.COMPUTATIONAL_UNIT, valid_time, self._open.message))
             return
         try:
-            compute = self._call if given is None else self._call.of_alternatives
+            compute = self.call if given is None else self.call.of_alternatives
             result = compute(valid_time, arguments)
         # User code may raise any exception; it is contained and reported.
         except Exception as error:  # noqa: BLE001

@@ -13,6 +13,7 @@ import numpy as np
 
 from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value
 from dyknow_stream_processing.dataflow.batches import Refusal, SampleBatch, refuse
+from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import (
     DEFAULT_DELAYS,
@@ -163,6 +164,15 @@ class Dataflow:
         stream = self._find(name)
         root = stream.operators[0]
         return tuple(dict.fromkeys(waiting_reasons(root, since, topic_reason, stream.name_of)))
+
+    def warnings(self) -> tuple[str, ...]:
+        """Return the warnings of all units, each with the first stream that is made by it."""
+        found: dict[str, str] = {}
+        for stream in self._streams.values():
+            for each in stream.operators:
+                if isinstance(each, UnitOperator) and each.call.warning:
+                    found.setdefault(each.call.warning, stream.name)
+        return tuple(f"stream '{name}': {warning}" for warning, name in found.items())
 
     def topics(self, name: str) -> tuple[str, ...]:
         """Return the topics that a stream is made of, sorted."""

@@ -18,12 +18,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dyknow_common import SECOND_NS
+from dyknow_stream_processing.aggregates import poses_of_line
+from dyknow_stream_processing.dataflow.drift import Coverage, DriftTest
 
 MAX_STEPS: Final = 100
 """The most times of a forecast after now."""
@@ -33,6 +35,7 @@ _BOUNDS: Final = ('low', 'high')
 _NORMAL_95: Final = 1.959964
 """The half-width of the central 95 % of a normal distribution, in standard deviations."""
 
+Fields = Mapping[str, Any]
 Floats = NDArray[np.float64]
 
 
@@ -44,7 +47,9 @@ class Forecast(ABC):
         step: between the times, in nanoseconds; a divisor of the horizon.
         bound: `low` or `high`: which bound of the values is the result.
         widening: of the half-width at each time, beginning with now, as numbers with spaces
-            between them; empty for none. At most `-half-width` counts if it is negative.
+            between them; empty for none. At most `-half-width` counts if it is negative. After a
+            `;`, what the calibration promises, `0.95 of 32 blocks of 5 s`: values are then
+            compared with the forecast of them at the horizon.
 
     Raises:
         ValueError: naming the argument that is at fault.
@@ -63,26 +68,30 @@ class Forecast(ABC):
         self.times: Floats = np.arange(horizon // step + 1, dtype=np.float64) * (step / SECOND_NS)
         """The times of the forecast in seconds from the sample on."""
         self._is_high = bound == 'high'
-        self._widening = np.array([float(each) for each in widening.split()] or 0.0)
+        numbers, _, promise = widening.partition(';')
+        self._widening = np.array([float(each) for each in numbers.split()] or 0.0)
         if self._widening.ndim and len(self._widening) != len(self.times):
             raise ValueError(
                 f'widening has {len(self._widening)} numbers; write {len(self.times)}, one for '
                 'each time'
             )
+        self.drift = DriftTest(Coverage.parse(promise), horizon, step) if promise else None
+        """The test of its drift; None without a calibration."""
 
     @abstractmethod
-    def forecast(
-        self, fields: Mapping[str, float], valid_time: int
-    ) -> tuple[Floats, Floats] | None:
+    def forecast(self, fields: Fields, valid_time: int) -> tuple[Floats, Floats] | None:
         """Return the values at `times` and their half-widths; None if there is no forecast yet."""
 
-    def __call__(self, fields: Mapping[str, float], valid_time: int) -> float | None:
+    def __call__(self, *inputs: Fields, valid_time: int) -> float | None:
         """Return the least or the greatest value until the horizon."""
+        fields = {name: value for each in inputs for name, value in each.items()}
         found = self.forecast(fields, valid_time)
         if found is None:
             return None
         values, half_widths = found
         widths = np.maximum(half_widths + self._widening, 0.0)
+        if self.drift:
+            self.drift.note(valid_time, fields['value'], float(values[-1]), float(widths[-1]))
         return float((values + widths).max() if self._is_high else (values - widths).min())
 
 
@@ -106,25 +115,13 @@ class ConstantVelocity(Forecast):
         super().__init__(horizon, step, bound, widening)
         self._half_widths = _not_negative('acceleration', acceleration) / 2 * self.times**2
 
-    def forecast(
-        self,
-        fields: Mapping[str, float],
-        valid_time: int,  # noqa: ARG002
-    ) -> tuple[Floats, Floats]:
+    def forecast(self, fields: Fields, valid_time: int) -> tuple[Floats, Floats]:  # noqa: ARG002
         """Extrapolate `value` with `rate`, its change per second."""
         return fields['value'] + fields['rate'] * self.times, self._half_widths
 
 
-class ConstantTurnRate(ConstantVelocity):
-    """A coordinate of a vehicle that keeps its speed and its turn rate in the plane.
-
-    The defaults of robot.yaml read nav_msgs/Odometry: the pose in the frame of the map, the twist
-    in the frame of the vehicle, as REP-105 and the message say.
-
-    Args:
-        axis: the coordinate that is forecast, `x` or `y`.
-        horizon, step, bound, widening, acceleration: as of `ConstantVelocity`.
-    """
+class _InThePlane(ConstantVelocity):
+    """A coordinate of a vehicle in the plane: `axis` is `x` or `y`."""
 
     def __init__(
         self,
@@ -138,20 +135,97 @@ class ConstantTurnRate(ConstantVelocity):
         super().__init__(horizon, step, bound, widening, acceleration)
         if axis not in {'x', 'y'}:
             raise ValueError(f'axis is \'{axis}\'; write "x" or "y"')
-        self._offset = 0.0 if axis == 'x' else -math.pi / 2
+        self._is_x = axis == 'x'
 
-    def forecast(
-        self,
-        fields: Mapping[str, float],
-        valid_time: int,  # noqa: ARG002
-    ) -> tuple[Floats, Floats]:
+
+class ConstantTurnRate(_InThePlane):
+    """A coordinate of a vehicle that keeps its speed and its turn rate in the plane.
+
+    The defaults of robot.yaml read nav_msgs/Odometry: the pose in the frame of the map, the twist
+    in the frame of the vehicle, as REP-105 and the message say.
+
+    Args:
+        axis: the coordinate that is forecast, `x` or `y`.
+        horizon, step, bound, widening, acceleration: as of `ConstantVelocity`.
+    """
+
+    def forecast(self, fields: Fields, valid_time: int) -> tuple[Floats, Floats]:  # noqa: ARG002
         """Follow the arc of `speed` (m/s) and `turn` (rad/s) from the orientation `qx` to `qw`."""
         qx, qy, qz, qw = (fields[name] for name in ('qx', 'qy', 'qz', 'qw'))
-        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)) + self._offset
+        yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+        yaw -= 0.0 if self._is_x else math.pi / 2
         half_turn = fields['turn'] * self.times / 2
         # The chord of the arc; numpy's sinc(x) is sin(pi x) / (pi x), which is 1 without a turn.
         chord = fields['speed'] * self.times * np.sinc(half_turn / math.pi)
         return fields['value'] + chord * np.cos(yaw + half_turn), self._half_widths
+
+
+class PlannedPath(_InThePlane):
+    """A coordinate of a vehicle that goes on along its planned path, and stands at its end.
+
+    It begins at the point of the path that is nearest to the vehicle, the first one if several
+    are, and keeps its distance from the path. If the poses of the path have stamps of their own,
+    it takes the time between them, and else it keeps its present speed.
+
+    Args:
+        axis: the coordinate that is forecast, `x` or `y`.
+        horizon, step, bound, widening, acceleration: as of `ConstantVelocity`.
+    """
+
+    _text = ''
+    _path = np.zeros((0, 3))
+    _is_timed = False
+
+    def forecast(self, fields: Fields, valid_time: int) -> tuple[Floats, Floats]:  # noqa: ARG002
+        """Follow `path` (`wkt` of poses) from `x` and `y` at `speed` (m/s).
+
+        Raises:
+            ValueError: if `path` is not usable, or `path_frame` is not the `frame` of the vehicle.
+        """
+        if fields['frame'] != fields['path_frame']:
+            raise ValueError(
+                f"the path is in frame '{fields['path_frame']}', but the vehicle in frame "
+                f"'{fields['frame']}'; give a topic with its pose in the frame of the path"
+            )
+        if fields['path'] != self._text:
+            self._path, self._is_timed = _route(fields['path'])
+            self._text = fields['path']
+        here = np.array([fields['x'], fields['y']])
+        if not np.all(np.isfinite(here)):
+            return np.full_like(self.times, math.nan), self._half_widths
+        along, points = self._path[:, 2], self._path[:, :2]
+        passed = _nearest(points, along, here)
+        rate = 1.0 if self._is_timed else abs(fields['speed'])
+        way = np.interp(passed + rate * self.times, along, points[:, 0 if self._is_x else 1])
+        return fields['value'] + (way - way[0]), self._half_widths
+
+
+def _route(text: str) -> tuple[Floats, bool]:
+    """Return x, y and the seconds or else the metres from the start of a path; True for seconds."""
+    points, stamps = poses_of_line(text)
+    if not len(points) or not np.all(np.isfinite(points)):
+        raise ValueError('the path has no pose, or one that is not finite')
+    steps = np.diff(stamps)
+    if np.any(steps != 0):
+        if np.any(steps <= 0):
+            raise ValueError('the stamps of the path do not increase, and are not all the same')
+        return np.column_stack([points, (stamps - stamps[0]) / SECOND_NS]), True
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    # A pose that repeats the one before it has no place of its own on the way.
+    kept = np.concatenate([[True], lengths > 0])
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    return np.column_stack([points, along])[kept], False
+
+
+def _nearest(points: Floats, along: Floats, here: Floats) -> float:
+    """Return where the point of a path that is nearest to another one is along the path."""
+    ways, steps = np.diff(points, axis=0, append=points[-1:]), np.diff(along, append=along[-1:])
+    squares = (ways**2).sum(axis=1)
+    # A vehicle that waits has a pose twice, with two stamps.
+    parts = ((here - points) * ways).sum(axis=1) / np.where(squares > 0, squares, 1.0)
+    parts = parts.clip(0, 1)
+    index = int(np.argmin(np.hypot(*(points + parts[:, np.newaxis] * ways - here).T)))
+    return float(along[index] + parts[index] * steps[index])
 
 
 class Kalman(Forecast):
@@ -183,9 +257,7 @@ class Kalman(Forecast):
         self._state = np.zeros(2)
         self._covariance = np.zeros((2, 2))
 
-    def forecast(
-        self, fields: Mapping[str, float], valid_time: int
-    ) -> tuple[Floats, Floats] | None:
+    def forecast(self, fields: Fields, valid_time: int) -> tuple[Floats, Floats] | None:
         """Correct the estimate by `value`; None for the first sample, which tells no rate."""
         value = fields['value']
         if not math.isfinite(value):

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import ConstraintViolation, Sample, StreamWatermark
 from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestroy
 
@@ -246,7 +247,10 @@ class StreamProcessingEngine(DyKnowNode):
         self._sources.end_period(now)
         self._waiting.end_period()
         samples = sum(self._dataflow.statistics(name).samples for name in self._outputs)
-        self.set_status(RUNNING, {'streams': str(len(self._outputs)), 'samples': str(samples)})
+        values = {'streams': str(len(self._outputs)), 'samples': str(samples)}
+        if faults := self._dataflow.warnings():
+            values['faults'] = '\n'.join(faults)
+        self.set_status(RUNNING, values, level=DiagnosticStatus.WARN if faults else None)
 
     def _reports(self) -> Iterator[StreamReport]:
         for name, output in self._outputs.items():
