@@ -33,6 +33,7 @@ from dyknow_reasoning.execution import (
     PossibleFormulas,
     PossibleVerdict,
     Recording,
+    link_lengths,
     want_text,
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
@@ -92,7 +93,7 @@ class FormulaGroup:
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
-        self._margins = GroupMargins(limits.node_limit, PastValues)
+        self._margins = GroupMargins(limits.node_limit, PastValues, link_lengths)
         self._counts: dict[str, int] = {}
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""

@@ -34,6 +34,7 @@ from dyknow_reasoning.language.formula import (
     compares_past,
     parts,
 )
+from dyknow_reasoning.language.spatial import Over, Spatial
 from dyknow_reasoning.language.terms import Feature, FieldReference, Truth
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.language.uncertain_features import asks_for_probability
@@ -58,14 +59,32 @@ from dyknow_reasoning.margins.robustness import (
     extremum,
     of_all,
 )
+from dyknow_reasoning.margins.spatial_margins import (
+    Ends,
+    LinkMargin,
+    LinkReader,
+    LinkSignal,
+    Routes,
+    SpatialMargin,
+    variables,
+)
 from dyknow_reasoning.margins.windows import ExtremaWindow, ExtremumWindow, SinceWindow, UntilWindow
 from dyknow_reasoning.progression.atoms import fields
-from dyknow_reasoning.progression.instances import Binding, Domains, ground_atom, objects_of
+from dyknow_reasoning.progression.instances import (
+    Binding,
+    Domains,
+    ground,
+    ground_atom,
+    objects_of,
+    with_objects,
+    with_origin,
+)
+from dyknow_reasoning.progression.spatial_atoms import GroundLinks, linked_objects, linked_places
 
 _ATOMS = Feature, FieldReference, Comparison
 _JUNCTIONS = Not, And, Or, Implies, Equivalent, Forall, Exists, Count, CountOf
 _WINDOWS = Always, Eventually, Until, Historically, Once, Since, Previous
-_DEFINED = Truth, *_ATOMS, *_JUNCTIONS, *_WINDOWS
+_DEFINED = Truth, *_ATOMS, *_JUNCTIONS, *_WINDOWS, Over, Spatial
 
 _Windowed: TypeAlias = Always | Eventually | Until | Historically | Once | Since
 
@@ -82,7 +101,9 @@ def check_margin(formula: Formula) -> None:
             f"no margin is defined for '{formula}'; leave out the margin, or this part of the "
             'formula'
         )
-    if not isinstance(formula, _ATOMS):
+    if isinstance(formula, Over):
+        check_margin(formula.body)  # The links have none.
+    elif not isinstance(formula, _ATOMS):
         for part in parts(formula):
             check_margin(cast('Formula', part))
 
@@ -122,17 +143,21 @@ class MarginBuilder:
         kinds: the kinds of the features of the formula.
         domains: the objects of each sort.
         limit: of the number of operators; each `<->` doubles the operators of both sides.
+        links: reads the links of spatial operators.
 
     Attributes:
-        signals: the margins of the comparisons and other atoms, and of negated ones.
+        signals: the margins of the comparisons and other atoms, and of negated ones; the lengths
+            of links.
         atoms: the texts of the comparisons, by number.
         fields: the names of their fields.
         past: the comparisons with values of the past.
         operators: the number of operators that were built, for each object.
     """
 
-    def __init__(self, kinds: Kinds, domains: Domains, limit: int) -> None:
-        self.signals: list[AtomMargins] = []
+    def __init__(
+        self, kinds: Kinds, domains: Domains, limit: int, links: LinkReader | None = None
+    ) -> None:
+        self.signals: list[AtomMargins | LinkSignal] = []
         self.atoms: list[str] = []
         self.fields: set[str] = set()
         self.past: list[Comparison] = []
@@ -140,6 +165,8 @@ class MarginBuilder:
         self._kinds = kinds
         self._domains = domains
         self._limit = limit
+        self._links = links
+        self._known_links: dict[GroundLinks, int] = {}
         self._numbers: dict[str, int] = {}
         self._known_signals: dict[tuple[bool, tuple[int, ...]], int] = {}
 
@@ -157,7 +184,9 @@ class MarginBuilder:
         check_margin(formula)
         return self._built(formula, _Context([{}], positive=True, first=not every_state))
 
-    def _built(self, formula: Formula, context: _Context) -> MarginOperator:
+    def _built(  # noqa: PLR0911 - one for each kind
+        self, formula: Formula, context: _Context
+    ) -> MarginOperator:
         """Return the operator of a formula, or of its negation."""
         match formula:
             case Truth(value):
@@ -174,8 +203,53 @@ class MarginBuilder:
                 return self._counted(
                     PreviousMargin(before, LOWEST if context.positive else HIGHEST)
                 )
+            case Over() | Spatial():
+                return self._spatial(formula, context)
             case _:
                 return self._junction(formula, context)
+
+    def _spatial(self, formula: Over | Spatial, context: _Context) -> MarginOperator:
+        """Return the operator of a spatial operator, whose operands have margins at all objects."""
+        if isinstance(formula, Over):
+            moved = [with_origin(formula, each) for each in context.bindings]
+            return self._built(formula.body, replace(context, bindings=moved))
+        place = formula.place
+        names = [each for each in variables(formula) if each in context.bindings[0]]
+        choices: dict[tuple[str, ...], int] = {}
+        chosen, origins = list[int](), list[int]()
+        objects: Sequence[str] = ()
+        for binding in context.bindings:
+            choice = tuple(binding[name] for name in names)
+            chosen.append(choices.setdefault(choice, len(choices)))
+            objects = linked_objects(formula, binding[place], self._domains)
+            origins.append(chosen[-1] * len(objects) + objects.index(binding[place]))
+        others = [dict(zip(names, choice, strict=True)) for choice in choices]
+        inner = replace(context, bindings=[{**e, place: name} for e in others for name in objects])
+        # Members on which the routes depend, and the ends of routes.
+        along, ends = list[MarginOperator](), list[MarginOperator]()
+        if formula.operator == 'escape':
+            along.append(self._built(formula.right, inner))
+        else:
+            ends.append(self._built(formula.right, inner))
+        if formula.left is not None:
+            along.append(self._built(formula.left, inner))
+            if not formula.distances.begins_at_zero:
+                along.append(self._built(formula.left, inner.signed(False)))
+        links = [self._link_signal(with_objects(formula, each), objects) for each in others]
+        routes = Routes(formula, context.positive, origins)
+        join = Ends(chosen, context.positive is not (formula.operator == 'everywhere'))
+        reached = SpatialMargin([*along, LinkMargin(links)], routes, context.width)
+        return self._counted(SpatialMargin([*ends, self._counted(reached)], join, context.width))
+
+    def _link_signal(self, formula: Spatial, objects: Sequence[str]) -> int:
+        """Return the number of the lengths of the links of a spatial operator."""
+        places = linked_places(formula, objects, self._domains, ground)
+        if places.links not in self._known_links:
+            read = cast('LinkReader', self._links)
+            self._known_links[places.links] = len(self.signals)
+            self.signals.append(LinkSignal(read(places, formula, self._kinds)))
+            self.fields.update(str(each) for part in places for each in fields(part))
+        return self._known_links[places.links]
 
     def _window(self, formula: _Windowed, context: _Context) -> MarginOperator:
         start, end = _offsets(formula)
