@@ -8,7 +8,7 @@ from random import Random
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from margin_reference import Step, ended, margin
 from reasoning_reference import begun, random_cases
@@ -17,9 +17,8 @@ from spatial_reference import OBJECTS
 from test_spatial import NUMBERS, random_text
 
 from dyknow_common import Verdict
-from dyknow_reasoning import parse_formula
+from dyknow_reasoning import FormulaGroup, ReasoningError, parse_formula
 from dyknow_reasoning.language.formula import Formula
-from dyknow_reasoning.margins import building
 
 STATES = (
     'N[s] < 2',
@@ -117,16 +116,77 @@ def expected(formulas: list[Formula], trace: list[Step]) -> list[tuple[float, fl
 
 
 @pytest.mark.usefixtures('_objects')
+@settings(max_examples=random_cases(40))
 @given(texts(), traces())
 def test_bounds_are_those_of_the_reference(text: str, trace: list[Step]) -> None:
     assert margins(text, trace) == expected([parse_formula(text)], trace)
 
 
 @pytest.mark.usefixtures('_objects')
-@given(texts(), traces(), st.sampled_from([2, 100]))
-def test_bounds_for_all_objects(text: str, trace: list[Step], least_objects: int) -> None:
+@settings(max_examples=random_cases(40))
+@given(texts(), traces())
+def test_bounds_for_all_objects(text: str, trace: list[Step]) -> None:
     formulas = [parse_formula(text.replace('from a0', f'from {each}')) for each in OBJECTS['R']]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(building, '_LEAST_OBJECTS', least_objects)
-        text = f'forall r in R: {text.replace("from a0", "from r")}'
-        assert margins(text, trace) == expected(formulas, trace)
+    text = f'forall r in R: {text.replace("from a0", "from r")}'
+    assert margins(text, trace) == expected(formulas, trace)
+
+
+@pytest.mark.usefixtures('_objects')
+@settings(max_examples=random_cases(30))
+@given(texts(), traces(), st.booleans())
+def test_recorded_margins_are_those_of_single_states(
+    text: str,
+    trace: list[Step],
+    every_state: bool,  # noqa: FBT001
+) -> None:
+    times, states = zip(*((time, state) for time, _, state in trace if state), strict=True)
+    text = f'forall r in R: {text.replace("from a0", "from r")}'
+    group, number = begun(text, OBJECTS, margin=True, every_state=every_state)
+    for time, state in zip(times, states, strict=True):
+        group.progress(time, state)
+    recorded, _ = begun(text, OBJECTS, margin=True, every_state=every_state)
+    columns = {name: [state[name] for state in states] for name in states[0]}
+    recorded.progress_many(times, columns)
+    assert recorded.margin(number) == group.margin(number)
+
+
+STATE = {
+    **{f'D[{a}, {b}]': 90.0 for a in ('r1', 'r2', 'r3') for b in ('r1', 'r2', 'r3') if a != b},
+    'D[r3, r2]': 30.0,
+    'D[r2, r1]': 49.0,
+    'D[r3, r1]': 60.0,
+    'N[r1]': 7.0,
+    'N[r2]': 25.0,
+    'N[r3]': 40.0,
+}
+
+
+@pytest.mark.parametrize(
+    ('formula', 'margin'),
+    [
+        ('somewhere[0, 30] N[s] > 20', '20 (N[r3] > 20)'),
+        ('somewhere[20, 40] N[s] > 20', '5 (N[r2] > 20)'),
+        ('everywhere[0, 60] N[s] > 5', '20 (N[r2] > 5)'),
+        # The length of the link of 49, which is hardly there, does not count.
+        ('N[s] > 20 reach[60, 90] N[s] < 10', '3 (N[r1] < 10)'),
+        ('N[s] > 20 reach[2 hops, 3 hops] N[s] < 20', '5 (N[r2] > 20)'),
+        ('N[s] > 20 reach[1 hops, 3 hops] N[s] < 10', '3 (N[r1] < 10)'),
+        ('escape[25, inf) N[s] > 20', '5 (N[r2] > 20)'),
+        ('N[s] > 20 surround[0, 1 hops] N[s] < 30', '5 (N[r2] < 30)'),
+        ('somewhere[1 hops, 1 hops] N[s] > N[r3]', '-15 (N[r2] > N[r3])'),
+        ('somewhere[80, inf) N[s] > 20', '-inf'),
+        ('everywhere[80, inf) N[s] > 20', 'inf'),
+        ('somewhere[0, 30] N[s] > prev(N[s]) + 1', '-inf'),
+    ],
+)
+def test_margins_by_hand(formula: str, margin: str) -> None:
+    text = f'over (D[a, b] <= 50 for a, b in R) from r3 to s: ({formula})'
+    group, number = begun(text, {'R': ['r1', 'r2', 'r3']}, margin=True)
+    group.progress(0, STATE)
+    assert str(group.margin(number)) == margin
+
+
+def test_a_probability_in_space_has_no_margin() -> None:
+    text = 'over (L[a, b] for a, b in R) from r1 to s: somewhere[0, 1 hops] P(N[s] > 2) > 0.5'
+    with pytest.raises(ReasoningError, match='no margin is defined for'):
+        FormulaGroup().add_formula('it', text, margin=True)

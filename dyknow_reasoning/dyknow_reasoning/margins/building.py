@@ -33,6 +33,7 @@ from dyknow_reasoning.language.formula import (
     Until,
     compares_past,
     parts,
+    walk,
 )
 from dyknow_reasoning.language.spatial import Over, Spatial
 from dyknow_reasoning.language.terms import Feature, FieldReference, Truth
@@ -89,7 +90,10 @@ _DEFINED = Truth, *_ATOMS, *_JUNCTIONS, *_WINDOWS, Over, Spatial
 _Windowed: TypeAlias = Always | Eventually | Until | Historically | Once | Since
 
 _LEAST_OBJECTS = 16
-"""The number of objects from which on their margins are computed as one array."""
+"""The number of objects from which on their margins are computed as one array.
+
+Those of spatial operators always are, as the links are the same for all objects.
+"""
 
 
 def check_margin(formula: Formula) -> None:
@@ -318,7 +322,9 @@ class MarginBuilder:
         names = self._objects(formula)
         bindings = [{**each, formula.variable: name} for each in context.bindings for name in names]
         needed = context.needed(number, len(names))
-        if len(bindings) < _LEAST_OBJECTS or not 0 < needed <= len(names):
+        is_over_links = any(isinstance(each, Over) for each in walk(formula.body))
+        fewest = 2 if is_over_links else _LEAST_OBJECTS
+        if len(bindings) < fewest or not 0 < needed <= len(names):
             uses = [replace(context, bindings=[each]) for each in bindings]
             return self._joined(needed, [self._built(formula.body, each) for each in uses], context)
         body = self._built(formula.body, replace(context, bindings=bindings))
