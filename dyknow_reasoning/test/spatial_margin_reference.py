@@ -42,26 +42,22 @@ def at(node: At, trace: Sequence[Step], i: int) -> Bounds:
         ways.setdefault(way[-1], []).append((way, length))
     near = [name for name, found in ways.items() if within(interval, min(e[1] for e in found))]
 
-    def there(operand: Any, name: str) -> Bounds:
-        return margin(moved(operand, formula.place, name), trace, i)
+    def everywhere(operand: Any) -> dict[str, Bounds]:
+        moves = {name: moved(operand, formula.place, name) for name in ways}
+        return {name: margin(each, trace, i) for name, each in moves.items()}
 
-    def along(operand: Any, names: Sequence[str]) -> Bounds:
-        return least(there(operand, name) for name in names)
-
+    right = everywhere(formula.right)
     if formula.operator == 'everywhere':
-        return along(formula.right, near)
+        return least(right[name] for name in near)
     if formula.operator == 'escape':
-        return greatest(along(formula.right, way) for name in near for way, _ in ways[name])
-    left = Truth(True) if formula.left is None else formula.left
+        return greatest(least(map(right.get, way)) for name in near for way, _ in ways[name])
+    left = everywhere(Truth(True) if formula.left is None else formula.left)
     ends = []
     for name, found in ways.items():
-        kept = greatest(
-            along(left, way[:-1]) for way, length in found if is_until(interval, length)
-        )
-        early = greatest(
-            along(left, way[:-1]) for way, length in found if is_early(interval, length)
-        )
-        ends.append(least([kept, negation(early), there(formula.right, name)]))
+        margins = [(length, least(map(left.get, way[:-1]))) for way, length in found]
+        kept = greatest(each for length, each in margins if is_until(interval, length))
+        early = greatest(each for length, each in margins if is_early(interval, length))
+        ends.append(least([kept, negation(early), right[name]]))
     return greatest(ends)
 
 

@@ -16,9 +16,16 @@ from spatial_margin_reference import least
 from spatial_reference import OBJECTS
 from test_spatial import NUMBERS, random_text
 
-from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup, ReasoningError, parse_formula
+from dyknow_reasoning import (
+    FormulaGroup,
+    ReasoningError,
+    TrialFormula,
+    check_types,
+    parse_formula,
+)
+from dyknow_reasoning.execution import link_lengths
 from dyknow_reasoning.language.formula import Formula
+from dyknow_reasoning.margins.standing_margin import StandingMargin
 
 STATES = (
     'N[s] < 2',
@@ -30,6 +37,7 @@ STATES = (
     'N[a0] < 3',
     'true',
 )
+STATES_OF_FORMULA = 20
 
 
 def columns(objects: tuple[str, ...]) -> tuple[list[str], list[str]]:
@@ -41,24 +49,32 @@ def columns(objects: tuple[str, ...]) -> tuple[list[str], list[str]]:
 
 
 @pytest.mark.timeout(14400)
-def test_margins_at_one_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compare with the reference, and with the verdict; most cases by far of all tests."""
+def test_margins_at_each_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compare with the reference, and with the truth; most cases by far of all tests."""
     monkeypatch.setitem(OBJECTS, 'R', ())
-    for case in range(random_cases(200)):
+    for case in range(random_cases(200) // STATES_OF_FORMULA):
         random = Random(case)  # noqa: S311 - no secrets
         objects = OBJECTS['R'] = tuple(f'a{number}' for number in range(random.choice((2, 3, 4))))
         truths, numbers = columns(objects)
-        state: dict[str, Any] = {name: random.random() < 0.4 for name in truths}
-        state |= {name: random.choice(NUMBERS) for name in numbers}
         text = random_text(random.choice, 3, in_time=False, states=STATES)
-        group, number = begun(text, OBJECTS, margin=True)
-        (result,) = group.progress(0, state)
-        found = group.margin(number)
-        assert found is not None
-        expected = margin(parse_formula(text), [(0, 0, state)], 0)
-        assert (found.lower, found.upper) == expected, (case, text, state)
-        if found.lower != 0:
-            assert (result.verdict is Verdict.TRUE) == (found.lower > 0), (case, text, state)
+        formula = parse_formula(text)
+        trial = TrialFormula(text, OBJECTS)
+        found = StandingMargin(
+            formula, check_types(formula, text), OBJECTS, 10_000, links=link_lengths
+        )
+        found.keep_all()
+        states: list[dict[str, Any]] = [
+            {name: random.random() < 0.4 for name in truths}
+            | {name: random.choice(NUMBERS) for name in numbers}
+            for _ in range(STATES_OF_FORMULA)
+        ]
+        for time, state in enumerate(states):
+            found.step(time, state)
+        for time, (state, bounds) in enumerate(zip(states, found.of_each(), strict=True)):
+            expected = margin(formula, [(0, 0, state)], 0)
+            assert (bounds.lower, bounds.upper) == expected, (case, text, state)
+            if bounds.lower != 0:
+                assert trial.holds(time, state) == (bounds.lower > 0), (case, text, state)
 
 
 @st.composite
