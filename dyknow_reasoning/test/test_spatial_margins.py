@@ -25,6 +25,7 @@ from dyknow_reasoning import (
 )
 from dyknow_reasoning.execution import link_lengths
 from dyknow_reasoning.language.formula import Formula
+from dyknow_reasoning.margins import building
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 
 STATES = (
@@ -140,11 +141,14 @@ def test_bounds_are_those_of_the_reference(text: str, trace: list[Step]) -> None
 
 @pytest.mark.usefixtures('_objects')
 @settings(max_examples=random_cases(40))
-@given(texts(), traces())
-def test_bounds_for_all_objects(text: str, trace: list[Step]) -> None:
+@given(texts(), traces(), st.sampled_from([2, 100]))
+def test_bounds_for_all_objects(text: str, trace: list[Step], fewest: int) -> None:
+    """As arrays, or one by one."""
     formulas = [parse_formula(text.replace('from a0', f'from {each}')) for each in OBJECTS['R']]
     text = f'forall r in R: {text.replace("from a0", "from r")}'
-    assert margins(text, trace) == expected(formulas, trace)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(building, '_LEAST_OBJECTS', fewest)
+        assert margins(text, trace) == expected(formulas, trace)
 
 
 @pytest.mark.usefixtures('_objects')

@@ -111,11 +111,6 @@ class DistanceInterval(SyntaxNode):
         """Return True for a distance in the interval; also for each one of an array."""
         return self.keeps_start(distance) & self.keeps_end(distance)
 
-    @property
-    def begins_at_zero(self) -> bool:
-        """True if no distance is before the interval."""
-        return self.brackets[0] == '[' and not self.start.value
-
     def keeps_start(self, distance: Any) -> Any:
         """Return True for a distance in the interval or beyond it."""
         start = self.start.value

@@ -36,7 +36,7 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.spatial import Over, Spatial
-from dyknow_reasoning.language.terms import Feature, FieldReference, Truth
+from dyknow_reasoning.language.terms import Feature, FieldReference, Truth, Variable
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.language.uncertain_features import asks_for_probability
 from dyknow_reasoning.language.writing import as_written
@@ -62,12 +62,10 @@ from dyknow_reasoning.margins.robustness import (
 )
 from dyknow_reasoning.margins.spatial_margins import (
     Ends,
-    LinkMargin,
     LinkReader,
     LinkSignal,
     Routes,
     SpatialMargin,
-    variables,
 )
 from dyknow_reasoning.margins.windows import ExtremaWindow, ExtremumWindow, SinceWindow, UntilWindow
 from dyknow_reasoning.progression.atoms import fields
@@ -90,10 +88,7 @@ _DEFINED = Truth, *_ATOMS, *_JUNCTIONS, *_WINDOWS, Over, Spatial
 _Windowed: TypeAlias = Always | Eventually | Until | Historically | Once | Since
 
 _LEAST_OBJECTS = 16
-"""The number of objects from which on their margins are computed as one array.
-
-Those of spatial operators always are, as the links are the same for all objects.
-"""
+"""The number of objects from which on their margins are computed as one array."""
 
 
 def check_margin(formula: Formula) -> None:
@@ -150,8 +145,7 @@ class MarginBuilder:
         links: reads the links of spatial operators.
 
     Attributes:
-        signals: the margins of the comparisons and other atoms, and of negated ones; the lengths
-            of links.
+        signals: the margins of the comparisons and other atoms, and of negated ones, and links.
         atoms: the texts of the comparisons, by number.
         fields: the names of their fields.
         past: the comparisons with values of the past.
@@ -170,7 +164,7 @@ class MarginBuilder:
         self._domains = domains
         self._limit = limit
         self._links = links
-        self._known_links: dict[GroundLinks, int] = {}
+        self._known_links: dict[tuple[GroundLinks, ...], int] = {}
         self._numbers: dict[str, int] = {}
         self._known_signals: dict[tuple[bool, tuple[int, ...]], int] = {}
 
@@ -207,53 +201,56 @@ class MarginBuilder:
                 return self._counted(
                     PreviousMargin(before, LOWEST if context.positive else HIGHEST)
                 )
-            case Over() | Spatial():
+            case Over(body=body):
+                moved = [with_origin(formula, each) for each in context.bindings]
+                return self._built(body, replace(context, bindings=moved))
+            case Spatial():
                 return self._spatial(formula, context)
             case _:
                 return self._junction(formula, context)
 
-    def _spatial(self, formula: Over | Spatial, context: _Context) -> MarginOperator:
+    def _spatial(self, formula: Spatial, context: _Context) -> MarginOperator:
         """Return the operator of a spatial operator, whose operands have margins at all objects."""
-        if isinstance(formula, Over):
-            moved = [with_origin(formula, each) for each in context.bindings]
-            return self._built(formula.body, replace(context, bindings=moved))
-        place = formula.place
-        names = [each for each in variables(formula) if each in context.bindings[0]]
-        choices: dict[tuple[str, ...], int] = {}
-        chosen, origins = list[int](), list[int]()
-        objects: Sequence[str] = ()
+        place, domains = formula.place, self._domains
+        nodes = *walk(formula), *walk(formula.links)
+        names = {each.name for each in nodes if isinstance(each, Variable)} - {place}
+        # The objects of other variables, each choice once.
+        choices: dict[tuple[str, ...], Binding] = {}
+        objects, origins = ('',), []
         for binding in context.bindings:
-            choice = tuple(binding[name] for name in names)
-            chosen.append(choices.setdefault(choice, len(choices)))
-            objects = linked_objects(formula, binding[place], self._domains)
-            origins.append(chosen[-1] * len(objects) + objects.index(binding[place]))
-        others = [dict(zip(names, choice, strict=True)) for choice in choices]
-        inner = replace(context, bindings=[{**e, place: name} for e in others for name in objects])
-        # Members on which the routes depend, and the ends of routes.
-        along, ends = list[MarginOperator](), list[MarginOperator]()
-        if formula.operator == 'escape':
-            along.append(self._built(formula.right, inner))
-        else:
-            ends.append(self._built(formula.right, inner))
+            others = {name: each for name, each in binding.items() if name in names}
+            choices.setdefault(tuple(others.values()), others)
+            objects = linked_objects(formula, binding[place], domains)
+            number = list(choices).index(tuple(others.values()))
+            origins.append(number * len(objects) + objects.index(binding[place]))
+        bindings = [{**each, place: name} for each in choices.values() for name in objects]
+        inner = replace(context, bindings=bindings)
+        right, along = self._built(formula.right, inner), list[MarginOperator]()
         if formula.left is not None:
             along.append(self._built(formula.left, inner))
-            if not formula.distances.begins_at_zero:
+            if not formula.distances.keeps_start(0):
                 along.append(self._built(formula.left, inner.signed(False)))
-        links = [self._link_signal(with_objects(formula, each), objects) for each in others]
+        is_escape = formula.operator == 'escape'
+        grounded = [with_objects(formula, each) for each in choices.values()]
+        links = StateMargin(itemgetter(self._link_signal(grounded, objects)))
         routes = Routes(formula, context.positive, origins)
-        join = Ends(chosen, context.positive is not (formula.operator == 'everywhere'))
-        reached = SpatialMargin([*along, LinkMargin(links)], routes, context.width)
-        return self._counted(SpatialMargin([*ends, self._counted(reached)], join, context.width))
+        join = Ends(origins, context.positive is not (formula.operator == 'everywhere'))
+        members = [*([right] if is_escape else along), links]
+        reached = self._counted(SpatialMargin(members, routes, context.width))
+        ends = [reached] if is_escape else [right, reached]
+        return self._counted(SpatialMargin(ends, join, context.width))
 
-    def _link_signal(self, formula: Spatial, objects: Sequence[str]) -> int:
-        """Return the number of the lengths of the links of a spatial operator."""
-        places = linked_places(formula, objects, self._domains, ground)
-        if places.links not in self._known_links:
+    def _link_signal(self, formulas: Sequence[Spatial], objects: Sequence[str]) -> int:
+        """Return the number of the links of a spatial operator, for choices of other objects."""
+        places = [linked_places(each, objects, self._domains, ground) for each in formulas]
+        key = tuple(each.links for each in places)
+        if key not in self._known_links:
+            self._known_links[key] = len(self.signals)
             read = cast('LinkReader', self._links)
-            self._known_links[places.links] = len(self.signals)
-            self.signals.append(LinkSignal(read(places, formula, self._kinds)))
-            self.fields.update(str(each) for part in places for each in fields(part))
-        return self._known_links[places.links]
+            readers = {e.links: read(e, formulas[0], self._kinds) for e in places}
+            self.signals.append(LinkSignal([readers[each] for each in key]))
+            self.fields.update(str(e) for each in places for part in each for e in fields(part))
+        return self._known_links[key]
 
     def _window(self, formula: _Windowed, context: _Context) -> MarginOperator:
         start, end = _offsets(formula)
@@ -322,9 +319,7 @@ class MarginBuilder:
         names = self._objects(formula)
         bindings = [{**each, formula.variable: name} for each in context.bindings for name in names]
         needed = context.needed(number, len(names))
-        is_over_links = any(isinstance(each, Over) for each in walk(formula.body))
-        fewest = 2 if is_over_links else _LEAST_OBJECTS
-        if len(bindings) < fewest or not 0 < needed <= len(names):
+        if len(bindings) < _LEAST_OBJECTS or not 0 < needed <= len(names):
             uses = [replace(context, bindings=[each]) for each in bindings]
             return self._joined(needed, [self._built(formula.body, each) for each in uses], context)
         body = self._built(formula.body, replace(context, bindings=bindings))

@@ -19,17 +19,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from dyknow_reasoning.language.formula import walk
 from dyknow_reasoning.language.spatial import Spatial
-from dyknow_reasoning.language.terms import Variable
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.comparisons import UNUSABLE
-from dyknow_reasoning.margins.operators import (
-    JunctionMargin,
-    MarginOperator,
-    Signals,
-    StateMargin,
-)
+from dyknow_reasoning.margins.operators import JunctionMargin, MarginOperator
 from dyknow_reasoning.margins.robustness import (
     HIGHEST,
     LOWEST,
@@ -54,14 +47,19 @@ class LinkSignal:
     """The lengths of links at a state.
 
     Args:
-        read: returns them; raises ReasoningError where values are unusable.
+        readers: of the lengths, for each choice of other objects.
     """
 
-    def __init__(self, read: Callable[[Values], Array]) -> None:
-        self.read = read
+    def __init__(self, readers: Sequence[Callable[[Values], Array]]) -> None:
+        self._readers = readers
+
+    def read(self, values: Values) -> list[Array]:
+        """Return the lengths; raise ReasoningError where values are unusable."""
+        known = {each: each(values) for each in self._readers}
+        return [known[each] for each in self._readers]
 
     def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:  # noqa: ARG002
-        """Return the lengths at a state, or the margin of all operators over unusable ones."""
+        """Return the lengths, or the margin of all operators over unusable ones."""
         try:
             return self.read(values)
         except UNUSABLE:
@@ -69,13 +67,7 @@ class LinkSignal:
 
 
 class SpatialMargin(JunctionMargin):
-    """A spatial operator, or the routes of one; the margins depend on the links, too.
-
-    Args:
-        members: the operators of operands, links and routes.
-        join: returns the margins.
-        width: the number of objects.
-    """
+    """A spatial operator, or its routes: a junction of operands and links, for other objects."""
 
     def __init__(
         self, members: Sequence[MarginOperator], join: Callable[[Any], Any], width: int
@@ -86,22 +78,6 @@ class SpatialMargin(JunctionMargin):
     def stable_until(self, threshold: MarginThreshold) -> float:  # noqa: ARG002
         """Return that any state may change the margins: its links may be others."""
         return -inf
-
-
-class LinkMargin(StateMargin):
-    """The lengths of links, or the margin of what is unknown.
-
-    Args:
-        signals: the numbers of the lengths.
-    """
-
-    def __init__(self, signals: Sequence[int]) -> None:
-        super().__init__(self._read)
-        self._numbers = signals
-
-    def _read(self, signals: Signals) -> Any:
-        found = [signals[each] for each in self._numbers]
-        return next((each for each in found if isinstance(each, tuple)), found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +113,7 @@ class Routes:
             _signed(side, sign).reshape(len(links), -1)
             for side, sign in zip(sides, signs, strict=False)
         ]
-        found = map(self._reached, links, *operands)
-        return np.concatenate(list(found))[self.origins]
+        return np.concatenate(list(map(self._reached, links, *operands)))[self.origins]
 
     def _reached(self, lengths: Array, side: Array, other: Array | None = None) -> Array:
         """Return the margins of reaching each object, given both bounds of the operand's."""
@@ -158,12 +133,12 @@ class Ends:
     """The margins of a spatial operator from some objects on.
 
     Args:
-        choices: of the objects for other variables, the number for each object.
+        origins: the objects, as in `Routes`.
         positive: False for the negation of "an object is reached where the operand holds", given
             the margins of the negated operand.
     """
 
-    choices: Sequence[int]
+    origins: Sequence[int]
     positive: bool
 
     def __call__(self, members: Sequence[Any]) -> Any:
@@ -174,12 +149,13 @@ class Ends:
                 The margins of the routes to these, or their truth.
         """
         *operands, routes = members
-        width = len(self.choices)
+        width = len(self.origins)
         if isinstance(routes, tuple):
             return of_all(routes, width)
         reached = routes
         for each in operands:
-            there = _signed(each, self.positive).reshape(-1, routes.shape[1])[self.choices]
+            there = _signed(each, self.positive).reshape(-1, routes.shape[1])
+            there = there[np.floor_divide(self.origins, routes.shape[1])]
             is_truth = routes.dtype == bool
             reached = np.where(routes, there, _LOWEST) if is_truth else np.minimum(routes, there)
         found = _signed(reached.max(axis=1), self.positive)
@@ -206,13 +182,6 @@ def widest(lengths: Array, margins: Array, keeps: Callable[[Array], Array]) -> A
     result: Array = np.minimum(through, margins[:, None])
     result[each, each] = through[each, each]
     return result
-
-
-def variables(formula: Spatial) -> list[str]:
-    """Return the names of the variables in a spatial operator and its links, but of its place."""
-    nodes = *walk(formula), *walk(formula.links)
-    names = dict.fromkeys(each.name for each in nodes if isinstance(each, Variable))
-    return [name for name in names if name != formula.place]
 
 
 def _signed(margins: Any, positive: bool) -> Array:  # noqa: FBT001 - a sign

@@ -136,10 +136,7 @@ def linked_objects(formula: Spatial, origin: str, domains: Domains) -> tuple[str
 def linked_places(
     formula: Spatial, objects: Sequence[str], domains: Domains, ground: Ground
 ) -> Places:
-    """Return the links of a spatial operator between some objects, and no operands.
-
-    Arguments as of `spatial_formula`.
-    """
+    """Return the links of a spatial operator between some objects, and no operands."""
     linked = replace(formula, operator='reach', left=None, right=Truth(True))
     sorts = tuple((sort, tuple(names)) for sort, names in domains.items())
     return _places(linked, tuple(objects), sorts, ground)

@@ -229,13 +229,7 @@ class SpatialTruths:
 
 
 def link_lengths(places: Places, formula: Spatial, kinds: Kinds) -> Callable[[Values], Array]:
-    """Return a reader of the lengths of links at a state; its errors are those of `operands`.
-
-    Args:
-        places: the links, and operands that are known.
-        formula: a spatial operator over them.
-        kinds: the kinds of the features.
-    """
+    """Return a reader of the lengths of an operator's links; its errors are those of `operands`."""
     read = SpatialTruths(SpatialAtom(formula, '', '', places), places, (), kinds, SharedVectors())
     return lambda values: read.operands(values)[0]
 
