@@ -216,7 +216,7 @@ class MarginBuilder:
         names = {each.name for each in nodes if isinstance(each, Variable)} - {place}
         # The objects of other variables, each choice once.
         choices: dict[tuple[str, ...], Binding] = {}
-        objects, origins = ('',), []
+        objects, origins = tuple[str, ...](), list[int]()
         for binding in context.bindings:
             others = {name: each for name, each in binding.items() if name in names}
             choices.setdefault(tuple(others.values()), others)
