@@ -499,8 +499,7 @@ class FormulaGroup:
             monitor.add(formula_id, instances, named.kinds)
 
     def _watch(self, formula_id: int, formula: Formula, instances: Sequence[Instance]) -> bool:
-        """Look out for unknown values; return True if there may be some."""
-        # Over links, an unknown value is an error, as the routes may depend on it.
+        """Watch unknown values; return True if there may be some. Over links, each is an error."""
         is_over_links = any(isinstance(each, Over) for each in walk(formula))
         return not is_over_links and self._possible.watch(formula_id, instances)
 
