@@ -33,6 +33,7 @@ from dyknow_reasoning.execution import (
     PossibleFormulas,
     PossibleVerdict,
     Recording,
+    link_lengths,
     want_text,
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
@@ -92,7 +93,7 @@ class FormulaGroup:
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
         self._instances: dict[int, list[Instance]] = {}
-        self._margins = GroupMargins(limits.node_limit, PastValues)
+        self._margins = GroupMargins(limits.node_limit, PastValues, link_lengths)
         self._counts: dict[str, int] = {}
         self.standing = StandingFormulas()
         """The formulas that are asked at every state."""
@@ -498,8 +499,7 @@ class FormulaGroup:
             monitor.add(formula_id, instances, named.kinds)
 
     def _watch(self, formula_id: int, formula: Formula, instances: Sequence[Instance]) -> bool:
-        """Look out for unknown values; return True if there may be some."""
-        # Over links, an unknown value is an error, as the routes may depend on it.
+        """Watch unknown values; return True if there may be some. Over links, each is an error."""
         is_over_links = any(isinstance(each, Over) for each in walk(formula))
         return not is_over_links and self._possible.watch(formula_id, instances)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 from math import inf
+from typing import Any
 
 from reasoning_reference import past_value_of
 
@@ -96,7 +97,13 @@ def margin(formula: Formula, trace: Sequence[Step], i: int) -> Bounds:  # noqa: 
             )
         case CountOf(bound, number, members):
             return counted(bound, number, [margin(each, trace, i) for each in members])
+    if (spatial := SPATIAL.get(type(formula))) is not None:
+        return spatial(formula, trace, i)
     raise AssertionError(formula)
+
+
+SPATIAL: dict[type, Any] = {}
+"""The margins of spatial operators, from `spatial_margin_reference`."""
 
 
 def counted(bound: CountBound, number: int, members: Sequence[Bounds]) -> Bounds:

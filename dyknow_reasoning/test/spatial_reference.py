@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf
 from typing import Any
 
@@ -25,6 +26,7 @@ class At:
     origin: str
 
 
+@lru_cache(10_000)
 def moved(node: Any, place: str, name: str) -> Any:
     """A formula with an object for its place."""
     match node:

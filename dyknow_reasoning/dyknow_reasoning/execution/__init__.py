@@ -25,7 +25,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories, PastValues
 from dyknow_reasoning.execution.past.past_comparisons import past_terms, value_field
-from dyknow_reasoning.execution.past.spatial_registers import SpatialTruths
+from dyknow_reasoning.execution.past.spatial_registers import SpatialTruths, link_lengths
 from dyknow_reasoning.execution.probability.formula_probability import (
     FormulaProbability,
     probability_of,
@@ -61,6 +61,7 @@ __all__ = [
     'StandingMonitor',
     'StartCounts',
     'VerdictLog',
+    'link_lengths',
     'past_terms',
     'probability_of',
     'value_field',

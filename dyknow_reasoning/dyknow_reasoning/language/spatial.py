@@ -109,12 +109,19 @@ class DistanceInterval(SyntaxNode):
 
     def contains(self, distance: Any) -> Any:
         """Return True for a distance in the interval; also for each one of an array."""
+        return self.keeps_start(distance) & self.keeps_end(distance)
+
+    def keeps_start(self, distance: Any) -> Any:
+        """Return True for a distance in the interval or beyond it."""
         start = self.start.value
-        found = distance > start if self.brackets[0] == '(' else distance >= start
+        return distance > start if self.brackets[0] == '(' else distance >= start
+
+    def keeps_end(self, distance: Any) -> Any:
+        """Return True for a distance in the interval or before it."""
         if self.end is None:
-            return found & (distance < float('inf'))
+            return distance < float('inf')
         end = self.end.value
-        return found & (distance < end if self.brackets[1] == ')' else distance <= end)
+        return distance < end if self.brackets[1] == ')' else distance <= end
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,8 +33,10 @@ from dyknow_reasoning.language.formula import (
     Until,
     compares_past,
     parts,
+    walk,
 )
-from dyknow_reasoning.language.terms import Feature, FieldReference, Truth
+from dyknow_reasoning.language.spatial import Over, Spatial
+from dyknow_reasoning.language.terms import Feature, FieldReference, Truth, Variable
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.language.uncertain_features import asks_for_probability
 from dyknow_reasoning.language.writing import as_written
@@ -58,14 +60,30 @@ from dyknow_reasoning.margins.robustness import (
     extremum,
     of_all,
 )
+from dyknow_reasoning.margins.spatial_margins import (
+    Ends,
+    LinkReader,
+    LinkSignal,
+    Routes,
+    SpatialMargin,
+)
 from dyknow_reasoning.margins.windows import ExtremaWindow, ExtremumWindow, SinceWindow, UntilWindow
 from dyknow_reasoning.progression.atoms import fields
-from dyknow_reasoning.progression.instances import Binding, Domains, ground_atom, objects_of
+from dyknow_reasoning.progression.instances import (
+    Binding,
+    Domains,
+    ground,
+    ground_atom,
+    objects_of,
+    with_objects,
+    with_origin,
+)
+from dyknow_reasoning.progression.spatial_atoms import GroundLinks, linked_objects, linked_places
 
 _ATOMS = Feature, FieldReference, Comparison
 _JUNCTIONS = Not, And, Or, Implies, Equivalent, Forall, Exists, Count, CountOf
 _WINDOWS = Always, Eventually, Until, Historically, Once, Since, Previous
-_DEFINED = Truth, *_ATOMS, *_JUNCTIONS, *_WINDOWS
+_DEFINED = Truth, *_ATOMS, *_JUNCTIONS, *_WINDOWS, Over, Spatial
 
 _Windowed: TypeAlias = Always | Eventually | Until | Historically | Once | Since
 
@@ -82,7 +100,9 @@ def check_margin(formula: Formula) -> None:
             f"no margin is defined for '{formula}'; leave out the margin, or this part of the "
             'formula'
         )
-    if not isinstance(formula, _ATOMS):
+    if isinstance(formula, Over):
+        check_margin(formula.body)  # The links have none.
+    elif not isinstance(formula, _ATOMS):
         for part in parts(formula):
             check_margin(cast('Formula', part))
 
@@ -122,17 +142,20 @@ class MarginBuilder:
         kinds: the kinds of the features of the formula.
         domains: the objects of each sort.
         limit: of the number of operators; each `<->` doubles the operators of both sides.
+        links: reads the links of spatial operators.
 
     Attributes:
-        signals: the margins of the comparisons and other atoms, and of negated ones.
+        signals: the margins of the comparisons and other atoms, and of negated ones, and links.
         atoms: the texts of the comparisons, by number.
         fields: the names of their fields.
         past: the comparisons with values of the past.
         operators: the number of operators that were built, for each object.
     """
 
-    def __init__(self, kinds: Kinds, domains: Domains, limit: int) -> None:
-        self.signals: list[AtomMargins] = []
+    def __init__(
+        self, kinds: Kinds, domains: Domains, limit: int, links: LinkReader | None = None
+    ) -> None:
+        self.signals: list[AtomMargins | LinkSignal] = []
         self.atoms: list[str] = []
         self.fields: set[str] = set()
         self.past: list[Comparison] = []
@@ -140,6 +163,8 @@ class MarginBuilder:
         self._kinds = kinds
         self._domains = domains
         self._limit = limit
+        self._links = links
+        self._known_links: dict[tuple[GroundLinks, ...], int] = {}
         self._numbers: dict[str, int] = {}
         self._known_signals: dict[tuple[bool, tuple[int, ...]], int] = {}
 
@@ -157,7 +182,9 @@ class MarginBuilder:
         check_margin(formula)
         return self._built(formula, _Context([{}], positive=True, first=not every_state))
 
-    def _built(self, formula: Formula, context: _Context) -> MarginOperator:
+    def _built(  # noqa: PLR0911 - one for each kind
+        self, formula: Formula, context: _Context
+    ) -> MarginOperator:
         """Return the operator of a formula, or of its negation."""
         match formula:
             case Truth(value):
@@ -174,8 +201,56 @@ class MarginBuilder:
                 return self._counted(
                     PreviousMargin(before, LOWEST if context.positive else HIGHEST)
                 )
+            case Over(body=body):
+                moved = [with_origin(formula, each) for each in context.bindings]
+                return self._built(body, replace(context, bindings=moved))
+            case Spatial():
+                return self._spatial(formula, context)
             case _:
                 return self._junction(formula, context)
+
+    def _spatial(self, formula: Spatial, context: _Context) -> MarginOperator:
+        """Return the operator of a spatial operator, whose operands have margins at all objects."""
+        place, domains = formula.place, self._domains
+        nodes = *walk(formula), *walk(formula.links)
+        names = {each.name for each in nodes if isinstance(each, Variable)} - {place}
+        # The objects of other variables, each choice once.
+        choices: dict[tuple[str, ...], Binding] = {}
+        objects, origins = tuple[str, ...](), list[int]()
+        for binding in context.bindings:
+            others = {name: each for name, each in binding.items() if name in names}
+            choices.setdefault(tuple(others.values()), others)
+            objects = linked_objects(formula, binding[place], domains)
+            number = list(choices).index(tuple(others.values()))
+            origins.append(number * len(objects) + objects.index(binding[place]))
+        bindings = [{**each, place: name} for each in choices.values() for name in objects]
+        inner = replace(context, bindings=bindings)
+        right, along = self._built(formula.right, inner), list[MarginOperator]()
+        if formula.left is not None:
+            along.append(self._built(formula.left, inner))
+            if not formula.distances.keeps_start(0):
+                along.append(self._built(formula.left, inner.signed(False)))
+        is_escape = formula.operator == 'escape'
+        grounded = [with_objects(formula, each) for each in choices.values()]
+        links = StateMargin(itemgetter(self._link_signal(grounded, objects)))
+        routes = Routes(formula, context.positive, origins)
+        join = Ends(origins, context.positive is not (formula.operator == 'everywhere'))
+        members = [*([right] if is_escape else along), links]
+        reached = self._counted(SpatialMargin(members, routes, context.width))
+        ends = [reached] if is_escape else [right, reached]
+        return self._counted(SpatialMargin(ends, join, context.width))
+
+    def _link_signal(self, formulas: Sequence[Spatial], objects: Sequence[str]) -> int:
+        """Return the number of the links of a spatial operator, for choices of other objects."""
+        places = [linked_places(each, objects, self._domains, ground) for each in formulas]
+        key = tuple(each.links for each in places)
+        if key not in self._known_links:
+            self._known_links[key] = len(self.signals)
+            read = cast('LinkReader', self._links)
+            readers = {e.links: read(e, formulas[0], self._kinds) for e in places}
+            self.signals.append(LinkSignal([readers[each] for each in key]))
+            self.fields.update(str(e) for each in places for part in each for e in fields(part))
+        return self._known_links[key]
 
     def _window(self, formula: _Windowed, context: _Context) -> MarginOperator:
         start, end = _offsets(formula)

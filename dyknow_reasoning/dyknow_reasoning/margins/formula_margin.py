@@ -28,6 +28,7 @@ from dyknow_reasoning.margins.robustness import (
     Robustness,
     as_float,
 )
+from dyknow_reasoning.margins.spatial_margins import LinkReader
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
@@ -85,6 +86,7 @@ class BoundedMargins(ABC):
         limit: of the number of operators.
         past: reads values of the past; needed for a formula with such.
         unknown: the features that may be unknown.
+        links: reads the links of spatial operators; needed for a formula with such.
 
     Attributes:
         fields: the names of the fields that it reads.
@@ -105,9 +107,10 @@ class BoundedMargins(ABC):
         limit: int,
         past: PastReader | None = None,
         unknown: UnknownFeatures = ALL_KNOWN,
+        links: LinkReader | None = None,
     ) -> None:
         self._unknown = unknown
-        builder = MarginBuilder(kinds, domains, limit)
+        builder = MarginBuilder(kinds, domains, limit, links)
         operator = builder.build(formula, every_state=self.every_state)
         self._past = past(builder.past, kinds) if past and builder.past else None
         # One for both bounds as long as they depend on the future alone.
@@ -219,8 +222,9 @@ class FormulaMargin(BoundedMargins):
         limit: int,
         past: PastReader | None = None,
         unknown: UnknownFeatures = ALL_KNOWN,
+        links: LinkReader | None = None,
     ) -> None:
-        super().__init__(formula, kinds, domains, limit, past, unknown)
+        super().__init__(formula, kinds, domains, limit, past, unknown, links)
         # The bounds do not change before a time while all states satisfy the guards.
         self._stable_until = -inf
         self._guards: list[Callable[[Signals], bool]] = []

@@ -208,7 +208,7 @@ def ground_atom(atom: StateAtom, binding: Binding, domains: Domains) -> StateAto
     return ground
 
 
-def _with_origin(formula: Over, binding: Binding) -> Binding:
+def with_origin(formula: Over, binding: Binding) -> Binding:
     """Return a binding in which the variable of links is the object from which they lead."""
     origin: str = formula.origin.name
     return {**binding, formula.variable: binding.get(origin, origin)}
@@ -232,7 +232,7 @@ def _ground_atoms(  # noqa: C901 - one for each kind
             for name in objects_of(sort, domains):
                 yield from _ground_atoms(body, {**binding, variable: name}, domains)
         case Over():
-            yield from _ground_atoms(formula.body, _with_origin(formula, binding), domains)
+            yield from _ground_atoms(formula.body, with_origin(formula, binding), domains)
         case Spatial():
             for name in objects_of(formula.links.sort, domains):
                 for part in parts(formula):
@@ -496,7 +496,7 @@ def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
             members = [ground(body, {**binding, variable: name}, domains) for name in names]
             return CountOf(bound, number, tuple(members))
         case Over():
-            return ground(formula.body, _with_origin(formula, binding), domains)
+            return ground(formula.body, with_origin(formula, binding), domains)
         case Spatial():
             others = {name: each for name, each in binding.items() if name != formula.place}
             return spatial_formula(with_objects(formula, others), binding, domains, ground)

@@ -96,7 +96,7 @@ def spatial_formula(
         ReasoningError: for an object that the links do not join, or too many objects.
     """
     place, origin = formula.place, binding[formula.place]
-    objects = _objects(formula, origin, domains)
+    objects = linked_objects(formula, origin, domains)
     sorts = tuple((sort, tuple(names)) for sort, names in domains.items())
     if is_about_one_state(formula.right):
         places = _places(formula, objects, sorts, ground)
@@ -112,15 +112,12 @@ def spatial_formula(
     return joined(members, And if is_all else Or)
 
 
-def joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
-    """Return members in a balanced tree, which functions may recurse over."""
-    if len(members) < 2:  # noqa: PLR2004 - nothing to join
-        return members[0] if members else Truth(kind is And)
-    middle = len(members) // 2
-    return kind(joined(members[:middle], kind), joined(members[middle:], kind))
+def linked_objects(formula: Spatial, origin: str, domains: Domains) -> tuple[str, ...]:
+    """Return the objects that the links of a spatial operator join.
 
-
-def _objects(formula: Spatial, origin: str, domains: Domains) -> tuple[str, ...]:
+    Raises:
+        ReasoningError: if the origin is not one of them, or they are too many.
+    """
     sort = formula.links.sort
     objects = tuple(dict.fromkeys(domains.get(sort, ())))
     if origin not in objects:
@@ -134,6 +131,23 @@ def _objects(formula: Spatial, origin: str, domains: Domains) -> tuple[str, ...]
             f'more than {MAX_PLACES}; take a sort with fewer'
         )
     return objects
+
+
+def linked_places(
+    formula: Spatial, objects: Sequence[str], domains: Domains, ground: Ground
+) -> Places:
+    """Return the links of a spatial operator between some objects, and no operands."""
+    linked = replace(formula, operator='reach', left=None, right=Truth(True))
+    sorts = tuple((sort, tuple(names)) for sort, names in domains.items())
+    return _places(linked, tuple(objects), sorts, ground)
+
+
+def joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
+    """Return members in a balanced tree, which functions may recurse over."""
+    if len(members) < 2:  # noqa: PLR2004 - nothing to join
+        return members[0] if members else Truth(kind is And)
+    middle = len(members) // 2
+    return kind(joined(members[:middle], kind), joined(members[middle:], kind))
 
 
 @lru_cache(_KEPT)

@@ -40,7 +40,7 @@ from dyknow_reasoning.language.formula import (
     PastAtom,
     parts,
 )
-from dyknow_reasoning.language.spatial import SpatialAtom
+from dyknow_reasoning.language.spatial import Spatial, SpatialAtom
 from dyknow_reasoning.language.terms import Feature, FieldReference, Term, Truth
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression import routes
@@ -226,6 +226,12 @@ class SpatialTruths:
         forms = {term_form(each, self._kinds) for each in terms}
         is_one = len(forms) == 1 and None not in forms
         return self._vectors.terms(terms, self._kinds) if is_one else None
+
+
+def link_lengths(places: Places, formula: Spatial, kinds: Kinds) -> Callable[[Values], Array]:
+    """Return a reader of the lengths of an operator's links; its errors are those of `operands`."""
+    read = SpatialTruths(SpatialAtom(formula, '', '', places), places, (), kinds, SharedVectors())
+    return lambda values: read.operands(values)[0]
 
 
 class SpatialRegister:

@@ -1,0 +1,189 @@
+"""Margins of spatial operators: of the best route, the least margin of the objects on it (STREL).
+
+A link exists or not, by however much: only operands have margins. The margin of
+
+    F reach[20 m, 50 m] G
+
+at r is the greatest, over all objects s, of the least of the margin of G at s, and of that of
+reaching s. This is the greatest, over all routes to s of at most 50 m, of the least margin of F on
+the route, but at s; and no route through objects with F may be shorter than 20 m: it is at most
+minus the greatest such margin of a route below 20 m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from dyknow_reasoning.language.spatial import Spatial
+from dyknow_reasoning.language.type_checking import Kinds
+from dyknow_reasoning.margins.comparisons import UNUSABLE
+from dyknow_reasoning.margins.operators import JunctionMargin, MarginOperator
+from dyknow_reasoning.margins.robustness import (
+    HIGHEST,
+    LOWEST,
+    MarginThreshold,
+    Robustness,
+    of_all,
+    scalar,
+    vector,
+)
+from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.routes import Array, distances
+from dyknow_reasoning.progression.spatial_atoms import Places
+from dyknow_reasoning.progression.value_bounds import RangeOf
+
+LinkReader: TypeAlias = Callable[[Places, Spatial, Kinds], Callable[[Values], Array]]
+"""Returns a reader of the lengths of links at a state, infinite where there are none."""
+
+_HIGHEST, _LOWEST = vector([HIGHEST]), vector([LOWEST])
+
+
+class LinkSignal:
+    """The lengths of links at a state.
+
+    Args:
+        readers: of the lengths, for each choice of other objects.
+    """
+
+    def __init__(self, readers: Sequence[Callable[[Values], Array]]) -> None:
+        self._readers = readers
+
+    def read(self, values: Values) -> list[Array]:
+        """Return the lengths; raise ReasoningError where values are unusable."""
+        known = {each: each(values) for each in self._readers}
+        return [known[each] for each in self._readers]
+
+    def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:  # noqa: ARG002
+        """Return the lengths, or the margin of all operators over unusable ones."""
+        try:
+            return self.read(values)
+        except UNUSABLE:
+            return unknown
+
+
+class SpatialMargin(JunctionMargin):
+    """A spatial operator, or its routes: a junction of operands and links, for other objects."""
+
+    def __init__(
+        self, members: Sequence[MarginOperator], join: Callable[[Any], Any], width: int
+    ) -> None:
+        super().__init__(members, join)
+        self.width = width
+
+    def stable_until(self, threshold: MarginThreshold) -> float:  # noqa: ARG002
+        """Return that any state may change the margins: its links may be others."""
+        return -inf
+
+
+@dataclass(frozen=True, slots=True)
+class Routes:
+    """The margins of reaching each object, from some objects on.
+
+    Args:
+        formula: the spatial operator.
+        positive: False if operands have the margins of their negations.
+        origins: the objects from which it looks, as rows of the matrices of all choices of objects
+            for the other variables, one after the other.
+    """
+
+    formula: Spatial
+    positive: bool
+    origins: Sequence[int]
+
+    def __call__(self, members: Sequence[Any]) -> Any:
+        """Return the margins, or the truth if no operand holds along routes.
+
+        Args:
+            members: the margins of that operand at each object, and of its negation if routes may
+                be too short; the lengths of the links for each choice of objects.
+        """
+        *sides, links = members
+        if isinstance(links, tuple):
+            return links
+        if not sides:
+            known = {id(each): self.formula.distances.contains(distances(each)) for each in links}
+            return np.concatenate([known[id(each)] for each in links])[self.origins]
+        signs = self.positive, not self.positive
+        operands = [
+            _signed(side, sign).reshape(len(links), -1)
+            for side, sign in zip(sides, signs, strict=False)
+        ]
+        return np.concatenate(list(map(self._reached, links, *operands)))[self.origins]
+
+    def _reached(self, lengths: Array, side: Array, other: Array | None = None) -> Array:
+        """Return the margins of reaching each object, given both bounds of the operand's."""
+        interval = self.formula.distances
+        if self.formula.operator == 'escape':
+            inside = np.minimum(widest(lengths, side, np.isfinite), side)
+            return np.where(interval.contains(distances(lengths)), inside, _LOWEST)
+        found = widest(lengths, side, interval.keeps_end)
+        if other is None:
+            return found
+        short = widest(lengths, other, lambda each: ~interval.keeps_start(each))
+        return np.minimum(found, -short)
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """The margins of a spatial operator from some objects on.
+
+    Args:
+        origins: the objects, as in `Routes`.
+        positive: False for the negation of "an object is reached where the operand holds", given
+            the margins of the negated operand.
+    """
+
+    origins: Sequence[int]
+    positive: bool
+
+    def __call__(self, members: Sequence[Any]) -> Any:
+        """Return the margins.
+
+        Args:
+            members: the margins of the operand at each object; none if routes have it throughout.
+                The margins of the routes to these, or their truth.
+        """
+        *operands, routes = members
+        width = len(self.origins)
+        if isinstance(routes, tuple):
+            return of_all(routes, width)
+        reached = routes
+        for each in operands:
+            there = _signed(each, self.positive).reshape(-1, routes.shape[1])
+            there = there[np.floor_divide(self.origins, routes.shape[1])]
+            is_truth = routes.dtype == bool
+            reached = np.where(routes, there, _LOWEST) if is_truth else np.minimum(routes, there)
+        found = _signed(reached.max(axis=1), self.positive)
+        return scalar(found[0]) if width == 1 else found
+
+
+def widest(lengths: Array, margins: Array, keeps: Callable[[Array], Array]) -> Array:
+    """Return for each two objects the greatest margin of the routes whose length keeps a limit.
+
+    The margin of a route is the least one of the objects on it, but at its end. The shortest
+    routes are found by the algorithm of Floyd and Warshall, which allows one object after the
+    other on them: in the order of falling margins, the first route that keeps the limit is one
+    with the greatest margin.
+    """
+    order = np.argsort(margins)[::-1]
+    found, each = lengths.copy(), np.arange(len(lengths))
+    found[each, each] = 0
+    # The number of objects without which no route keeps the limit.
+    needed = (~keeps(found)).astype(int)
+    for over in order:
+        np.minimum(found, found[:, over, None] + found[None, over, :], out=found)
+        needed += ~keeps(found)
+    through = np.concatenate((_HIGHEST, margins[order], _LOWEST))[needed]
+    result: Array = np.minimum(through, margins[:, None])
+    result[each, each] = through[each, each]
+    return result
+
+
+def _signed(margins: Any, positive: bool) -> Array:  # noqa: FBT001 - a sign
+    found: Array = vector([margins]) if isinstance(margins, tuple) else margins
+    return found if positive else -found
