@@ -33,7 +33,7 @@ def test_twenty_formulas_over_the_same_streams(
     first = system.ask('forall u in UAV: always Power[u] < 130', timeout=30.0)
     evaluations.wait_for_state()
     others = [
-        system.ask(f'forall u in UAV: always Power[u] < {limit}', timeout=30.0)
+        system.ask(f'forall u in UAV: always Power[u] < {limit} W', timeout=30.0)
         for limit in range(131, 150)
     ]
     running = evaluations.wait_for_state(20)
@@ -46,6 +46,7 @@ def test_twenty_formulas_over_the_same_streams(
     early = [first, *others[:10]]
     system.client.spin_until(lambda: all(each.done() for each in early), 'half of the verdicts')
     assert {each.result().verdict for each in early} == {FALSE}
+    assert all(' W' in each.result().explanation for each in early[1:])
     assert len(evaluations.wait_for(9)) == 9
     assert not any(each.done() for each in others[10:])
     batteries.power['uav2'] = 240.0

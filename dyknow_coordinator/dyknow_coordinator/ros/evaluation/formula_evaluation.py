@@ -58,12 +58,14 @@ class PreparedFormula:
         name: of the group, and of the state stream that the engine has subscribed to.
         group_id: at the reasoning engine.
         formula_id: in the group.
+        formula: its text there, with all sorts, and the units of its features.
         inputs: of its evaluation.
     """
 
     name: str
     group_id: int
     formula_id: int
+    formula: str
     inputs: FormulaInputs
 
 
@@ -320,7 +322,7 @@ class FormulaEvaluation(Evaluation):
         name = next(self._context.names)
         group_id = await clients.create_group(name)
         try:
-            formula_id, symbols = await self._add_formula(group_id, name)
+            formula_id, formula, symbols = await self._add_formula(group_id, name)
             # Step 4: the domain of each sort.
             domains = await clients.domains(sort_names(symbols))
             check_domains(self._context.limits, symbols, domains)
@@ -343,10 +345,10 @@ class FormulaEvaluation(Evaluation):
         inputs = FormulaInputs(
             symbols, request.grounding, features, candidates, domains, request.constraints, unknown
         )
-        return PreparedFormula(name, group_id, formula_id, inputs)
+        return PreparedFormula(name, group_id, formula_id, formula, inputs)
 
-    async def _add_formula(self, group_id: int, name: str) -> tuple[int, tuple[Symbol, ...]]:
-        """Add the formula to its group; return its id and its symbols, with all sorts."""
+    async def _add_formula(self, group_id: int, name: str) -> tuple[int, str, tuple[Symbol, ...]]:
+        """Add the formula to its group; return its id, its text with all sorts, its symbols."""
         clients, formula = self._context.clients, self.request.formula
         request = self.request
         add_formula = partial(
@@ -370,10 +372,10 @@ class FormulaEvaluation(Evaluation):
         units = await find_units(symbols, clients.query) if states_units else {}
         formula = with_units(formula, units, uncertainties)
         if formula == self.canonical_formula:
-            return formula_id, symbols
+            return formula_id, formula, symbols
         await clients.remove_formula(group_id, formula_id)
         formula_id, self.canonical_formula = await add_formula(formula)
-        return formula_id, await clients.symbols(group_id)
+        return formula_id, formula, await clients.symbols(group_id)
 
     async def _start(self, prepared: PreparedFormula) -> None:
         """Start the evaluation of the formula, in its own group or another one."""
@@ -389,7 +391,7 @@ class FormulaEvaluation(Evaluation):
             raise
         if group is not None:
             self._context.cleanup.destroy_group(prepared.group_id)
-            await group.join(self, self.canonical_formula, margin=self.request.margin)
+            await group.join(self, prepared.formula, margin=self.request.margin)
         else:
             # Steps 9 to 11: the stream manager has a stream processing engine make the states.
             await self._group.start(self, prepared.formula_id)
