@@ -75,7 +75,8 @@ class Thinning:
             return False
         if isinstance(value, bool | str) or isinstance(former, bool | str):
             return value == former
-        return abs(value - former) <= self._deadband  # False of what is not a number.
+        # The bounds that peers calculate, rounded alike; False of what is not a number.
+        return former - self._deadband <= value <= former + self._deadband
 
 
 class _Kept(NamedTuple):

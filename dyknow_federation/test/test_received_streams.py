@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, Alternatives
 from dyknow_federation.messages import (
     Grant,
     Request,
@@ -162,15 +162,18 @@ def test_an_unknown_value_is_not_left_out_for_the_rate() -> None:
 
 
 @given(
-    st.lists(st.integers(0, 8).map(lambda each: each / 2) | st.just(math.nan), max_size=30),
+    st.lists(st.integers(-4, 4).map(lambda each: each / 2) | st.floats(-2, 2) | st.just(math.nan)),
     st.sampled_from([0, 0.5, 1]),
 )
+@example([-1.0, 1e-17], 1)
 def test_a_deadband_bounds_what_is_not_sent(values: list[float], deadband: float) -> None:
-    thinning, sent = Thinning(0, deadband), math.inf
+    thinning, sent = Thinning(0, deadband), math.nan
     for time, value in enumerate(values):
         if thinning.passes(time, value):
             sent = value
-        assert abs(value - sent) <= deadband or (math.isnan(value) and math.isnan(sent))
+        held = Alternatives.within([sent], deadband, 'a deadband')
+        lower, upper = held.bounds if isinstance(held, Alternatives) else (sent, sent)
+        assert lower <= value <= upper or (math.isnan(value) and math.isnan(sent))
 
 
 def test_a_value_within_a_deadband_is_sent_again() -> None:
