@@ -30,8 +30,10 @@ from dyknow_dashboard.model import streams as shown_streams
 from dyknow_dashboard.model.typed_formulas import MAX_FORMULA
 from dyknow_dashboard.ros import dashboard as served
 from dyknow_dashboard.server import serving
+from dyknow_reasoning.execution.automata.automaton import MAX_SLOTS
 from dyknow_reasoning.execution.past.past_comparisons import MAX_COUNTED
 from dyknow_reasoning.execution.standing.standing_monitor import MAX_RUNS
+from dyknow_reasoning.language.constants import MAX_TERM_PARTS
 from dyknow_reasoning.language.sugar import _MAX_PARTS
 from dyknow_reasoning.ros.group_evaluation import MAX_QUEUED_STATES
 from dyknow_recordings.evaluation.observation import MAX_SIGNALS
@@ -111,6 +113,7 @@ ROWS = {
     'time between two messages to a page': (Fraction(str(serving.PERIOD_S)),),
     'parts that `holds until`': (_MAX_PARTS,),
     'runs of states': (MAX_RUNS,),
+    'comparisons of a formula that [keeps': (MAX_SLOTS, MAX_TERM_PARTS),
     'states at which F held': (MAX_COUNTED,),
     'states that wait for the progression': (MAX_QUEUED_STATES,),
     'length of the name of a formula': (texts.MAX_NAME,),

@@ -56,7 +56,7 @@ _Bound: TypeAlias = Mapping[str, tuple[Constant | Kept, TextPosition]]
 _NOT_AROUND: Final = PastFormula | PastTerm | SpatialSyntax | Soon
 """What neither holds a formula with a kept value nor stands in one."""
 
-_LONGEST_TERM: Final = 100
+MAX_TERM_PARTS: Final = 100
 """The most parts of a term whose value is kept: each use of the name has a copy of them."""
 
 
@@ -121,13 +121,13 @@ def _checked(name: Object, value: Any) -> Constant:
 def _value(name: Object, value: Any, bound: _Bound) -> Constant | Kept:
     """Return a constant, or the value of a term that is to be kept."""
     term = _replaced(value, bound, is_operand=True)
-    parts = list(islice(walk(term), _LONGEST_TERM))
+    parts = list(islice(walk(term), MAX_TERM_PARTS + 1))
     if not isinstance(term, Term) or not any(
         isinstance(each, Feature | FieldReference) for each in parts
     ):
         return _checked(name, term)
-    if len(parts) == _LONGEST_TERM:
-        message = f"the value of '{name}' has {_LONGEST_TERM} parts or more; write less in one"
+    if len(parts) > MAX_TERM_PARTS:
+        message = f"the value of '{name}' has more than {MAX_TERM_PARTS} parts; write less in one"
         raise PositionedError(message, name.position)
     return Kept(name.name, term)
 
