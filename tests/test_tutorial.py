@@ -39,8 +39,8 @@ def comparable(answer: str) -> object:
     """Return the outcomes of a table, the verdict true, or else a text with # for each number.
 
     What makes a formula true depends on where the rover is. If the first state makes it false, the
-    answer does not say since when it had to hold. A slow computer is told what it waits for, and may
-    still know the publisher of the rover that was stopped.
+    answer does not say since when it had to hold. A slow computer is told what it waits for, and
+    may still know the publisher of the rover that was stopped.
     """
     answer = re.sub(r'^no state has come: .*\n', '', answer)
     if answer.startswith('true'):
