@@ -47,7 +47,8 @@ def post(address: str, action: str, **document: Any) -> int:
         with urllib.request.urlopen(request) as answer:  # noqa: S310
             return int(answer.status)
     except urllib.error.HTTPError as error:
-        return error.code
+        with error:
+            return error.code
 
 
 async def _receive(address: str, view: str, name: str, wanted: Callable[[Any], bool]) -> Any:
@@ -60,9 +61,7 @@ async def _receive(address: str, view: str, name: str, wanted: Callable[[Any], b
                 await connection.write_message(json.dumps({'view': view, 'opened': keys}))
         return document
     finally:
-        connection.close()
-        while await connection.read_message() is not None:
-            pass
+        await _close(connection)
 
 
 def _socket(address: str) -> str:
@@ -82,4 +81,10 @@ async def _keep_open(address: str, stopped: Event) -> None:
             if keys:
                 shown = {'view': 'formulas', 'opened': keys[:MAX_OPEN]}
                 await connection.write_message(json.dumps(shown))
+    await _close(connection)
+
+
+async def _close(connection: Any) -> None:
     connection.close()
+    while await connection.read_message() is not None:
+        pass
