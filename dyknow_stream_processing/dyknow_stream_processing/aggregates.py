@@ -33,10 +33,10 @@ _LINE: Final = 'LINESTRING M'
 
 _MAX_INT64: Final = (1 << 63) - 1
 _MAX_EXACT: Final = 1 << 53
+"""The integers up to this are floats, too."""
 
 MAX_SAMPLES: Final = 10_000
 """The most numbers in the text of `samples`."""
-"""The integers up to this are floats, too."""
 
 
 class NoValueError(Exception):
