@@ -72,9 +72,17 @@ class FailingLink:
         except ConnectionRefusedError:  # The host has not started yet.
             return False
         self._pairs.append((near, far))
-        for ends in ((near, far), (far, near)):
-            Thread(target=_pass_on, args=ends, daemon=True).start()
+        Thread(target=_relay, args=(near, far), daemon=True).start()
         return True
+
+
+def _relay(near: socket.socket, far: socket.socket) -> None:
+    """Pass on what comes from each end to the other one, and close both at the end."""
+    with near, far:
+        back = Thread(target=_pass_on, args=(far, near), daemon=True)
+        back.start()
+        _pass_on(near, far)
+        back.join()
 
 
 def _pass_on(source: socket.socket, goal: socket.socket) -> None:
