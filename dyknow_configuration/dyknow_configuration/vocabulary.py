@@ -423,8 +423,8 @@ def _amount(
     measured: list[tuple[RobotFeature, YamlValue]],
 ) -> str:
     """Return the text of a number, or of the feature that measures it, which is added."""
-    number = value.plain()
-    if isinstance(number, int | float) and not isinstance(number, bool):
+    if value.is_number:
+        number = value.plain()
         if kind == 'samples':
             raise value.error('samples are the numbers in an array; name the field, poses.x')
         if not isfinite(number) or (number < 0 and not other):

@@ -253,10 +253,15 @@ class YamlValue:
 
     def number(self) -> float:
         """Return a number."""
-        found = self.plain()
-        if isinstance(found, bool) or not isinstance(found, int | float):
+        if not self.is_number:
             raise self.expected('a number')
-        return float(found)
+        return float(self.plain())
+
+    @property
+    def is_number(self) -> bool:
+        """True for a number, which a truth value is not."""
+        found = self.plain()
+        return isinstance(found, int | float) and not isinstance(found, bool)
 
     def choice(self, kind: str, known: Collection[str]) -> str:
         """Return one of some texts of a kind."""

@@ -48,8 +48,8 @@ _SHARED: WeakValueDictionary[object, RegionShapes | GeographicShapes] = WeakValu
 """The shapes that units use, by their thread and texts."""
 
 
-class RegionUnit:
-    """Base of the units that compute a number for each of some regions.
+class _OverRegions:
+    """Base of the units that are over regions which stand still.
 
     Args:
         regions: the text of each region, by its name; see `parse_region`.
@@ -61,6 +61,10 @@ class RegionUnit:
     def __init__(self, **regions: str) -> None:
         self._names = tuple(regions)
         self._shapes = _shared_shapes(regions)
+
+
+class RegionUnit(_OverRegions):
+    """Base of the units that compute a number for each of their regions."""
 
     def __call__(self, position: Mapping[str, Any], valid_time: int) -> dict[str, float]:
         """Return the number of each region.
@@ -109,18 +113,11 @@ class SweptDistances(RegionUnit):
         return self._shapes.swept(last, position)
 
 
-class SightDistance:
+class SightDistance(_OverRegions):
     """The least signed distance to walls on the straight line between two positions, in metres.
 
-    Args:
-        walls: the text of each region, by its name; see `parse_region`.
-
-    Raises:
-        SpaceError: if a text is no region, or the regions are of several frames.
+    The walls are the regions.
     """
-
-    def __init__(self, **walls: str) -> None:
-        self._shapes = _shared_shapes(walls)
 
     def __call__(
         self, position: Mapping[str, Any], other: Mapping[str, Any], valid_time: int
