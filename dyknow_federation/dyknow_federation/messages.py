@@ -280,8 +280,13 @@ class Packet:
 
     @property
     def is_urgent(self) -> bool:
-        """True if it measures a clock, so each wait makes it worse."""
-        return isinstance(self.messages[0], Probe | ProbeReply)
+        """True if its messages are urgent."""
+        return is_urgent(self.messages[0])
+
+
+def is_urgent(message: Message) -> bool:
+    """Return True if a message measures a clock, so each wait makes it worse."""
+    return isinstance(message, Probe | ProbeReply)
 
 
 def _check_numbers(epoch: int, number: int) -> None:

@@ -43,6 +43,7 @@ from dyknow_federation.messages import (
     Shares,
     SharesRequest,
     StreamFault,
+    is_urgent,
 )
 from dyknow_federation.remote import RemotePeer
 from dyknow_federation.sending import SentStream
@@ -290,7 +291,7 @@ class Peer:
             self._events.append(PeerFault(peer, message))
 
     def _send(self, receiver: str, message: Message) -> None:
-        key = receiver, isinstance(message, Probe | ProbeReply)
+        key = receiver, is_urgent(message)
         self._unsent.setdefault(key, []).append(message)
 
     def _effects(self) -> Effects:

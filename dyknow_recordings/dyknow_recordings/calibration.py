@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,14 +48,11 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.message_types import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import RecordingReader
-from dyknow_stream_processing import Forecast, load_units
+from dyknow_stream_processing import GAP_PERIODS, Forecast, load_units
 
 Times = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Columns = Mapping[str, NDArray[Any]]
-
-_GAP_PERIODS: Final = 3
-"""No truth is interpolated in a gap longer than this many median periods, and than the step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +252,8 @@ def _truths(ticks: Times, times: Times, recorded: Floats, ahead: Floats, step: i
     found: Floats = np.interp(wanted, seconds, recorded, right=np.nan)
     after = np.searchsorted(seconds, wanted, side='left').clip(1, len(times) - 1)
     gaps = np.diff(seconds)
-    longest = max(step / SECOND_NS, _GAP_PERIODS * float(np.median(gaps)))
+    # Of the median period: a recording is known as a whole.
+    longest = max(step / SECOND_NS, GAP_PERIODS * float(np.median(gaps)))
     exact = seconds[after] == wanted
     found[(gaps[after - 1] > longest) & ~exact] = np.nan
     return found

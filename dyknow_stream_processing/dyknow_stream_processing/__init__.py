@@ -10,7 +10,7 @@ from dyknow_stream_processing.dataflow.batches import (
 )
 from dyknow_stream_processing.dataflow.computational_units import STATELESS_UNITS, load_units
 from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
-from dyknow_stream_processing.dataflow.drift import Coverage
+from dyknow_stream_processing.dataflow.drift import GAP_PERIODS, Coverage
 from dyknow_stream_processing.dataflow.forecasts import MAX_STEPS, Forecast
 from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
 from dyknow_stream_processing.dataflow.received_violations import OVERTAKEN, ReceivedViolations
@@ -56,6 +56,7 @@ from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
     'ALL',
+    'GAP_PERIODS',
     'MAX_STEPS',
     'OTHER_CLOCK_NS',
     'OVERTAKEN',

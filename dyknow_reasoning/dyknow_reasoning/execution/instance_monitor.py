@@ -28,7 +28,6 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     batch_key,
 )
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME, SamplingRegularity
-from dyknow_reasoning.language.formula import Freeze
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, whole_past_atoms
@@ -84,8 +83,7 @@ class InstanceMonitor:
             if type(node) is Constant:
                 continue
             memory = self.histories.memories.get(each)
-            keeps = any(isinstance(atom, Freeze) for atom in each.atoms)
-            key = None if memory or keeps else batch_key(each, kinds)
+            key = None if memory else batch_key(each, kinds)
             instance = FormulaInstance.of(each, formula_id, order, kinds, batch_key=key)
             self._new.append(self._begun(instance, memory))
             self._aggregation.add([instance])

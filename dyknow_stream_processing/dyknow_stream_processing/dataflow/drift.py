@@ -27,7 +27,7 @@ WINDOW: Final = 100
 SIGNIFICANCE: Final = 1e-4
 """The chance that a value makes a warning although nothing has changed."""
 
-_GAP_PERIODS: Final = 3
+GAP_PERIODS: Final = 3
 """No value is interpolated in a gap longer than this many periods, and than the step."""
 
 _GOLDEN: Final = (math.sqrt(5) - 1) / 2
@@ -127,7 +127,7 @@ class DriftTest:
     ) -> None:
         """Compare a forecast that has come due with the value between the last two."""
         gap = now[0] - last[0]
-        if due < now[0] and gap > max(self._step, _GAP_PERIODS * self._period):
+        if due < now[0] and gap > max(self._step, GAP_PERIODS * self._period):
             return
         truth = last[1] + (now[1] - last[1]) * ((due - last[0]) / gap)
         if math.isfinite(truth):

@@ -17,7 +17,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 
 from dyknow_common import COMPARISONS, TEXT_COMPARISONS
-from dyknow_reasoning.language.formula import Atom, Comparison
+from dyknow_reasoning.language.formula import Atom, Comparison, Freeze
 from dyknow_reasoning.language.terms import (
     Arithmetic,
     Feature,
@@ -371,11 +371,13 @@ def batch_key(instance: Instance, kinds: Kinds) -> Hashable:
     return (instance.node, forms) if 0 < slots <= MAX_BATCH_SLOTS and None not in forms else None
 
 
-def atom_form(atom: Atom, kinds: Kinds) -> Any:
+def atom_form(atom: Atom | Freeze, kinds: Kinds) -> Any:
     """Return all but the fields and constants of an atom.
 
     Return None if the atom cannot be evaluated with others, or depends on no field.
     """
+    if isinstance(atom, Freeze):
+        return None  # It stands for another formula at each state.
     if not isinstance(atom, Comparison):
         return ('boolean',)
     left, right = term_form(atom.left, kinds), term_form(atom.right, kinds)
