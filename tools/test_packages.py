@@ -1,7 +1,7 @@
 """Run the tests of the packages that need no ROS, under the Python that runs this program.
 
 They run in `.venv-VERSION`, without ROS, and with the pytest and the pytest plugin that are in use
-where ROS 2 is installed.
+where ROS 2 is installed. With the argument `--environment`, it is only made.
 """
 
 import os
@@ -17,13 +17,15 @@ GROUPS = ('run', 'images', 'pages', 'test', 'test-beside-launch-testing')
 
 
 def main():
-    """Make the environment, unless it is up to date, and return the exit code of pytest."""
+    """Make the environment, unless it is up to date; run the tests, and return their exit code."""
     wanted = sys.version + dependencies()
     if not has_content(STAMP, wanted):
         report(f'making {VENV.name} (half a minute)')
         make_venv(VENV)
         install(VENV, GROUPS)
         STAMP.write_text(wanted, encoding='utf-8')
+    if '--environment' in sys.argv[1:]:
+        return 0
     packages = sorted(path.parent for path in ROOT.glob('dyknow_*/setup.py'))
     paths = os.pathsep.join(map(str, [*packages, ROOT / 'tests']))
     options = ('-n', 'auto', '-p', 'launch_testing_stub', '-o', f'cache_dir={VENV / "cache"}')
