@@ -45,10 +45,12 @@ install/.built: $(BUILT_FROM) colcon.meta .venv/set-up-for
 demo: build  ## monitor a simulated UAV fleet (scenario power_surge)
 	@$(IN_ENVIRONMENT) dyknow demo --report log/demo.html
 
-test: setup-tests build  ## run all tests
-	@# Each process would compile all tests in the first run.
-	@[ -d .pytest_cache ] || { $(IN_ENVIRONMENT) python -m pytest --collect-only -q > /dev/null; }
+test: setup-tests build .pytest_cache  ## run all tests
 	@$(IN_ENVIRONMENT) python -m pytest -n $(TEST_PROCESSES)
+
+# Each process would compile all tests in the first run. That run shows what cannot be imported.
+.pytest_cache: | setup-tests build
+	@$(IN_ENVIRONMENT) python -m pytest --collect-only -q > /dev/null || true
 
 test-long: setup-tests build  ## run property tests with RANDOM_CASES (100000) each; REFERENCE_TESTS selects files
 	@$(IN_ENVIRONMENT) DYKNOW_RANDOM_CASES=$(RANDOM_CASES) nice -n 19 \
