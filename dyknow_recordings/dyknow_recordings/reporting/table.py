@@ -23,6 +23,7 @@ from dyknow_recordings.evaluation.results import FormulaReport, Outcome, Recordi
 from dyknow_recordings.health.report import print_broken
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.pictures.timeline import extent
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
 
 _STYLES = {Outcome.TRUE: 'green', Outcome.FALSE: 'red', Outcome.ERROR: 'red'}
@@ -50,6 +51,7 @@ class Tables:
 
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     """Return the results of one recording: a row for each formula."""
+    start = extent(report).start
     has_margins = any(each.margin is not None for each in report.formulas)
     has_probabilities = any(each.probability is not None for each in report.formulas)
     margins = [folded('margin')] if has_margins else []
@@ -60,7 +62,7 @@ def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
             _row(
                 each,
                 judgement,
-                report.start_time,
+                start,
                 has_margins=has_margins,
                 has_probabilities=has_probabilities,
             )
@@ -73,7 +75,7 @@ def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
 
 def _title(report: RecordingReport) -> Text:
     duration = round_duration(report.end_time - report.start_time)
-    return Text(f'{report.recording} ({duration} from {date_time(report.start_time)} on)')
+    return Text(f'{report.recording} ({duration} from {date_time(extent(report).start)} on)')
 
 
 def print_topics(recording: RecordingReader) -> None:
