@@ -157,6 +157,15 @@ def test_all_outputs_count_times_from_the_first_state(
     assert 'formula: always (a.x &lt; 2 m)' in paths[0].read_text(encoding='utf-8')
 
 
+def test_the_place_of_an_error_is_below_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    fault = "a:1:9: did you mean '<='?\n  always x =< 1\n           ^"
+    report = FormulaReport('a', 'always x =< 1', error=RecordingError(fault))
+    Tables(Judgement.AUTO).add(RecordingReport('b', START, START + SECOND_NS, (report,)))
+    shown = capsys.readouterr().out
+    assert "│ a:1:9: did you mean '<='? │" in shown
+    assert shown.endswith('a:\n  always x =< 1\n           ^\n')
+
+
 def test_a_report_of_junit(tmp_path: Path) -> None:
     path = tmp_path / 'out.xml'
     output = AllOutputs([JUnitReport(path, Judgement.AUTO)])

@@ -26,6 +26,9 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.timeline import extent
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
 
+_PLACE = '\n  '
+"""What is before the line that an error quotes, with its caret."""
+
 _STYLES = {Outcome.TRUE: 'green', Outcome.FALSE: 'red', Outcome.ERROR: 'red'}
 
 
@@ -39,6 +42,8 @@ class Tables:
         """Print the table of a recording."""
         table = recording_table(report, self._judgement) if report.formulas else _title(report)
         Terminal(highlight=False).print(table)
+        for formula in report.formulas:
+            _print_place(formula)
         print_broken(report.broken)
         sys.stdout.flush()
 
@@ -73,6 +78,17 @@ def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     )
 
 
+def _print_place(report: FormulaReport) -> None:
+    """Print the line with the caret of an error, which a column would fold."""
+    _, _, place = _reason(report).partition(_PLACE)
+    if place:
+        Terminal(highlight=False).print(Text(f'{report.name}:{_PLACE}{place}'), soft_wrap=True)
+
+
+def _reason(report: FormulaReport) -> str:
+    return '\n'.join(reasons(report, decisive_episode(report)))
+
+
 def _title(report: RecordingReport) -> Text:
     duration = round_duration(report.end_time - report.start_time)
     return Text(f'{report.recording} ({duration} from {date_time(extent(report).start)} on)')
@@ -105,7 +121,7 @@ def _row(
         Text(at),
         *([Text('' if report.margin is None else str(report.margin))] if has_margins else []),
         *([Text(_probability(report))] if has_probabilities else []),
-        Text(with_readable_times('\n'.join(reasons(report, decisive)), start)),
+        Text(with_readable_times(_reason(report).partition(_PLACE)[0], start)),
     )
 
 
