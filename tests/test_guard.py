@@ -21,7 +21,7 @@ TIMEOUT_S = 0.6
 """The timeout of the guards: states come each 0.2 s, on a busy computer."""
 
 IMMEDIATE_S = 0.1
-POWER = "['Power[uav1] < 150']"
+POWER = "['Power[uav1] < 150 W']"
 COMMAND = '"/cmd_vel_in".linear.x'
 
 
@@ -42,7 +42,7 @@ def test_a_formula_that_is_false(system: System, base: GuardedBase) -> None:
     event = time.time()
     system.batteries.power['uav1'] = 200.0
     base.assert_safe_after(event, Batteries.PERIOD / 1e9 + IMMEDIATE_S)
-    base.wait_for(GuardStatus.CLOSED, 'Power[uav1] = 200.0')
+    base.wait_for(GuardStatus.CLOSED, 'is not < 150 W')
     system.batteries.power['uav1'] = 100.0
     base.wait_until_open()
 

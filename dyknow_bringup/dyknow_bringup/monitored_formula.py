@@ -9,7 +9,14 @@ from typing import Final
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_common import Margin, ProbabilityInterval, Verdict, round_time, with_readable_times
+from dyknow_common import (
+    Margin,
+    ProbabilityInterval,
+    Verdict,
+    clock_time,
+    round_time,
+    with_readable_times,
+)
 from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
 from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import StandingVerdicts
@@ -95,7 +102,8 @@ def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: in
     """
     columns = (named('formula'), fixed('verdict'), figure('since'), wide('why'))
     rows = (_formula_row(each, start) for each in monitored)
-    return framed_table(columns, rows, title=round_time(elapsed), expand=True)
+    title = f'{round_time(elapsed)} since {clock_time(start)}'
+    return framed_table(columns, rows, title=title, expand=True)
 
 
 def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:

@@ -97,6 +97,7 @@ from dyknow_common.parsing import (
     position_at,
     quoted,
     text_value,
+    without_generated_text,
 )
 from dyknow_common.source_fields import SOURCE_FIELDS
 from dyknow_common.symbol import (
@@ -254,4 +255,5 @@ __all__ = [
     'unknown',
     'value_text',
     'with_readable_times',
+    'without_generated_text',
 ]

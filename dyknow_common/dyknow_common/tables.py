@@ -35,8 +35,11 @@ _TIGHT_GAP = 1
 """The same where names would fold: rich's padding, collapsed."""
 
 
-PIPE_WIDTH = 10_000
-"""The columns of an output that is no terminal: nothing is folded for other programs."""
+_PIPE_WIDTH = 10_000
+"""The columns of an output that is no terminal: lines for other programs are not folded."""
+
+_LOG_WIDTH = 80
+"""The same for tables with lines and for panels, which people read: in logs of a CI, in files."""
 
 
 class Terminal(Console):
@@ -48,13 +51,16 @@ class Terminal(Console):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        if not (self.is_terminal or os.environ.get('COLUMNS') or 'width' in options):
-            self.width = PIPE_WIDTH
+        self._is_free = not (self.is_terminal or os.environ.get('COLUMNS') or 'width' in options)
+        if self._is_free:
+            self.width = _PIPE_WIDTH
 
     def render(self, renderable: Any, options: Any = None) -> Iterable[Any]:
         """Render something; only on a terminal, tables and panels fill the width."""
         if isinstance(renderable, Table | Panel):
             renderable.expand = renderable.expand and self.is_terminal
+            if self._is_free and renderable.box:
+                options = (options or self.options).update(width=_LOG_WIDTH)
         return super().render(renderable, options)
 
     def on_broken_pipe(self) -> None:

@@ -146,8 +146,8 @@ def _parsed(unit: str) -> Any:
 
 def _unknown(unit: str) -> DyKnowError:
     near = get_close_matches(shortened(unit), sorted(COMMON_UNITS), 1, _SIMILARITY)
-    hint = f" (did you mean '{near[0]}'?)" if near else ''
-    return DyKnowError(
-        f"unknown unit '{shortened(unit)}'{hint}; units are written as in m, ft, m/s^2, degC or %",
-        ExitCode.NOT_FOUND,
-    )
+    name = f"'{shortened(unit)}'"
+    text = f'unknown unit {name}; units are written as in m, ft, m/s^2, degC or %'
+    if near:
+        text = f"did you mean '{near[0]}' instead of {name}? (unknown unit)"
+    return DyKnowError(text, ExitCode.NOT_FOUND)

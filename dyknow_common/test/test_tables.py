@@ -7,7 +7,7 @@ import io
 import pytest
 from rich.panel import Panel
 
-from dyknow_common.tables import Terminal, fixed, framed_table, wide
+from dyknow_common.tables import ReportTable, Terminal, fixed, framed_table, wide
 
 
 @pytest.mark.parametrize('what', [Panel('text'), framed_table([wide('text')], [], expand=True)])
@@ -16,6 +16,16 @@ def test_nothing_fills_the_width_of_a_pipe(what: object, monkeypatch: pytest.Mon
     output = io.StringIO()
     Terminal(file=output).print(what)
     assert max(map(len, output.getvalue().splitlines())) < 20
+
+
+def test_only_tables_with_lines_are_folded_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv('COLUMNS', raising=False)
+    rows = [['power', 'a reason of many words ' * 9]]
+    folded, whole = io.StringIO(), io.StringIO()
+    Terminal(file=folded).print(framed_table([fixed('formula'), wide('why')], rows))
+    assert max(map(len, folded.getvalue().splitlines())) == 80
+    Terminal(file=whole).print(ReportTable([fixed('stream'), wide('why')], rows))
+    assert len(whole.getvalue().splitlines()) == 2
 
 
 def test_a_long_word_of_a_wide_column_is_shown_in_full() -> None:

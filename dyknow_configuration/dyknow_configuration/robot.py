@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -65,8 +66,9 @@ class RequestedFormula:
 
     @property
     def closed_text(self) -> str:
-        """The text with its constants, which it does not define itself."""
-        stated = ', '.join(f'{name} = {value}' for name, value in self.constants)
+        """The text with those constants of the file that it may name."""
+        words = {*re.findall(r'\w+', self.text)}
+        stated = ', '.join(f'{name} = {value}' for name, value in self.constants if name in words)
         return f'let {stated} in {self.text}' if stated else self.text
 
     @property

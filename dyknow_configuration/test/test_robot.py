@@ -398,6 +398,13 @@ def test_covariances_that_are_none(covariances: str, message: str, tmp_path: Pat
         read_robot(file)
 
 
+def test_a_formula_states_the_constants_that_it_names() -> None:
+    constants = (('near', '0.3'), ('far', '9'), ('nearer', '0.1'))
+    shown = RequestedFormula('always x > near -> y < far', constants=constants).closed_text
+    assert shown == 'let near = 0.3, far = 9 in always x > near -> y < far'
+    assert RequestedFormula('always x > 1', constants=constants).closed_text == 'always x > 1'
+
+
 def test_guards(tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     path.write_text(
@@ -421,7 +428,7 @@ def test_guards(tmp_path: Path) -> None:
     assert [each.reads(base.input) for each in base.formulas] == [False, True]
     assert base.place == f'{path}:5:5'
     assert (arm.safe, arm.latch, arm.period, arm.timeout) == (None, True, 20_000_000, 10**9)
-    assert arm.formulas[0].closed_text.startswith('let near = ')
+    assert arm.formulas[0].closed_text == 'p = 1'
     assert light.safe == {'data': {'x': [1, 2]}}
 
 

@@ -71,6 +71,13 @@ def test_a_line_for_each_evaluation() -> None:
     ]
 
 
+def test_a_formula_is_shown_as_it_was_written() -> None:
+    canonical = 'let Power: "W" in (always (Power[uav1] < 200 "W"))'
+    status = replace(RUNNING, formula=canonical, formula_text='always Power[uav1] < 200 W')
+    assert 'always Power[uav1] < 200 W' in shown(evaluation_table([status], SECOND))[1]
+    assert 'formula always Power[uav1] < 200 W' in shown(evaluation_details([status]))
+
+
 def test_that_there_is_none() -> None:
     assert shown(evaluation_table([], 0))[-1] == 'nothing is being evaluated'
 

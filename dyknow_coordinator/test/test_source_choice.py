@@ -176,6 +176,17 @@ def test_the_search_for_candidates() -> None:
         asyncio.run(search.find([symbol('Broken')], Grounding.AUTO))
 
 
+def test_an_unknown_feature_is_the_only_fault() -> None:
+    # People never saw the concept that was asked for, and what follows is no fault of its own.
+    unknown = "concept:1:1: unknown concept 'Sped'; did you mean 'Speed'?\n  Sped[r1]\n  ^"
+    with pytest.raises(CoordinationError) as error:
+        Candidates((), {'Sped[r1]': unknown}).choose(['Sped[r1]'])
+    assert error.value.message == "unknown concept 'Sped'; did you mean 'Speed'?"
+    with pytest.raises(CoordinationError) as error:
+        Candidates((), {'Speed[r1]': 'nearest: a'}).choose(['Speed[r1]'])
+    assert error.value.message == 'no stream carries Speed[r1]; annotate one that does\nnearest: a'
+
+
 def test_sorts_are_inferred_from_a_query() -> None:
     async def query(sparql: str) -> list[tuple[str, ...]]:
         assert '#argument1>' in sparql

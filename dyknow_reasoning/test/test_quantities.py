@@ -73,7 +73,7 @@ def test_constants_of_a_configuration_hide_nothing() -> None:
 @pytest.mark.parametrize(
     ('name', 'value', 'message'),
     [
-        ('most', '3 kgg', "formula:1:14: unknown unit 'kgg'"),
+        ('most', '3 kgg', "formula:1:14: did you mean 'kg' instead of 'kgg'?"),
         ('most', 'x', "formula:1:5: the constant 'most' must be a number, a quoted text"),
         ('most', '1 + 2', "formula:1:5: the constant 'most' must be a number"),
         ('most', '1, b = 2', "formula: the constant 'most' must be one number"),

@@ -235,8 +235,8 @@ def _label(
 def _text(status: EvaluationStatus, diagnosis: str) -> str:
     """Return the name of a formula, its diagnosis, and its text if that is not its name."""
     lines = [f'{status.name}: {diagnosis}']
-    if status.formula != status.name:
-        lines.append(status.formula)
+    if status.text != status.name:
+        lines.append(status.text)
     return '\n'.join(textwrap.fill(line, _TEXT_COLUMNS) for line in lines)
 
 

@@ -18,6 +18,8 @@ from dyknow_recordings.reporting.documents import recording_document
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.junit import JUnitReport
 from dyknow_recordings.reporting.outputs import AllOutputs
+from dyknow_recordings.reporting.pictures.files import PictureFiles
+from dyknow_recordings.reporting.table import Tables
 from dyknow_stream_processing import Violation
 
 GOLDEN = Path(__file__).parent / 'golden'
@@ -135,6 +137,33 @@ def test_the_schema_refuses_others(change: dict[str, Any], message: str) -> None
     document = json.loads(json.dumps(recording_document(REPORT, Judgement.AUTO))) | change
     assert message in '\n'.join(faults(DEFINITIONS['results'], document))
     assert list(faults(LINE, document))
+
+
+def test_all_outputs_count_times_from_the_first_state(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # The first state was valid 5 ms before the first message was logged.
+    begin, reason = START - 5_000_000, f'a.x = 3 at {START // SECOND_NS}.245 s is not < 2'
+    episode = Episode(begin, Verdict.FALSE, START + 240_000_000, reason)
+    formula = FormulaReport('a', 'let a.x: "m" in (always a.x < 2 "m")', (episode,), states=9)
+    report = RecordingReport('flight.mcap', START, START + SECOND_NS, (formula,))
+    paths = tmp_path / 'out.xml', tmp_path / 'out.html'
+    files = JUnitReport(paths[0], Judgement.AUTO), PictureFiles(paths[1], None, Judgement.AUTO)
+    output = AllOutputs([*files, Tables(Judgement.AUTO)])
+    output.add(report)
+    output.close(())
+    for text in (*(each.read_text(encoding='utf-8') for each in paths), capsys.readouterr().out):
+        assert 'a.x = 3 at 0.250 s is not' in text
+    assert 'formula: always (a.x &lt; 2 m)' in paths[0].read_text(encoding='utf-8')
+
+
+def test_the_place_of_an_error_is_below_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    fault = "a:1:9: did you mean '<='?\n  always x =< 1\n           ^"
+    report = FormulaReport('a', 'always x =< 1', error=RecordingError(fault))
+    Tables(Judgement.AUTO).add(RecordingReport('b', START, START + SECOND_NS, (report,)))
+    shown = capsys.readouterr().out
+    assert "│ a:1:9: did you mean '<='? │" in shown
+    assert shown.endswith('a:\n  always x =< 1\n           ^\n')
 
 
 def test_a_report_of_junit(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.util import find_spec
 from itertools import pairwise
@@ -280,6 +281,15 @@ def test_a_page_names_its_recording_and_has_what_fails_first() -> None:
 def test_a_formula_is_shown_with_its_units() -> None:
     assert formula_text('let X: "m" in (always (X > 0.3 "m"))') == 'always (X > 0.3 m)'
     assert formula_text('always') == 'always'
+
+
+def test_an_axis_has_the_unit_of_its_feature() -> None:
+    (report,) = fleet(2)
+    (formula,) = report.formulas
+    found, _ = panels(replace(formula, units={'P': 'W'}))
+    assert [(each.unit, each.thresholds[0].text) for each in found] == [('W', '< 5 W')] * 2
+    found, _ = panels(formula)
+    assert [(each.unit, each.thresholds[0].text) for each in found] == [('', '< 5')] * 2
 
 
 def plotly() -> str:

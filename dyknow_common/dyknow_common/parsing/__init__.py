@@ -17,6 +17,7 @@ from dyknow_common.parsing.positions import (
     SyntaxNode,
     TextPosition,
     position_at,
+    without_generated_text,
 )
 from dyknow_common.parsing.syntax_builders import (
     ConstraintBuilder,
@@ -49,4 +50,5 @@ __all__ = [
     'position_at',
     'quoted',
     'text_value',
+    'without_generated_text',
 ]

@@ -87,6 +87,19 @@ def _with_caret(message: str, language: str, text: str, position: TextPosition) 
     return f'{language}:{position}: {message}\n  {before}{shown}{after}\n  {indent}^'
 
 
+_OF_GENERATED_TEXT: Final = re.compile(
+    r'^(?:concept|stream specification):[0-9:]+: ([^\n]*).*', re.DOTALL
+)
+
+
+def without_generated_text(message: str) -> str:
+    """Return the reason alone if a message is about a text that DyKnow wrote, not a person.
+
+    Concepts that are asked for, and the streams of formulas, are such texts.
+    """
+    return _OF_GENERATED_TEXT.sub(r'\1', message)
+
+
 def position_at(text: str, offset: int) -> TextPosition:
     """Return the position of a character of a text, given its index."""
     line_start = text.rfind('\n', 0, offset) + 1

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import Final
 
-from dyknow_common import DyKnowError, ExitCode, Verdict
+from dyknow_common import DyKnowError, ExitCode, Verdict, without_generated_text
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation.answer import Answer
 
@@ -60,6 +60,9 @@ class Evaluation:
 
     def fail(self, error: DyKnowError) -> None:
         """End with an error."""
+        plain = without_generated_text(error.message)
+        if plain != error.message:
+            error = CoordinationError(plain, error.code)
         self._end(Answer(error=error))
 
     def fail_unavailable(self, what: str) -> None:

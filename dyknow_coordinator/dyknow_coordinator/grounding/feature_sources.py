@@ -13,7 +13,14 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 
-from dyknow_common import NOT_CALIBRATED, ExitCode, Symbol, listed, quoted
+from dyknow_common import (
+    NOT_CALIBRATED,
+    ExitCode,
+    Symbol,
+    listed,
+    quoted,
+    without_generated_text,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_stream_processing import (
     Select,
@@ -145,8 +152,11 @@ class Candidates:
         similar = sorted(feature for feature in found if _feature_name(feature) in names)
         others = f' (there are streams for {listed(similar)})' if similar else ''
         reasons = [text for symbol, text in self.nearest.items() if _feature_name(symbol) in names]
-        text = f'no stream carries {listed(missing)}{others}; annotate one that does'
-        return CoordinationError('\n'.join([text, *reasons]), ExitCode.NOT_FOUND)
+        faults = [without_generated_text(each) for each in reasons]
+        if faults == reasons:  # The feature and its objects are known.
+            text = f'no stream carries {listed(missing)}{others}; annotate one that does'
+            faults = [text, *reasons]
+        return CoordinationError('\n'.join(dict.fromkeys(faults)), ExitCode.NOT_FOUND)
 
 
 def _feature_name(feature: str) -> str:

@@ -54,6 +54,12 @@ class EvaluationStatus:
     decided_at: int | None = None
     explanation: str = ''
     error: DyKnowError | None = None
+    formula_text: str = ''
+
+    @property
+    def text(self) -> str:
+        """The formula for people."""
+        return self.formula_text or self.formula
 
 
 class Level(IntEnum):
@@ -136,7 +142,7 @@ def details(status: EvaluationStatus) -> Iterator[tuple[str, str]]:
     """Yield names and texts of all that is known about an evaluation, without empty texts."""
     decided, latest = status.decided_at, status.latest_valid_time
     known = (
-        ('formula', status.formula),
+        ('formula', status.text),
         ('phase', status.phase.name.lower()),
         ('verdict', status.verdict.name.lower()),
         ('decided at', '' if decided is None else time_since(decided, status.started)),

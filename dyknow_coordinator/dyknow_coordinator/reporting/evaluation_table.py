@@ -36,7 +36,7 @@ def evaluation_table(statuses: Iterable[EvaluationStatus], now: int) -> ReportTa
             str(len({each.stream for each in status.groundings})),
             round_duration(max(0, now - status.started)),
             # An evaluation without a name of its own is named by its formula.
-            '' if status.formula == status.name else status.formula,
+            '' if status.text == status.name else status.text,
             with_readable_times(_remark(status), status.started),
         )
         for status in statuses

@@ -176,7 +176,7 @@ class FormulaTable:
             'failures': _failures(status),
             'failed_at': _moment(_failed_at(status), status.started),
             'name': _shortened(status.name),
-            'formula': _shortened(status.formula),
+            'formula': _shortened(status.text),
             'plan': _shortened(' / '.join(filter(None, (status.plan, status.action)))),
             'state': outcome(status),
             'kind': _kind(status, diagnosis.level),

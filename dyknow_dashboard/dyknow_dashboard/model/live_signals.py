@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -34,9 +33,6 @@ _BLOCK: Final = 256
 
 With MAX_POINTS, a signal takes at most 50 KB.
 """
-
-_FEATURE: Final = re.compile(r'(?:abs\()?(\w+)(\[[^\]]*\])?\)?')
-"""The text of a feature, such as `Power[uav1]`, or of its absolute value."""
 
 _MARGIN: Final = 0.01
 """The share of the time that is left free at both sides."""
@@ -135,8 +131,7 @@ class LiveSignals:
     def update(self) -> None:
         """Find the panels of the signals so far."""
         try:
-            found, self._omitted = panels(self._report())
-            self._panels = [self._with_unit(each) for each in found]
+            self._panels, self._omitted = panels(self._report())
         except DyKnowError:  # The objects of a sort are not known yet.
             self._panels, self._omitted = [], 0
         shapes = (
@@ -189,20 +184,6 @@ class LiveSignals:
         formula['range'] = [self._seconds(begin - margin), self._seconds(end + margin)]
         return document
 
-    def _with_unit(self, panel: Panel) -> Panel:
-        """Return a panel in the unit of its features, unless its formula has units itself."""
-        unit = self._unit(panel)
-        if panel.unit or not unit:
-            return panel
-        limits = tuple(replace(each, text=f'{each.text} {unit}') for each in panel.thresholds)
-        return replace(panel, unit=unit, thresholds=limits)
-
-    def _unit(self, panel: Panel) -> str:
-        """Return the unit of the features that a panel shows; empty if it is not the same."""
-        features = [_FEATURE.fullmatch(each.name) for each in panel.signals]
-        units = {self.units.get(each[1], '') if each else '' for each in features}
-        return units.pop() if len(units) == 1 else ''
-
     def _use(self, formula: str, domains: Domains) -> None:
         """Record the terms of some objects; keep the signals so far if they include these."""
         self.domains = domains
@@ -218,7 +199,7 @@ class LiveSignals:
     def _report(self) -> FormulaReport:
         """Return the report; its latest episode comes first, as the decisive one."""
         report = live_report(self._status, self._signals())
-        return replace(report, episodes=report.episodes[::-1])
+        return replace(report, episodes=report.episodes[::-1], units=self.units)
 
     def _signals(self) -> StateSignals:
         """Return the signals, with their values at the deciding states."""

@@ -87,7 +87,7 @@ class VerdictWatch:
             kind: TriggerEvent, word: str, at: int | None, text: str, begin: int = 0
         ) -> VerdictEvent:
             text = with_readable_times(text, status.started)
-            name, formula, started = status.name, status.formula, status.started
+            name, formula, started = status.name, status.text, status.started
             return VerdictEvent(name, formula, kind, word, started, begin, at, text)
 
         if status.episodes is not None:

@@ -155,7 +155,7 @@ class EpisodeGroup:
         each.probability = probability_of(asked, domains) if asked else None
         if each.every is Every.STATE:
             given = grounded.formula, domains, unknown, grounded.units
-            self._standing[each] = StandingEpisodes(*given)
+            self._standing[each] = StandingEpisodes(*given, margin=grounded.margin)
         elif each.every is Every.TRIGGER:
             # What past operators look back to is the same from every state.
             self._group.keep_history(grounded.formula)
@@ -336,7 +336,7 @@ class EpisodeGroup:
 
     def _open(self, formula: FormulaEpisodes) -> None:
         text = formula.grounded.formula
-        formula_id = self._group.add_formula(text, text, margin=formula.grounded.units is not None)
+        formula_id = self._group.add_formula(text, text, margin=formula.grounded.margin)
         formula.open_episodes[formula_id] = len(formula.episodes)
         formula.episodes.append(Episode(None))
         self._owners[formula_id] = formula
@@ -423,8 +423,7 @@ class _Trigger:
 
 def _margin_of(formula: FormulaEpisodes, margin: Margin | None) -> Margin | None:
     """Return a margin in its unit."""
-    units = formula.grounded.units
-    return None if margin is None or units is None else with_unit(margin, units)
+    return None if margin is None else with_unit(margin, formula.grounded.units)
 
 
 def _is_plain(column: NDArray[np.generic]) -> bool:
@@ -439,7 +438,8 @@ class StandingEpisodes:
         text: of the formula.
         domains: the objects of each sort.
         unknown: the features that may be unknown at a state.
-        units: of its features, if margins are asked for; else None.
+        units: of its features.
+        margin: True if margins are asked for.
     """
 
     def __init__(
@@ -447,11 +447,13 @@ class StandingEpisodes:
         text: str,
         domains: Mapping[str, tuple[str, ...]],
         unknown: UnknownFeatures,
-        units: Mapping[str, str] | None = None,
+        units: Mapping[str, str],
+        *,
+        margin: bool,
     ) -> None:
         self._group = FormulaGroup()
-        self._units = units or {}
-        formula_id = self._group.add_formula(text, text, margin=units is not None, every_state=True)
+        self._units = units
+        formula_id = self._group.add_formula(text, text, margin=margin, every_state=True)
         self._group.begin(domains, unknown)
         self._formula = self._group.standing.formulas[formula_id]
         self._log = self._formula.monitor.keep_all()

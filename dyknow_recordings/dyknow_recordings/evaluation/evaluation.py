@@ -376,6 +376,7 @@ class RecordingEvaluation:
             signals=observer.result() if (observer := group.episodes.observer) else None,
             probability=None if probability is None else probability.interval(),
             probability_so_far=None if probability is None else probability.interval_at_end(),
+            units=episodes.grounded.units,
         )
 
 

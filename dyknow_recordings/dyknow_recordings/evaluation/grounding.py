@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from dyknow_common import (
@@ -58,7 +58,8 @@ class GroundedFormula:
         formula: the canonical text, with all sorts.
         trigger: the canonical text of the formula that begins its episodes; empty without one.
         inputs: of the state stream, for both.
-        units: of the features of a formula whose margin is computed; else None.
+        units: of its features; empty for one without a unit.
+        margin: True if its margin is to be computed.
         probability: the canonical text that asks for its probability; empty if that is not asked
             for, or nothing in it is uncertain.
     """
@@ -66,7 +67,8 @@ class GroundedFormula:
     formula: str
     trigger: str
     inputs: FormulaInputs
-    units: Mapping[str, str] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    margin: bool = False
     probability: str = ''
 
 
@@ -133,8 +135,9 @@ class FormulaGrounder:
         inputs = FormulaInputs(
             symbols, Grounding.AUTO, features, candidates, domains, self._constraints, unknown
         )
-        units = _finished(feature_units(symbols, self._query)) if margin else None
-        return GroundedFormula(texts[0], texts[1] if trigger else '', inputs, units, asked)
+        units = _finished(feature_units(symbols, self._query))
+        begin = texts[1] if trigger else ''
+        return GroundedFormula(texts[0], begin, inputs, units, margin, asked)
 
     def _probability(self, formula: str, constants: Constants) -> str:
         """Return the canonical text that asks for the probability of a formula; may be empty."""

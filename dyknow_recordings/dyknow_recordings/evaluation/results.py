@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict
@@ -106,6 +107,7 @@ class FormulaReport:
         probability: of the formula from the first state on, for any further states; None if it was
             not asked for, or if nothing in the formula is uncertain.
         probability_so_far: the same if no further state came.
+        units: of its features, by their names, as far as they are known.
     """
 
     name: str
@@ -122,6 +124,7 @@ class FormulaReport:
     last_state: int | None = None
     probability: ProbabilityInterval | None = None
     probability_so_far: ProbabilityInterval | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def outcome(self) -> Outcome:

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, without_generated_text
 from dyknow_coordinator import (
     CoordinationError,
     FeatureSource,
@@ -309,7 +309,10 @@ class StateGroup:
 
     def _fail(self, error: DyKnowError) -> None:
         self._session.faults.clear()
-        self.episodes.fail(error)
+        plain = without_generated_text(error.message)
+        self.episodes.fail(
+            error if plain == error.message else CoordinationError(plain, error.code)
+        )
         self._destroy()
 
     def _receive(self, stream: RecordedStates, state: Sample) -> None:

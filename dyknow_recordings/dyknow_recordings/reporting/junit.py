@@ -14,12 +14,14 @@ from typing import Final
 
 from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, with_readable_times
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.health.expectations import BrokenExpectation
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.outputs import check_place, write_report
+from dyknow_recordings.reporting.pictures.panels import formula_text
+from dyknow_recordings.reporting.pictures.timeline import extent
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
 
 _INVALID: Final = re.compile('[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]')
@@ -85,7 +87,8 @@ class JUnitSuites:
             _class_name(recording.recording),
             _seconds(end - recording.start_time),
         )
-        lines = '\n'.join(reasons(formula, decisive)), f'formula: {formula.formula}'
+        text = with_readable_times('\n'.join(reasons(formula, decisive)), extent(recording).start)
+        lines = text, f'formula: {formula_text(formula.formula)}'
         if formula.outcome is Outcome.ERROR:
             error = formula.error or (decisive and decisive.error)
             kind = error.code.name if error else ''

@@ -15,6 +15,7 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.documents import failure_document, recording_document
 from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.pictures.timeline import extent
 
 
 class CheckOutput(Protocol):
@@ -88,7 +89,8 @@ class Messages:
     def add(self, report: RecordingReport) -> None:
         """Print the notes of a recording."""
         if self._with_notes:
-            notes = (with_readable_times(str(each), report.start_time) for each in report.notes)
+            start = extent(report).start
+            notes = (with_readable_times(str(each), start) for each in report.notes)
             print_notes(report.recording, notes)
 
     def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: ARG002

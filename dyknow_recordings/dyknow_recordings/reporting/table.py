@@ -23,7 +23,11 @@ from dyknow_recordings.evaluation.results import FormulaReport, Outcome, Recordi
 from dyknow_recordings.health.report import print_broken
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.pictures.timeline import extent
 from dyknow_recordings.reporting.reasons import decisive_episode, reasons
+
+_PLACE = '\n  '
+"""What is before the line that an error quotes, with its caret."""
 
 _STYLES = {Outcome.TRUE: 'green', Outcome.FALSE: 'red', Outcome.ERROR: 'red'}
 
@@ -38,6 +42,8 @@ class Tables:
         """Print the table of a recording."""
         table = recording_table(report, self._judgement) if report.formulas else _title(report)
         Terminal(highlight=False).print(table)
+        for formula in report.formulas:
+            _print_place(formula)
         print_broken(report.broken)
         sys.stdout.flush()
 
@@ -50,6 +56,7 @@ class Tables:
 
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     """Return the results of one recording: a row for each formula."""
+    start = extent(report).start
     has_margins = any(each.margin is not None for each in report.formulas)
     has_probabilities = any(each.probability is not None for each in report.formulas)
     margins = [folded('margin')] if has_margins else []
@@ -60,7 +67,7 @@ def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
             _row(
                 each,
                 judgement,
-                report.start_time,
+                start,
                 has_margins=has_margins,
                 has_probabilities=has_probabilities,
             )
@@ -71,9 +78,20 @@ def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     )
 
 
+def _print_place(report: FormulaReport) -> None:
+    """Print the line with the caret of an error, which a column would fold."""
+    _, _, place = _reason(report).partition(_PLACE)
+    if place:
+        Terminal(highlight=False).print(Text(f'{report.name}:{_PLACE}{place}'), soft_wrap=True)
+
+
+def _reason(report: FormulaReport) -> str:
+    return '\n'.join(reasons(report, decisive_episode(report)))
+
+
 def _title(report: RecordingReport) -> Text:
     duration = round_duration(report.end_time - report.start_time)
-    return Text(f'{report.recording} ({duration} from {date_time(report.start_time)} on)')
+    return Text(f'{report.recording} ({duration} from {date_time(extent(report).start)} on)')
 
 
 def print_topics(recording: RecordingReader) -> None:
@@ -103,7 +121,7 @@ def _row(
         Text(at),
         *([Text('' if report.margin is None else str(report.margin))] if has_margins else []),
         *([Text(_probability(report))] if has_probabilities else []),
-        Text(with_readable_times('\n'.join(reasons(report, decisive)), start)),
+        Text(with_readable_times(_reason(report).partition(_PLACE)[0], start)),
     )
 
 

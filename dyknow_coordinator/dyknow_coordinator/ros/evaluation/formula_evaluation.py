@@ -96,6 +96,8 @@ class FormulaEvaluation(Evaluation):
         self.name = next(context.names)
         self.request = request
         self.canonical_formula = ''
+        # With its units, for guards, black boxes and pages, which explain it themselves.
+        self._formula = ''
         self.outcome: Future = Future()
         self.progress = FormulaProgress()
         self.margin: Margin | None = None
@@ -282,7 +284,8 @@ class FormulaEvaluation(Evaluation):
         progress, group, request = self.progress, self._group, self.request
         return EvaluationStatus(
             name=self.title,
-            formula=self.canonical_formula or request.formula,
+            formula=self._formula or self.canonical_formula or request.formula,
+            formula_text=one_line(request.formula),
             phase=self.phase,
             started=self._started,
             plan=request.plan,
@@ -375,6 +378,7 @@ class FormulaEvaluation(Evaluation):
             return formula_id, formula, symbols
         await clients.remove_formula(group_id, formula_id)
         formula_id, self.canonical_formula = await add_formula(formula)
+        self._formula = formula
         return formula_id, formula, await clients.symbols(group_id)
 
     async def _start(self, prepared: PreparedFormula) -> None:

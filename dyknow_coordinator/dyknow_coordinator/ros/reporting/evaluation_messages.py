@@ -34,6 +34,7 @@ _COMMON_FIELDS: Final = (
     'plan',
     'action',
     'formula',
+    'formula_text',
     'formula_group_id',
     'state_stream',
     'states_progressed',

@@ -301,7 +301,8 @@ class GuardDiagnostics:
         """Publish the state; `bypass` says who can publish the output beside the guard."""
         level, text = DiagnosticStatus.OK, 'open'
         if gate.state is not GateState.OPEN:
-            level, text = DiagnosticStatus.ERROR, f'{gate.state.name.lower()}: {gate.reason}'
+            reason = with_readable_times(gate.reason)
+            level, text = DiagnosticStatus.ERROR, f'{gate.state.name.lower()}: {reason}'
         elif bypass:
             level, text = DiagnosticStatus.WARN, bypass
         counts = {

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS, round_duration
+from dyknow_common import NANOSECONDS, round_duration, with_readable_times
 from dyknow_recordings.evaluation.recorded_map import RecordedMap
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
@@ -156,7 +156,7 @@ def _section(
     for formula in sorted(report.formulas, key=judgement.passes):
         yield _formula(formula, whole, judgement, figures, next(numbers))
     for note in report.notes:
-        yield f'<p class="soft">Note: {escape(note)}</p>\n'
+        yield f'<p class="soft">Note: {escape(with_readable_times(note, whole.start))}</p>\n'
     yield '</section>'
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -35,6 +36,9 @@ from dyknow_recordings.reporting.reasons import decisive_episode
 MAX_PANELS: Final = 24
 """The number of panels that are shown of one formula."""
 
+_FEATURE: Final = re.compile(r'(?:abs\()?(\w+)(\[[^\]]*\])?\)?')
+"""The text of a feature, such as `Power[uav1]`, or of its absolute value."""
+
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
@@ -59,7 +63,7 @@ class Panel:
         signals: drawn together, as an atom compares them.
         thresholds: of these signals.
         is_decisive: True if these objects decided the formula.
-        unit: of the signals, if the formula has numbers with units; empty otherwise.
+        unit: of the signals, as in the formula or else of their features; empty if unknown.
     """
 
     objects: str
@@ -119,6 +123,7 @@ def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
         objects = objects_text(binding)
         is_decisive = objects == deciding_objects
         found += _panels_of(objects, atoms, formula.signals, is_decisive=is_decisive)
+    found = [_with_unit(each, formula.units) for each in found]
     found.sort(key=lambda each: not each.is_decisive)
     return found[:MAX_PANELS], max(len(found) - MAX_PANELS, 0)
 
@@ -198,6 +203,17 @@ def _panels_of(
         )
         for names, found in texts.items()
     ]
+
+
+def _with_unit(panel: Panel, units: Mapping[str, str]) -> Panel:
+    """Return a panel in the unit of its features, unless its formula has units itself."""
+    features = [_FEATURE.fullmatch(each.name) for each in panel.signals]
+    found = {units.get(each[1], '') if each else '' for each in features}
+    if panel.unit or found == {''} or len(found) > 1:
+        return panel
+    (unit,) = found
+    limits = tuple(replace(each, text=f'{each.text} {unit}') for each in panel.thresholds)
+    return replace(panel, unit=unit, thresholds=limits)
 
 
 def _has_values(signal: Signal | None) -> bool:

@@ -68,7 +68,11 @@ class OutcomeSegment:
 
 
 def extent(report: RecordingReport) -> Span:
-    """Return the valid times of a recording, which log times may be far away from."""
+    """Return the valid times of a recording, which log times may be far away from.
+
+    The offsets of times for people count from its start: a state may be valid before the first
+    message was logged.
+    """
     times = [
         time
         for formula in report.formulas
