@@ -108,17 +108,18 @@ class Alternatives(str):
 
     @classmethod
     def within(cls, values: Iterable[float], error: float, reason: str) -> Value:
-        """Return a number that differs from one of some by at most an error.
+        """Return a number between some, or that differs from one of them by at most an error.
 
         The first of them is its first value. Numbers that are not finite have no error, and nothing
         is known of one that may be finite or not.
         """
         found = list(values)
         if not all(map(isfinite, found)):
-            return found[0] if len(found) == 1 else nan
-        # Outwards, as sums are rounded.
-        ends = nextafter(min(found) - error, -inf), nextafter(max(found) + error, inf)
-        return cls.of((found[0], *ends), reason, is_interval=True)
+            return found[0] if len({*map(repr, found)}) == 1 else nan
+        least, most = min(found), max(found)
+        if error:  # Outwards, as sums are rounded.
+            least, most = nextafter(least - error, -inf), nextafter(most + error, inf)
+        return cls.of((found[0], least, most), reason, is_interval=True)
 
     @property
     def description(self) -> str:

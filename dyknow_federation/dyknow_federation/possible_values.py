@@ -10,14 +10,17 @@ uncertain is the value, and all that joins streams by their valid times needs to
     2         2.02 s ± 50 ms     1.97 s      1 or 2
                                  2.07 s      2
 
-The value at a time is known once no later sample can be valid until then. Of a stream with a
-deadband, it is known up to this only: it is an interval, whichever samples are possible.
+The value at a time is known once no later sample can be valid until then. Where not all samples are
+sent, it is known as `Precision` says: it is an interval, whichever samples are possible.
 """
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections import deque
 from collections.abc import Callable, Iterator
+from itertools import chain
+from math import inf, isfinite, nextafter
 from typing import Final, NamedTuple
 
 from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
@@ -38,14 +41,35 @@ class _Dated(NamedTuple):
     value: Value
 
 
-class Deadband(NamedTuple):
-    """By how much the values of a stream may differ from the last sample, and why."""
+class Precision(NamedTuple):
+    """How exactly the value of a stream is known while no sample is sent.
 
-    error: float
-    reason: str
+    Args:
+        error: by how much it may differ from that of the last sample.
+        constants: compared with each of them, it is less, equal or greater as the last sample is.
+            Without any, nothing but the error tells what it may be.
+        reason: why it is not known better.
+    """
+
+    error: float = 0
+    constants: tuple[float, ...] = ()
+    reason: str = ''
+
+    def ends(self, value: float) -> tuple[float, float]:
+        """Return the least and the greatest value that compares as a value does."""
+        if not self.constants or value in self.constants or not isfinite(value):
+            return value, value
+        place = bisect(self.constants, value)
+        bounds = (-inf, *self.constants, inf)
+        return nextafter(bounds[place], inf), nextafter(bounds[place + 1], -inf)
+
+    def includes(self, sent: float, value: float) -> bool:
+        """Return True if a value need not be sent after another one."""
+        least, most = self.ends(sent)
+        return least - self.error <= value <= most + self.error
 
 
-EXACT: Final = Deadband(0, '')
+EXACT: Final = Precision()
 
 
 class PossibleValues:
@@ -92,13 +116,13 @@ class PossibleValues:
         self._value = None
 
     def take(
-        self, reason: Callable[[], str], deadband: Deadband = EXACT
+        self, reason: Callable[[], str], precision: Precision = EXACT
     ) -> Iterator[tuple[int, Value]]:
         """Yield the values that have become known, each with the own time since which it holds.
 
         Args:
             reason: returns why several values are possible at a time.
-            deadband: of the stream.
+            precision: of the stream.
         """
         told, self._told = self._told, self.settled
         bounds = ((each.earliest, each.latest) for each in self._samples)
@@ -110,16 +134,17 @@ class PossibleValues:
                 continue
             for _ in range(certain[-1]):
                 self._samples.popleft()
-            value = _possible([each.value for each in begun[certain[-1] :]], reason, deadband)
+            value = _possible([each.value for each in begun[certain[-1] :]], reason, precision)
             if value != self._value or begun[-1].earliest == time:
                 yield time, value
             self._value = value
 
 
-def _possible(values: list[Value], reason: Callable[[], str], deadband: Deadband) -> Value:
-    """Return a value that is one of some, up to the deadband."""
+def _possible(values: list[Value], reason: Callable[[], str], precision: Precision) -> Value:
+    """Return a value that is one of some, as far as it is known."""
     numbers = [each for each in values if not isinstance(each, bool | str)]
-    if deadband.error and len(numbers) == len(values):
-        reasons = [deadband.reason, *([reason()] if len(values) > 1 else ())]
-        return Alternatives.within(numbers, deadband.error, ', and '.join(reasons))
+    if (precision.error or precision.constants) and len(numbers) == len(values):
+        reasons = [precision.reason, *([reason()] if len(values) > 1 else ())]
+        ends = chain.from_iterable(map(precision.ends, numbers))
+        return Alternatives.within([*numbers, *ends], precision.error, ', and '.join(reasons))
     return Alternatives.of(values, reason()) if len(values) > 1 else values[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
@@ -36,7 +36,7 @@ from dyknow_federation.messages import (
     StreamMessage,
     Watermark,
 )
-from dyknow_federation.possible_values import EXACT, TOO_CLOSE, Deadband, PossibleValues
+from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues, Precision
 from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
 from dyknow_federation.settings import PeerSettings
 from dyknow_stream_processing import ViolationKind
@@ -66,14 +66,14 @@ class _Requested:
         values: of it.
         due: when the request is repeated.
         is_refused: True if the peer does not grant it.
-        deadband: by how much values may differ from that of the last sample.
+        precision: of its values.
     """
 
     stream: ReceivedStream
     values: PossibleValues
     due: int
+    precision: Precision
     is_refused: bool = False
-    deadband: Deadband = EXACT
 
 
 class RemotePeer:
@@ -200,10 +200,12 @@ class RemotePeer:
         reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
         return [PeerLeft(self.name, reason)]
 
-    def request(self, name: str, at: int, after: int) -> None:
-        """Ask for a stream until it is released; its values are told after a time."""
+    def request(self, name: str, at: int, after: int, constants: tuple[float, ...] = ()) -> None:
+        """Ask for a stream until it is released; see `Peer.request`."""
         if name not in self._requested:
-            self._requested[name] = _Requested(ReceivedStream(name), PossibleValues(after), at)
+            self._requested[name] = _Requested(
+                ReceivedStream(name), PossibleValues(after), at, Precision(constants=constants)
+            )
             self._probe_at = at
 
     def release(self, name: str) -> None:
@@ -254,8 +256,12 @@ class RemotePeer:
         self._granted.pop(former, None)
         self._granted[epoch] = name
         requested.stream = ReceivedStream(name, epoch)
-        reason = f'{self.name} shares {name} with a deadband of {deadband}'
-        requested.deadband = Deadband(deadband, reason)
+        reasons = [f'{self.name} shares {name} with a deadband of {deadband}'] if deadband else []
+        if constants := requested.precision.constants:
+            compared = ', '.join(map(str, constants))
+            own = self._settings.name
+            reasons.append(f'{own} asks for {name} as compared with {compared} alone')
+        requested.precision = Precision(deadband, constants, ', and '.join(reasons))
         return [self._lose(name, 0, 'the peer numbers its samples anew')] if former else []
 
     def _take_samples(self, message: StreamMessage, at: int) -> Iterator[Event]:
@@ -297,7 +303,7 @@ class RemotePeer:
         """Yield what is due of a stream; nothing while its times cannot be translated."""
         if not self.clock.is_known:
             return
-        values, deadband = self._requested[name].values, self._requested[name].deadband
+        values, precision = self._requested[name].values, self._requested[name].precision
         for each in self._requested[name].stream.deliveries():
             match each:
                 case Lost():
@@ -311,7 +317,7 @@ class RemotePeer:
                 case Promise(time):
                     if (earliest := self._own_time(time).earliest) > self.clock.since:
                         values.promise(earliest)
-            for time, value in values.take(partial(self.difference, at), deadband):
+            for time, value in values.take(partial(self.difference, at), precision):
                 yield ValueKnown(self.name, name, time, value)
             if isinstance(each, Promise):
                 yield WatermarkArrived(self.name, name, values.settled)
@@ -374,4 +380,4 @@ class RemotePeer:
         stream = requested.stream
         is_settled = requested.is_refused or (stream.epoch and stream.is_complete)
         requested.due = at + (self._settings.hello_period if is_settled else self._retry)
-        self.send(stream.request())
+        self.send(replace(stream.request(), constants=requested.precision.constants))

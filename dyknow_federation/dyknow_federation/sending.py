@@ -27,6 +27,7 @@ from dyknow_federation.messages import (
     StreamMessage,
     Watermark,
 )
+from dyknow_federation.possible_values import Precision
 
 MAX_HISTORY: Final = 20_000
 """The number of samples of a stream that are kept for back-fill."""
@@ -48,10 +49,15 @@ class Thinning:
     Args:
         every: the least time between two others, in nanoseconds; 0: all are looked at.
         deadband: by how much one must differ from the last one; None: all are passed on.
+        constants: one must compare otherwise than the last one with one of them.
     """
 
-    def __init__(self, every: int, deadband: float | None = None) -> None:
-        self._every, self._deadband = every, deadband
+    def __init__(
+        self, every: int, deadband: float | None = None, constants: tuple[float, ...] = ()
+    ) -> None:
+        self._every = every
+        is_thin = constants or deadband is not None
+        self._precision = Precision(deadband or 0, constants) if is_thin else None
         self._seen: int | None = None
         self._is_unknown = False
         self._passed = BEGINNING
@@ -71,12 +77,11 @@ class Thinning:
 
     def _is_near(self, value: Value) -> bool:
         former = self._value
-        if self._deadband is None or former is None:
+        if self._precision is None or former is None:
             return False
         if isinstance(value, bool | str) or isinstance(former, bool | str):
             return value == former
-        # The bounds that peers calculate, rounded alike; False of what is not a number.
-        return former - self._deadband <= value <= former + self._deadband
+        return self._precision.includes(former, value)  # False of what is not a number.
 
 
 class _Kept(NamedTuple):
@@ -106,12 +111,17 @@ class SentStream:
         name: of the stream.
         epoch: of its numbers.
         history: how long samples are kept, in nanoseconds.
+        constants: with which those that have asked for it compare its values.
     """
 
-    def __init__(self, name: str, epoch: int, history: int) -> None:
+    def __init__(
+        self, name: str, epoch: int, history: int, constants: tuple[float, ...] = ()
+    ) -> None:
         self._name = name
         self._epoch = epoch
         self._history = history
+        self._constants = constants
+        self._thinning = Thinning(0, constants=constants)
         self._kept: deque[_Kept] = deque(maxlen=MAX_HISTORY)
         self._number = 1
         self._latest = self._promised = BEGINNING
@@ -124,8 +134,8 @@ class SentStream:
         """The names of the peers that receive it."""
         return list(self._subscriptions)
 
-    def publish(self, valid_time: int, value: Value) -> None:
-        """Number and keep a sample.
+    def publish(self, valid_time: int, value: Value) -> bool:
+        """Number and keep a sample; return False if it need not be sent.
 
         Raises:
             FederationError: if it is not valid later than what was promised.
@@ -135,8 +145,12 @@ class SentStream:
                 f"a sample of '{self._name}' is valid at {format_time(valid_time)}, not "
                 f'after {format_time(self._promised)}, as was promised'
             )
-        self._promised = self._latest = valid_time
+        self._promised = valid_time
+        if not self._thinning.passes(valid_time, value):
+            return False
+        self._latest = valid_time
         self._keep(_Kept(valid_time, value))
+        return True
 
     def violate(self, fault: StreamFault) -> None:
         """Number and keep a violation."""
@@ -182,7 +196,7 @@ class SentStream:
 
     def continued(self, epoch: int) -> SentStream:
         """Return a new one for its subscribers, as the clock has jumped."""
-        found = SentStream(self._name, epoch, self._history)
+        found = SentStream(self._name, epoch, self._history, self._constants)
         found.used_until = self.used_until
         for peer, each in self._subscriptions.items():
             found._subscriptions[peer] = _Subscription(found._number, each.expires)

@@ -8,6 +8,7 @@ judge the verdict.
 from __future__ import annotations
 
 import heapq
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -45,7 +46,15 @@ FORMULAS = (
     'Level[h0] < 8 until[0 s, {w} s] Level[h1] > 6',
     'eventually[0 s, {w} s] forall r in Robot: Level[r] > 4',
     'always[0 s, {w} s] (Level[h0] < Level[h1] -> eventually[0 s, {v} s] Level[h0] >= Level[h1])',
+    'always[0 s, {w} s] (Level[h1] <= 3 or Level[h1] > 5 or eventually[0 s, {v} s] Level[h1] = 7)',
 )
+
+
+def constants(formula: str) -> tuple[float, ...]:
+    """With what a formula compares levels; nothing if it compares them with each other."""
+    if re.search('[<>=] Level', formula):
+        return ()
+    return tuple(sorted({float(each) for each in re.findall('[<>=] ([0-9]+)', formula)}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +72,8 @@ class Conditions:
         restarts: True if hosts restart.
         violations: True if the sensors of hosts fail, and their hosts report it.
         deadbands: True if hosts send some values only if they have changed enough.
+        comparisons: the share of runs in which hosts send only what compares otherwise with the
+            constants of the formula, if it does nothing else with values.
     """
 
     offset: int = 5 * SECOND_NS
@@ -75,6 +86,7 @@ class Conditions:
     restarts: bool = True
     violations: bool = True
     deadbands: bool = True
+    comparisons: float = 0.5
 
 
 @dataclass(slots=True)
@@ -143,6 +155,7 @@ class Simulation:
     def __init__(self, seed: int, conditions: Conditions | None = None) -> None:
         self.random = random = Random(seed)  # noqa: S311 - to be repeated
         self.conditions = conditions or Conditions()
+        self._network = Random(seed)  # noqa: S311 - the hosts do the same over all links
         self._queue: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
         self._now = 0
@@ -206,6 +219,8 @@ class Simulation:
         random, own = self.random, self.hosts[0]
         text = random.choice(FORMULAS)
         self.formula = text.format(w=random.choice((2, 4, 8)), v=random.choice((0.2, 0.5, 1, 2)))
+        is_compared = random.random() < self.conditions.comparisons
+        self.constants = constants(self.formula) if is_compared else ()
         names = [each.name for each in self.hosts]
         self.domains = {'Robot': names}
         start = own.clock.read(random.randint(1, 3) * SECOND_NS)
@@ -228,7 +243,8 @@ class Simulation:
         self.error = ''
         for each in self.hosts:
             if each is not own:
-                own.peer.request(each.name, STREAM, own.clock.read(0))
+                now = own.clock.read(0)
+                own.peer.request(each.name, STREAM, now, constants=self.constants)
 
     def _share(self, host: Host) -> None:
         feature = SharedFeature('Level', (host.name,), STREAM, 'float', '', host.deadband or 0)
@@ -323,7 +339,7 @@ class Simulation:
         self._wake(host)
 
     def _send(self, sender: Host, receiver: str, packet: Packet) -> None:
-        random, data = self.random, encode(packet)
+        random, data = self._network, encode(packet)
         for host in self.hosts:
             if host is sender or receiver not in {'', host.name}:
                 continue

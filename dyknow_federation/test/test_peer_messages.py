@@ -40,7 +40,7 @@ EXAMPLES: list[Message] = [
         (SharedObject('r1', ('Robot', 'Carrier')),),
         (SharedFeature('Charge', ('r1',), 'c', 'float', 'V'),),
     ),
-    Request('c', 2, 5, ((5, 6), (8, 8))),
+    Request('c', 2, 5, ((5, 6), (8, 8)), (-0.5, 2.0)),
     Release('c'),
     RequestRefusal('c', 'it is not shared'),
     Grant('c', 2),
@@ -138,6 +138,9 @@ def test_bad_messages_are_not_made() -> None:
         Samples(1, 1, (2, 3), (0,))
     with pytest.raises(FederationError, match='a deadband of nan'):
         SharedFeature('X', (), 'X', 'float', '', math.nan)
+    for constants in ((1, 1), (math.nan,), (2**53,), tuple(range(21))):
+        with pytest.raises(FederationError, match='at most 20 ascending numbers'):
+            Request('level', constants=constants)
     with pytest.raises(FederationError, match='cut it'):
         StreamFault(5, 'lost', 'x' * 1001)
     with pytest.raises(FederationError, match='shorten it'):

@@ -206,7 +206,7 @@ class Federation(DyKnowNode):
         now = self.now()
         begun, ended = self._remote.demand()
         for name in begun:
-            self._peer.request(*name, now, self._remote.told(name))
+            self._peer.request(*name, now, self._remote.told(name), self._compared(name))
         for peer, stream in ended:
             self._peer.release(peer, stream)
         self._own.reconcile()
@@ -216,6 +216,12 @@ class Federation(DyKnowNode):
         if is_due and not self._is_working:
             self._is_working, self._meaning_of = True, version
             self.spawn(self._update_meaning)
+
+    def _compared(self, name: StreamName) -> tuple[float, ...]:
+        """Return the numbers with which a stream is compared; none if its values are needed."""
+        shared = self._shares[name.peer].features if name.peer in self._shares else ()
+        feature = next((each.name for each in shared if each.stream == name.stream), '')
+        return self._settings.compared.get(feature, ())
 
     def _withdraw(self) -> None:
         """Forget what peers shared that have left, once formulas about it have long ended.
@@ -295,7 +301,7 @@ class Federation(DyKnowNode):
             self._lost[name],
             tuple(each.stream for each in remote.shares.features) if remote.shares else (),
             tuple(sorted(remote.requested)),
-            tuple(sorted(key for key, each in self._peer.sent.items() if name in each.subscribers)),
+            tuple(self._peer.given(name)),
             self._faults.get(name, ''),
         )
 
