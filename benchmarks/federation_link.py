@@ -1,15 +1,17 @@
 """Bytes and latency between two hosts: shared features, beside the same topics bridged raw.
 
     python benchmarks/federation_link.py [--seconds 20] [--robots 3] [--every '1 s'] [--deadband 1]
+        [--compared 0.5]
 
 Both ways cross zenoh on loopback at the same time, as for the fleet of examples/fleet: each robot
 publishes odometry and its battery 20 times a second. A bridge, such as zenoh-bridge-ros2dds, sends
 each message as it is serialised; the federation sends the features X, Y and Charge, which the base
 station asks for: the robots share X and Y at 20 Hz, or at `--every`, or when they have changed by
-more than `--deadband`, and Charge each second. Prints JSON: payload bytes for a robot and a second
+more than `--deadband`, and Charge each second. With `--compared`, the base station asks for X and
+Y as they compare with this number. Prints JSON: payload bytes for a robot and a second
 in both directions, the time until a sample is known at the base station, in milliseconds, with a
-deadband that of Charge alone, and the processor time of Python in percent of a core, for a robot
-with its part of the base station.
+deadband or constants that of Charge alone, and the processor time of Python in percent of a core,
+for a robot with its part of the base station.
 """
 
 from __future__ import annotations
@@ -32,7 +34,10 @@ from sensor_msgs.msg import BatteryState
 from dyknow_bringup.simulation.link import HERE, free_port
 from dyknow_common import SECOND_NS, Alternatives, Value, parse_duration
 from dyknow_configuration import RequestedFederation
-from dyknow_federation import Peer, PeerSettings, SharedFeature, ValueKnown, encode
+from dyknow_federation.encoding import encode
+from dyknow_federation.events import ValueKnown
+from dyknow_federation.messages import SharedFeature
+from dyknow_federation.peer import Peer
 from dyknow_federation.ros.transport import ZenohTransport
 from dyknow_federation.sending import Thinning
 
@@ -55,7 +60,7 @@ class Host:
     """
 
     def __init__(self, federation: RequestedFederation) -> None:
-        self.peer = Peer(PeerSettings(federation.name, time.time_ns()))
+        self.peer = Peer(federation, time.time_ns())
         self.lock = threading.Lock()
         self.published: dict[tuple[str, Value], int] = {}
         """When the values of all hosts were published, by stream and value."""
@@ -143,7 +148,13 @@ def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:
     return values, [serialize_message(odometry), serialize_message(battery)]
 
 
-def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict[str, Any]:
+def run(
+    robots: int,
+    seconds: float,
+    every: int,
+    deadband: float | None,
+    compared: tuple[float, ...] = (),
+) -> dict[str, Any]:
     """Run the fleet for some time, and return the figures."""
     end = f'tcp/{HERE}:{free_port()}'
     with tempfile.TemporaryDirectory() as folder:
@@ -155,7 +166,7 @@ def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict
             name: Host(RequestedFederation(name, connect=(end,), zenoh=zenoh)) for name in names
         }
         bridge = Bridge(base.transport.session)
-        join(base, hosts, deadband)
+        join(base, hosts, deadband, compared)
         before = crossed(base, hosts), processor(base, hosts)
         drive(base, hosts, bridge, seconds, (every, deadband))
         after = crossed(base, hosts), processor(base, hosts)
@@ -168,6 +179,7 @@ def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict
         'seconds': seconds,
         'every_ms': every / 1e6,
         'deadband': deadband,
+        'compared': compared,
         'raw_bytes_per_s': round(raw),
         'bytes_per_s': round(shared),
         'ratio': round(shared / raw, 3),
@@ -178,7 +190,9 @@ def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict
     }
 
 
-def join(base: Host, hosts: dict[str, Host], deadband: float | None) -> None:
+def join(
+    base: Host, hosts: dict[str, Host], deadband: float | None, compared: tuple[float, ...]
+) -> None:
     """Have the base station ask for all features, and wait until all robots know."""
     for name, host in hosts.items():
         with host.lock:
@@ -187,7 +201,8 @@ def join(base: Host, hosts: dict[str, Host], deadband: float | None) -> None:
             )
         with base.lock:
             for each in FEATURES:
-                base.peer.request(name, f'{each}_{name}', time.time_ns())
+                constants = () if each == 'Charge' else compared
+                base.peer.request(name, f'{each}_{name}', time.time_ns(), constants=constants)
     base.wake()
     while any(len(host.peer.sent) < len(FEATURES) for host in hosts.values()):
         time.sleep(0.1)
@@ -250,9 +265,12 @@ def main() -> int:
     parser.add_argument('--robots', type=int, default=3)
     parser.add_argument('--every', default='0 ms', help='of X and Y (default: every sample)')
     parser.add_argument('--deadband', type=float, help='of X and Y, in metres (default: none)')
+    parser.add_argument('--compared', type=float, help='X and Y with it (default: with nothing)')
     options = parser.parse_args()
     every = parse_duration(options.every)
-    print(json.dumps(run(options.robots, options.seconds, every, options.deadband)))
+    compared = () if options.compared is None else (options.compared,)
+    found = run(options.robots, options.seconds, every, options.deadband, compared)
+    print(json.dumps(found))
     return 0
 
 

@@ -5,7 +5,7 @@ The machine has no clock, no network and no threads. Its host calls `receive` fo
 that only ask for something, as `request` and `publish`, take effect at the next `advance`, which
 they make due.
 
-    peer = Peer(PeerSettings('base', incarnation=start))
+    peer = Peer(RequestedFederation('base'), incarnation=start)
     peer.request('carrier1', 'Charge_carrier1', at=now)
     effects = peer.advance(now)
 
@@ -20,6 +20,7 @@ from itertools import chain, count
 from typing import Final, NamedTuple
 
 from dyknow_common import NANOSECONDS, Value, check_name
+from dyknow_configuration import RequestedFederation
 from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.encoding import MAX_MESSAGES, decode
 from dyknow_federation.errors import FederationError
@@ -46,9 +47,8 @@ from dyknow_federation.messages import (
     check_constants,
     is_urgent,
 )
-from dyknow_federation.remote import RemotePeer
+from dyknow_federation.remote import RemotePeer, hello_period
 from dyknow_federation.sending import SentStream
-from dyknow_federation.settings import PeerSettings
 
 MAX_PEERS: Final = 1000
 """The number of other peers."""
@@ -85,16 +85,18 @@ class Peer:
 
     Args:
         settings: its settings.
+        incarnation: the number of this run, unique among all its runs, as the time of its start.
 
     Raises:
         FederationError: if it has no name, or one that is too long.
     """
 
-    def __init__(self, settings: PeerSettings) -> None:
+    def __init__(self, settings: RequestedFederation, incarnation: int) -> None:
         if not settings.name:
             raise FederationError('a peer needs a name; set name')
         check_name(settings.name, FederationError)
         self._settings = settings
+        self._incarnation = incarnation
         self._now = -_NEVER
         self._shares = Shares(1)
         self._remotes: dict[str, RemotePeer] = {}
@@ -221,7 +223,7 @@ class Peer:
         """Do what is due."""
         self._note_time(at)
         if at >= self._hello_at:
-            self._hello_at = at + self._settings.hello_period
+            self._hello_at = at + hello_period(self._settings)
             self._send('', Hello(self._shares.version))
             self._expire(at)
         for remote in self._remotes.values():
@@ -246,7 +248,7 @@ class Peer:
 
     def _take(self, packet: Packet, sender: str, at: int) -> None:
         if sender == self._settings.name:
-            if packet.incarnation == self._settings.incarnation:
+            if packet.incarnation == self._incarnation:
                 return
             raise FederationError(
                 f"another host is called '{sender}', too; give each host its own name"
@@ -337,7 +339,7 @@ class Peer:
 
     def _effects(self) -> Effects:
         packets = [
-            (receiver, Packet(self._settings.incarnation, tuple(unsent[first:][:MAX_MESSAGES])))
+            (receiver, Packet(self._incarnation, tuple(unsent[first:][:MAX_MESSAGES])))
             for (receiver, _), unsent in self._unsent.items()
             for first in range(0, len(unsent), MAX_MESSAGES)
         ]

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Final
 
 from dyknow_common import NANOSECONDS, SECOND_NS, format_duration, round_duration, round_time
+from dyknow_configuration import RequestedFederation
 from dyknow_federation.clocks import OwnTime, PairClock
 from dyknow_federation.events import (
     ClockJumped,
@@ -38,7 +39,6 @@ from dyknow_federation.messages import (
 )
 from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues, Precision
 from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
-from dyknow_federation.settings import PeerSettings
 from dyknow_stream_processing import ViolationKind
 
 MAX_FORMER: Final = 16
@@ -55,6 +55,15 @@ UNUSED: Final = 10
 
 MAX_PROBES: Final = 16
 """The number of probes that wait for a reply."""
+
+
+_STALE: Final = 3
+"""A link over which nothing has been heard for this part of `peer_timeout` is stale."""
+
+
+def hello_period(settings: RequestedFederation) -> int:
+    """Return the time between two signs of life: some of those in `peer_timeout` may be lost."""
+    return min(SECOND_NS, settings.peer_timeout // 10)
 
 
 @dataclass(slots=True)
@@ -94,7 +103,7 @@ class RemotePeer:
     """
 
     def __init__(
-        self, name: str, settings: PeerSettings, send: Callable[[Message], None], at: int
+        self, name: str, settings: RequestedFederation, send: Callable[[Message], None], at: int
     ) -> None:
         self.name = name
         self.clock = PairClock()
@@ -120,7 +129,8 @@ class RemotePeer:
         """Return when to call `advance`; None if there is nothing to wait for."""
         if not self.is_present:
             return None
-        limit = self._settings.peer_timeout if self.is_stale else self._settings.stale_after
+        timeout = self._settings.peer_timeout
+        limit = timeout if self.is_stale else timeout // _STALE
         return min(
             [
                 self.heard_at + limit,
@@ -187,7 +197,7 @@ class RemotePeer:
         silence = at - self.heard_at
         if silence >= self._settings.peer_timeout:
             return self._leave(silence)
-        self.is_stale = silence >= self._settings.stale_after
+        self.is_stale = silence >= self._settings.peer_timeout // _STALE
         if at >= self._probe_at:
             self._send_probe(at)
         for each in self._requested.values():
@@ -379,5 +389,5 @@ class RemotePeer:
     def _send_request(self, requested: _Requested, at: int) -> None:
         stream = requested.stream
         is_settled = requested.is_refused or (stream.epoch and stream.is_complete)
-        requested.due = at + (self._settings.hello_period if is_settled else self._retry)
+        requested.due = at + (hello_period(self._settings) if is_settled else self._retry)
         self.send(replace(stream.request(), constants=requested.precision.constants))

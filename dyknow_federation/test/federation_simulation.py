@@ -15,20 +15,17 @@ from dataclasses import dataclass, field
 from random import Random
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, StreamConstraints, Value, Verdict
-from dyknow_federation import (
-    Effects,
+from dyknow_configuration import RequestedFederation
+from dyknow_federation.encoding import encode
+from dyknow_federation.events import (
     Event,
-    Packet,
-    Peer,
-    PeerSettings,
     SamplesLost,
-    SharedFeature,
-    StreamFault,
     StreamViolated,
     ValueKnown,
     WatermarkArrived,
-    encode,
 )
+from dyknow_federation.messages import Packet, SharedFeature, StreamFault
+from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.sending import Thinning
 from dyknow_reasoning import FormulaGroup
 from dyknow_stream_processing import Dataflow, Sample, Violation, parse_specification
@@ -204,9 +201,8 @@ class Simulation:
         return Host(name, Clock(offset, drift), peer, period, deadband, thinning)
 
     def _peer(self, name: str) -> Peer:
-        return Peer(
-            PeerSettings(name, self.random.getrandbits(60), max_uncertainty=3600 * SECOND_NS)
-        )
+        settings = RequestedFederation(name, max_uncertainty=3600 * SECOND_NS)
+        return Peer(settings, self.random.getrandbits(60))
 
     def _outage(self) -> tuple[str, int, int]:
         """The links of one host, or of all, fail."""

@@ -10,29 +10,34 @@ from dataclasses import replace
 import pytest
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, Value
-from dyknow_federation import (
+from dyknow_configuration import RequestedFederation
+from dyknow_federation.encoding import VERSION, encode
+from dyknow_federation.errors import FederationError
+from dyknow_federation.events import (
     ClockJumped,
     Event,
-    FederationError,
-    Packet,
-    Peer,
     PeerFault,
     PeerJoined,
     PeerLeft,
-    PeerSettings,
     SamplesLost,
-    SharedFeature,
     SharesChanged,
-    StreamFault,
     StreamUnwanted,
     StreamViolated,
     StreamWanted,
     ValueKnown,
-    encode,
 )
-from dyknow_federation.encoding import VERSION
-from dyknow_federation.messages import MAX_BATCH, Hello, Message, Request, RequestRefusal, Samples
-from dyknow_federation.peer import MAX_COMPARISONS
+from dyknow_federation.messages import (
+    MAX_BATCH,
+    Hello,
+    Message,
+    Packet,
+    Request,
+    RequestRefusal,
+    Samples,
+    SharedFeature,
+    StreamFault,
+)
+from dyknow_federation.peer import MAX_COMPARISONS, Peer
 
 MS = NANOSECONDS['ms']
 LARGEST = sys.float_info.max
@@ -53,7 +58,7 @@ class Net:
             self.start(name, number)
 
     def start(self, name: str, incarnation: int) -> None:
-        self.peers[name] = Peer(PeerSettings(name, incarnation))
+        self.peers[name] = Peer(RequestedFederation(name), incarnation)
 
     def time(self, name: str) -> int:
         return self.now + self.offsets[name]
@@ -344,7 +349,7 @@ def test_bad_packets_and_doubled_names_are_faults() -> None:
     (fault,) = net.send('b', 'b', Hello(1))
     assert 'give each host its own name' in fault.message
     with pytest.raises(FederationError, match='needs a name'):
-        Peer(PeerSettings('', 1))
+        Peer(RequestedFederation(''), 1)
 
 
 def test_what_peers_make_us_keep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

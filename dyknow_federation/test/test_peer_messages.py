@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_federation import FederationError, Packet, decode, encode
-from dyknow_federation.encoding import MAX_LENGTH, MAX_MESSAGES, MAX_PACKET, VERSION
+from dyknow_federation.encoding import MAX_LENGTH, MAX_MESSAGES, MAX_PACKET, VERSION, decode, encode
+from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import (
     MAX_BATCH,
     Grant,
     Hello,
     Message,
+    Packet,
     Probe,
     ProbeReply,
     Release,

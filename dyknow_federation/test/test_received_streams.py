@@ -8,7 +8,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dyknow_common import SECOND_NS, Alternatives, Value
-from dyknow_federation import PossibleValues
 from dyknow_federation.messages import (
     Grant,
     Request,
@@ -17,7 +16,7 @@ from dyknow_federation.messages import (
     StreamMessage,
     Watermark,
 )
-from dyknow_federation.possible_values import Precision
+from dyknow_federation.possible_values import PossibleValues, Precision
 from dyknow_federation.receiving import MAX_HELD, Lost, Promise, Received, ReceivedStream
 from dyknow_federation.sending import MAX_HISTORY, SentStream, Thinning
 

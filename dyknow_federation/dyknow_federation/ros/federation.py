@@ -44,7 +44,6 @@ from dyknow_federation.ros.own_streams import OwnStreams
 from dyknow_federation.ros.remote_streams import PREFIX, RemoteStreams, StreamName
 from dyknow_federation.ros.transport import ZenohTransport
 from dyknow_federation.ros.vocabulary import SharedVocabulary
-from dyknow_federation.settings import PeerSettings
 from dyknow_stream_processing import ViolationKind
 
 PERIOD_S: Final = 0.1
@@ -76,15 +75,7 @@ class Federation(DyKnowNode):
         super().__init__('federation')
         path = self.parameter('robot', '', 'robot.yaml with the key federation.')
         settings = self._settings = _federation(path)
-        self._peer = Peer(
-            PeerSettings(
-                settings.name,
-                self.started_at,
-                peer_timeout=settings.peer_timeout,
-                history=settings.history,
-                max_uncertainty=settings.max_uncertainty,
-            )
-        )
+        self._peer = Peer(settings, self.started_at)
         self._latest = self.now()
         self._remote = RemoteStreams(self)
         self._own = OwnStreams(self, self._peer, settings.share, self._plan)
