@@ -47,7 +47,6 @@ MIRRORED_COMPARISONS: Final[Mapping[str, str]] = {
 ORDERS: Final = frozenset({'<', '<=', '>', '>='})
 """The comparisons of numbers by their order."""
 
-
 MAX_ALTERNATIVES: Final = 64
 """The number of values that one field may have, and of choices among those of a state."""
 
@@ -108,7 +107,7 @@ class Alternatives(str):
 
     @classmethod
     def within(cls, values: Iterable[float], error: float, reason: str) -> Value:
-        """Return a number between some, or that differs from one of them by at most an error.
+        """Return a number between some values, or outside by at most an error.
 
         The first of them is its first value. Numbers that are not finite have no error, and nothing
         is known of one that may be finite or not.

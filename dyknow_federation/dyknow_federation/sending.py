@@ -75,6 +75,10 @@ class Thinning:
         self._passed, self._value = valid_time, value
         return True
 
+    def forget(self) -> None:
+        """Pass the next sample on, as a violation says that the last one holds no more."""
+        self._seen = self._value = None
+
     def _is_near(self, value: Value) -> bool:
         former = self._value
         if self._precision is None or former is None:
@@ -154,6 +158,7 @@ class SentStream:
 
     def violate(self, fault: StreamFault) -> None:
         """Number and keep a violation."""
+        self._thinning.forget()
         time = fault.valid_time if self._latest == BEGINNING else self._latest
         self._keep(_Kept(time, fault))
 

@@ -205,6 +205,13 @@ def test_what_is_not_sent_compares_as_what_was(
             )
 
 
+def test_after_a_violation_the_next_sample_is_sent() -> None:
+    sent = SentStream(NAME, 1, 10**9, (5.0,))
+    assert [sent.publish(time, 3) for time in range(3)] == [True, False, False]
+    sent.violate(StreamFault(2, 'max_gap', 'none came'))
+    assert [sent.publish(time, 3) for time in range(3, 6)] == [True, False, False]
+
+
 def test_a_value_within_a_deadband_is_sent_again() -> None:
     thinning = Thinning(0, 0)
     sent = [time for time in range(25) if thinning.passes(time * SECOND_NS, value=True)]

@@ -88,6 +88,7 @@ class OwnStream:
 
     def on_violation(self, violation: Violation) -> None:
         """Tell the peers, as their readers cannot know why samples are missing or wrong."""
+        self.thinning.forget()
         reason = violation.message[:MAX_REASON]
         fault = StreamFault(violation.valid_time, str(violation.constraint), reason)
         self._tell(fault, self.node.now())
