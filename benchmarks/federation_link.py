@@ -33,13 +33,12 @@ from sensor_msgs.msg import BatteryState
 
 from dyknow_bringup.simulation.link import HERE, free_port
 from dyknow_common import SECOND_NS, Alternatives, Value, parse_duration
-from dyknow_configuration import RequestedFederation
+from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.encoding import encode
 from dyknow_federation.events import ValueKnown
 from dyknow_federation.messages import SharedFeature
 from dyknow_federation.peer import Peer
 from dyknow_federation.ros.transport import ZenohTransport
-from dyknow_federation.sending import Thinning
 
 PERIOD_NS = SECOND_NS // 20
 ZENOH = '{scouting: {multicast: {enabled: false}}}'
@@ -140,11 +139,12 @@ class Bridge:
 def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:
     """Return the features of a robot at a time, and its serialised messages."""
     elapsed = now / SECOND_NS
-    odometry, battery = Odometry(), BatteryState(percentage=0.8, voltage=24.0)
+    charge = elapsed % 1  # No two samples are alike, so that the arrival of each one shows.
+    odometry, battery = Odometry(), BatteryState(percentage=charge, voltage=24.0)
     odometry.header.frame_id, odometry.child_frame_id = 'odom', 'base_link'
     position = odometry.pose.pose.position
     position.x, position.y = robot * math.cos(0.2 * elapsed), robot * math.sin(0.2 * elapsed)
-    values = {'X': position.x, 'Y': position.y, 'Charge': 0.8}
+    values = {'X': position.x, 'Y': position.y, 'Charge': charge}
     return values, [serialize_message(odometry), serialize_message(battery)]
 
 
@@ -162,13 +162,18 @@ def run(
         zenoh.write_text(ZENOH)
         names = [f'robot{number}' for number in range(1, robots + 1)]
         base = Host(RequestedFederation('base', listen=(end,), zenoh=zenoh))
+        share = (
+            *(RequestedShare(each, every, deadband) for each in ('X', 'Y')),
+            RequestedShare('Charge', SECOND_NS),
+        )
         hosts = {
-            name: Host(RequestedFederation(name, connect=(end,), zenoh=zenoh)) for name in names
+            name: Host(RequestedFederation(name, connect=(end,), share=share, zenoh=zenoh))
+            for name in names
         }
         bridge = Bridge(base.transport.session)
         join(base, hosts, deadband, compared)
         before = crossed(base, hosts), processor(base, hosts)
-        drive(base, hosts, bridge, seconds, (every, deadband))
+        drive(base, hosts, bridge, seconds)
         after = crossed(base, hosts), processor(base, hosts)
         for each in (bridge, base, *hosts.values()):
             each.close()
@@ -209,19 +214,8 @@ def join(
     time.sleep(2)  # Until all clocks are measured.
 
 
-def drive(
-    base: Host,
-    hosts: dict[str, Host],
-    bridge: Bridge,
-    seconds: float,
-    thinned: tuple[int, float | None],
-) -> None:
+def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float) -> None:
     """Publish both ways for some time."""
-    thinnings = {
-        f'{each}_{name}': Thinning(SECOND_NS) if each == 'Charge' else Thinning(*thinned)
-        for name in hosts
-        for each in FEATURES
-    }
     begin = time.time_ns()
     for step in range(round(seconds * SECOND_NS / PERIOD_NS)):
         time.sleep(max(begin + step * PERIOD_NS - time.time_ns(), 0) / SECOND_NS)
@@ -233,9 +227,6 @@ def drive(
             with host.lock:
                 for each, value in values.items():
                     stream = f'{each}_{name}'
-                    if not thinnings[stream].passes(now, value):
-                        host.peer.promise(stream, now, now)
-                        continue
                     host.peer.publish(stream, now, value, now)
                     if step:  # The first value is certain only after another one.
                         base.published[stream, value] = now

@@ -153,10 +153,12 @@ class Grant:
         stream: the name of the stream.
         epoch: of the numbers from now on; numbers of different epochs have nothing to do with each
             other. No other stream of this run of the peer has it.
+        constants: those of the request.
     """
 
     stream: str
     epoch: int
+    constants: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from itertools import chain, count
 from typing import Final, NamedTuple
 
 from dyknow_common import NANOSECONDS, Value, check_name
-from dyknow_configuration import RequestedFederation
+from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.encoding import MAX_MESSAGES, decode
 from dyknow_federation.errors import FederationError
@@ -48,7 +48,7 @@ from dyknow_federation.messages import (
     is_urgent,
 )
 from dyknow_federation.remote import RemotePeer, hello_period
-from dyknow_federation.sending import SentStream
+from dyknow_federation.sending import SentStream, Thinning
 
 MAX_PEERS: Final = 1000
 """The number of other peers."""
@@ -154,7 +154,7 @@ class Peer:
         self._hello_at = at
 
     def publish(self, stream: str, valid_time: int, value: Value, at: int) -> None:
-        """Send a sample of an own stream to all that have asked for it.
+        """Send a sample of an own stream to all that have asked for it, unless it says too little.
 
         Raises:
             FederationError: if its valid time does not increase, or was excluded by `promise`.
@@ -278,7 +278,8 @@ class Peer:
 
     def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
         name, constants = request.stream, request.constants
-        if all(each.stream != name for each in self._shares.features):
+        shared = next((each for each in self._shares.features if each.stream == name), None)
+        if shared is None:
             reason = 'it is not shared; name it in share there'
             remote.send(RequestRefusal(name, reason))
             return
@@ -290,13 +291,19 @@ class Peer:
                 reason = f'peers compare it with more than {MAX_COMPARISONS} lists of constants'
                 remote.send(RequestRefusal(name, reason))
                 return
+            thinning = self._thinning(shared.name, constants)
             history = self._settings.history
-            streams[constants] = SentStream(name, next(self._epochs), history, constants)
+            streams[constants] = SentStream(name, next(self._epochs), history, thinning)
         for each in streams.keys() - {constants}:
             streams[each].release(remote.name)
         expires = at + self._settings.peer_timeout
         for answer in streams[constants].renew(remote.name, request, expires):
             remote.send(answer)
+
+    def _thinning(self, feature: str, constants: _Constants) -> Thinning:
+        shares = (each for each in self._settings.share if each.name == feature)
+        share = next(shares, RequestedShare(feature))
+        return Thinning(share.every, share.deadband, constants)
 
     def _expire(self, at: int) -> None:
         """End what is not needed any more."""

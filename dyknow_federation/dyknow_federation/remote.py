@@ -236,8 +236,8 @@ class RemotePeer:
                     for each in self._requested.values():
                         each.is_refused = False
                     return [SharesChanged(self.name, message)]
-            case Grant(stream, epoch):
-                return self._take_grant(stream, epoch)
+            case Grant():
+                return self._take_grant(message)
             case Samples() | Watermark():
                 return [*self._take_samples(message, at)]
             case RequestRefusal(stream, reason):
@@ -253,11 +253,14 @@ class RemotePeer:
         self._probe_at = at
         return [self._begin_times_anew(at)]
 
-    def _take_grant(self, name: str, epoch: int) -> list[Event]:
+    def _take_grant(self, grant: Grant) -> list[Event]:
+        name, epoch = grant.stream, grant.epoch
         requested = self._requested.get(name)
         if requested is None:
             self.send(Release(name))
             return []
+        if grant.constants != requested.precision.constants:
+            return []  # It is a late answer to an earlier request.
         shared = self.shares.features if self.shares else ()
         deadband = next((each.deadband for each in shared if each.stream == name), None)
         former = requested.stream.epoch

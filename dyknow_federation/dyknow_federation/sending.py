@@ -41,19 +41,19 @@ REFRESH: Final = 10 * SECOND_NS
 
 
 class Thinning:
-    """Decides which samples of a stream are passed on.
+    """Decides which samples of a stream are sent.
 
     The first sample without a known value always is, so that no peer takes the last one for
     known.
 
     Args:
         every: the least time between two others, in nanoseconds; 0: all are looked at.
-        deadband: by how much one must differ from the last one; None: all are passed on.
+        deadband: by how much one must differ from the last one; None: by nothing.
         constants: one must compare otherwise than the last one with one of them.
     """
 
     def __init__(
-        self, every: int, deadband: float | None = None, constants: tuple[float, ...] = ()
+        self, every: int = 0, deadband: float | None = None, constants: tuple[float, ...] = ()
     ) -> None:
         self._every = every
         is_thin = constants or deadband is not None
@@ -66,7 +66,7 @@ class Thinning:
     def passes(self, valid_time: int, value: Value) -> bool:
         """Return False for a sample that follows too soon, or says too little."""
         is_unknown = isinstance(value, float) and isnan(value)
-        is_soon = self._seen is not None and valid_time - self._seen < self._every
+        is_soon = self._seen is not None and 0 <= valid_time - self._seen < self._every
         if is_soon and (self._is_unknown or not is_unknown):
             return False
         self._seen, self._is_unknown = valid_time, is_unknown
@@ -76,8 +76,8 @@ class Thinning:
         return True
 
     def forget(self) -> None:
-        """Pass the next sample on, as a violation says that the last one holds no more."""
-        self._seen = self._value = None
+        """Have the next sample sent that is looked at: the last one may hold no more."""
+        self._value = None
 
     def _is_near(self, value: Value) -> bool:
         former = self._value
@@ -115,17 +115,16 @@ class SentStream:
         name: of the stream.
         epoch: of its numbers.
         history: how long samples are kept, in nanoseconds.
-        constants: with which those that have asked for it compare its values.
+        thinning: decides which samples are sent; None: all are.
     """
 
     def __init__(
-        self, name: str, epoch: int, history: int, constants: tuple[float, ...] = ()
+        self, name: str, epoch: int, history: int, thinning: Thinning | None = None
     ) -> None:
         self._name = name
         self._epoch = epoch
         self._history = history
-        self._constants = constants
-        self._thinning = Thinning(0, constants=constants)
+        self._thinning = thinning or Thinning()
         self._kept: deque[_Kept] = deque(maxlen=MAX_HISTORY)
         self._number = 1
         self._latest = self._promised = BEGINNING
@@ -189,7 +188,7 @@ class SentStream:
         self.used_until = max(self.used_until, expires)
         found: list[Grant | StreamMessage] = []
         if request.epoch != self._epoch:
-            found.append(Grant(self._name, self._epoch))
+            found.append(Grant(self._name, self._epoch, request.constants))
         else:
             left = MAX_RESENT
             for start, end in request.missing:
@@ -201,7 +200,8 @@ class SentStream:
 
     def continued(self, epoch: int) -> SentStream:
         """Return a new one for its subscribers, as the clock has jumped."""
-        found = SentStream(self._name, epoch, self._history, self._constants)
+        self._thinning.forget()
+        found = SentStream(self._name, epoch, self._history, self._thinning)
         found.used_until = self.used_until
         for peer, each in self._subscriptions.items():
             found._subscriptions[peer] = _Subscription(found._number, each.expires)

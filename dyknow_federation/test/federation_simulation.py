@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from random import Random
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, StreamConstraints, Value, Verdict
-from dyknow_configuration import RequestedFederation
+from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.encoding import encode
 from dyknow_federation.events import (
     Event,
@@ -26,7 +26,6 @@ from dyknow_federation.events import (
 )
 from dyknow_federation.messages import Packet, SharedFeature, StreamFault
 from dyknow_federation.peer import Effects, Peer
-from dyknow_federation.sending import Thinning
 from dyknow_reasoning import FormulaGroup
 from dyknow_stream_processing import Dataflow, Sample, Violation, parse_specification
 
@@ -113,7 +112,6 @@ class Host:
     peer: Peer
     period: int
     deadband: float | None
-    thinning: Thinning
     wakes_at: int = 0
     is_down: bool = False
     is_silent: bool = False
@@ -193,16 +191,17 @@ class Simulation:
         random, most = self.random, self.conditions.offset
         offset = 1_000 * SECOND_NS + random.randint(-most, most)
         drift = random.uniform(-1, 1) * self.conditions.drift_ppm * 1e-6
-        peer = self._peer(name)
+        incarnation = random.getrandbits(60)
         period, deadband = random.choice((100, 200, 500)) * MS, None
         if self.conditions.deadbands:
             deadband = random.choice((None, None, 0, 0.5, 1.5))
-        thinning = Thinning(0, deadband)
-        return Host(name, Clock(offset, drift), peer, period, deadband, thinning)
+        peer = self._peer(name, deadband, incarnation)
+        return Host(name, Clock(offset, drift), peer, period, deadband)
 
-    def _peer(self, name: str) -> Peer:
-        settings = RequestedFederation(name, max_uncertainty=3600 * SECOND_NS)
-        return Peer(settings, self.random.getrandbits(60))
+    def _peer(self, name: str, deadband: float | None, incarnation: int) -> Peer:
+        share = RequestedShare('Level', deadband=deadband)
+        settings = RequestedFederation(name, share=(share,), max_uncertainty=3600 * SECOND_NS)
+        return Peer(settings, incarnation)
 
     def _outage(self) -> tuple[str, int, int]:
         """The links of one host, or of all, fail."""
@@ -271,10 +270,7 @@ class Simulation:
         self._at(self._now + host.period + random.randint(0, 20 * MS), lambda: self._publish(host))
 
     def _take_sample(self, host: Host, reading: int, level: float) -> None:
-        if host.thinning.passes(reading, level):
-            host.peer.publish(STREAM, reading, level, reading)
-        else:
-            host.peer.promise(STREAM, reading, reading)
+        host.peer.publish(STREAM, reading, level, reading)
         if host is self.hosts[0]:
             self._push(host.name, reading, level)
 
@@ -304,7 +300,7 @@ class Simulation:
     def _start(self, host: Host) -> None:
         if self.random.random() < 0.5:
             host.clock.offset += self.random.randint(-SECOND_NS, SECOND_NS)
-        host.peer, host.thinning = self._peer(host.name), Thinning(0, host.deadband)
+        host.peer = self._peer(host.name, host.deadband, self.random.getrandbits(60))
         host.is_down = False
         host.wakes_at = 0
         self._share(host)

@@ -44,6 +44,7 @@ EXAMPLES: list[Message] = [
     Request('c', 2, 5, ((5, 6), (8, 8)), (-0.5, 2.0)),
     Release('c'),
     RequestRefusal('c', 'it is not shared'),
+    Grant('d', 7, (1.5,)),
     Grant('c', 2),
     Samples(1, 7, (10, 20), (1.5, 'ü')),
     Samples(1, 7, (10, 2**62), (0.1, -math.inf)),

@@ -187,11 +187,11 @@ def test_what_is_not_sent_compares_as_what_was(
     values: list[float], compared: set[float], deadband: float | None
 ) -> None:
     constants = tuple(sorted(compared))
-    shared, asked = Thinning(0, deadband), Thinning(0, constants=constants)
+    thinning = Thinning(0, deadband, constants)
     precision = Precision(deadband or 0, constants, 'r')
     told: Value = math.nan
     for time, value in enumerate(values):
-        if shared.passes(time, value) and asked.passes(time, value):
+        if thinning.passes(time, value):
             possible = PossibleValues()
             possible.put(time, time, value)
             ((_, told),) = possible.take(lambda: '', precision)
@@ -206,10 +206,17 @@ def test_what_is_not_sent_compares_as_what_was(
 
 
 def test_after_a_violation_the_next_sample_is_sent() -> None:
-    sent = SentStream(NAME, 1, 10**9, (5.0,))
+    sent = SentStream(NAME, 1, 10**9, Thinning(constants=(5.0,)))
     assert [sent.publish(time, 3) for time in range(3)] == [True, False, False]
     sent.violate(StreamFault(2, 'max_gap', 'none came'))
     assert [sent.publish(time, 3) for time in range(3, 6)] == [True, False, False]
+    assert sent.continued(2).publish(0, 3)  # The clock was set back.
+
+
+def test_a_rate_holds_after_a_clock_was_set_back() -> None:
+    thinning = Thinning(10)
+    times = [100, 105, 50, 55, 60]
+    assert [each for each in times if thinning.passes(each, each)] == [100, 50, 60]
 
 
 def test_a_value_within_a_deadband_is_sent_again() -> None:

@@ -78,7 +78,7 @@ class Federation(DyKnowNode):
         self._peer = Peer(settings, self.started_at)
         self._latest = self.now()
         self._remote = RemoteStreams(self)
-        self._own = OwnStreams(self, self._peer, settings.share, self._plan)
+        self._own = OwnStreams(self, self._peer, self._plan)
         prefix = str(self.resolve_topic_name(PREFIX)) + '/'
         self._vocabulary = SharedVocabulary(self, settings.same, self._remote.topic, prefix)
         self._shares: dict[str, Shares] = {}
