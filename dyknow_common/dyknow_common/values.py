@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from itertools import product
-from math import inf, isfinite, nan, nextafter, prod
+from math import isfinite, nan, prod
 from typing import Any, Final, Self, TypeVar
 
 Value = bool | int | float | str
@@ -106,19 +106,15 @@ class Alternatives(str):
         return cls(json.dumps(content | ({'is_interval': True} if is_interval else {})))
 
     @classmethod
-    def within(cls, values: Iterable[float], error: float, reason: str) -> Value:
-        """Return a number between some values, or outside by at most an error.
+    def between(cls, values: Iterable[float], reason: str) -> Value:
+        """Return a number from the least to the greatest of some.
 
-        The first of them is its first value. Numbers that are not finite have no error, and nothing
-        is known of one that may be finite or not.
+        The first of them is its first value. Nothing is known of one that may be finite or not.
         """
         found = list(values)
         if not all(map(isfinite, found)):
             return found[0] if len({*map(repr, found)}) == 1 else nan
-        least, most = min(found), max(found)
-        if error:  # Outwards, as sums are rounded.
-            least, most = nextafter(least - error, -inf), nextafter(most + error, inf)
-        return cls.of((found[0], least, most), reason, is_interval=True)
+        return cls.of((found[0], min(found), max(found)), reason, is_interval=True)
 
     @property
     def description(self) -> str:

@@ -46,8 +46,7 @@ class Precision(NamedTuple):
 
     Args:
         error: by how much it may differ from that of the last sample.
-        constants: compared with each of them, it is less, equal or greater as the last sample is.
-            Without any, nothing but the error tells what it may be.
+        constants: or, compared with each of them, it is less, equal or greater as that is.
         reason: why it is not known better.
     """
 
@@ -56,17 +55,17 @@ class Precision(NamedTuple):
     reason: str = ''
 
     def ends(self, value: float) -> tuple[float, float]:
-        """Return the least and the greatest value that compares as a value does."""
-        if not self.constants or value in self.constants or not isfinite(value):
+        """Return the least and the greatest value that is not sent after a value."""
+        if not isfinite(value):
             return value, value
-        place = bisect(self.constants, value)
-        bounds = (-inf, *self.constants, inf)
-        return nextafter(bounds[place], inf), nextafter(bounds[place + 1], -inf)
-
-    def includes(self, sent: float, value: float) -> bool:
-        """Return True if a value need not be sent after another one."""
-        least, most = self.ends(sent)
-        return least - self.error <= value <= most + self.error
+        least = most = value
+        if self.error:  # Outwards, as sums are rounded.
+            least, most = nextafter(value - self.error, -inf), nextafter(value + self.error, inf)
+        if self.constants and value not in self.constants:
+            place, bounds = bisect(self.constants, value), (-inf, *self.constants, inf)
+            least = min(least, nextafter(bounds[place], inf))
+            most = max(most, nextafter(bounds[place + 1], -inf))
+        return least, most
 
 
 EXACT: Final = Precision()
@@ -146,5 +145,5 @@ def _possible(values: list[Value], reason: Callable[[], str], precision: Precisi
     if (precision.error or precision.constants) and len(numbers) == len(values):
         reasons = [precision.reason, *([reason()] if len(values) > 1 else ())]
         ends = chain.from_iterable(map(precision.ends, numbers))
-        return Alternatives.within([*numbers, *ends], precision.error, ', and '.join(reasons))
+        return Alternatives.between([*numbers, *ends], ', and '.join(reasons))
     return Alternatives.of(values, reason()) if len(values) > 1 else values[0]

@@ -49,7 +49,7 @@ class Thinning:
     Args:
         every: the least time between two others, in nanoseconds; 0: all are looked at.
         deadband: by how much one must differ from the last one; None: by nothing.
-        constants: one must compare otherwise than the last one with one of them.
+        constants: and it must compare otherwise than the last one with one of them.
     """
 
     def __init__(
@@ -85,7 +85,8 @@ class Thinning:
             return False
         if isinstance(value, bool | str) or isinstance(former, bool | str):
             return value == former
-        return self._precision.includes(former, value)  # False of what is not a number.
+        least, most = self._precision.ends(former)
+        return least <= value <= most  # False of what is not a number.
 
 
 class _Kept(NamedTuple):
