@@ -1,15 +1,17 @@
 """Bytes and latency between two hosts: shared features, beside the same topics bridged raw.
 
     python benchmarks/federation_link.py [--seconds 20] [--robots 3] [--every '1 s'] [--deadband 1]
+        [--compared 0.5]
 
 Both ways cross zenoh on loopback at the same time, as for the fleet of examples/fleet: each robot
 publishes odometry and its battery 20 times a second. A bridge, such as zenoh-bridge-ros2dds, sends
 each message as it is serialised; the federation sends the features X, Y and Charge, which the base
 station asks for: the robots share X and Y at 20 Hz, or at `--every`, or when they have changed by
-more than `--deadband`, and Charge each second. Prints JSON: payload bytes for a robot and a second
+more than `--deadband`, and Charge each second. With `--compared`, the base station asks for X and
+Y as they compare with this number. Prints JSON: payload bytes for a robot and a second
 in both directions, the time until a sample is known at the base station, in milliseconds, with a
-deadband that of Charge alone, and the processor time of Python in percent of a core, for a robot
-with its part of the base station.
+deadband or constants that of Charge alone, and the processor time of Python in percent of a core,
+for a robot with its part of the base station.
 """
 
 from __future__ import annotations
@@ -31,10 +33,12 @@ from sensor_msgs.msg import BatteryState
 
 from dyknow_bringup.simulation.link import HERE, free_port
 from dyknow_common import SECOND_NS, Alternatives, Value, parse_duration
-from dyknow_configuration import RequestedFederation
-from dyknow_federation import Peer, PeerSettings, SharedFeature, ValueKnown, encode
+from dyknow_configuration import RequestedFederation, RequestedShare
+from dyknow_federation.encoding import encode
+from dyknow_federation.events import ValueKnown
+from dyknow_federation.messages import SharedFeature
+from dyknow_federation.peer import Peer
 from dyknow_federation.ros.transport import ZenohTransport
-from dyknow_federation.sending import Thinning
 
 PERIOD_NS = SECOND_NS // 20
 ZENOH = '{scouting: {multicast: {enabled: false}}}'
@@ -55,7 +59,7 @@ class Host:
     """
 
     def __init__(self, federation: RequestedFederation) -> None:
-        self.peer = Peer(PeerSettings(federation.name, time.time_ns()))
+        self.peer = Peer(federation, time.time_ns())
         self.lock = threading.Lock()
         self.published: dict[tuple[str, Value], int] = {}
         """When the values of all hosts were published, by stream and value."""
@@ -135,15 +139,22 @@ class Bridge:
 def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:
     """Return the features of a robot at a time, and its serialised messages."""
     elapsed = now / SECOND_NS
-    odometry, battery = Odometry(), BatteryState(percentage=0.8, voltage=24.0)
+    charge = elapsed % 1  # No two samples are alike, so that the arrival of each one shows.
+    odometry, battery = Odometry(), BatteryState(percentage=charge, voltage=24.0)
     odometry.header.frame_id, odometry.child_frame_id = 'odom', 'base_link'
     position = odometry.pose.pose.position
     position.x, position.y = robot * math.cos(0.2 * elapsed), robot * math.sin(0.2 * elapsed)
-    values = {'X': position.x, 'Y': position.y, 'Charge': 0.8}
+    values = {'X': position.x, 'Y': position.y, 'Charge': charge}
     return values, [serialize_message(odometry), serialize_message(battery)]
 
 
-def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict[str, Any]:
+def run(
+    robots: int,
+    seconds: float,
+    every: int,
+    deadband: float | None,
+    compared: tuple[float, ...] = (),
+) -> dict[str, Any]:
     """Run the fleet for some time, and return the figures."""
     end = f'tcp/{HERE}:{free_port()}'
     with tempfile.TemporaryDirectory() as folder:
@@ -151,13 +162,18 @@ def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict
         zenoh.write_text(ZENOH)
         names = [f'robot{number}' for number in range(1, robots + 1)]
         base = Host(RequestedFederation('base', listen=(end,), zenoh=zenoh))
+        share = (
+            *(RequestedShare(each, every, deadband) for each in ('X', 'Y')),
+            RequestedShare('Charge', SECOND_NS),
+        )
         hosts = {
-            name: Host(RequestedFederation(name, connect=(end,), zenoh=zenoh)) for name in names
+            name: Host(RequestedFederation(name, connect=(end,), share=share, zenoh=zenoh))
+            for name in names
         }
         bridge = Bridge(base.transport.session)
-        join(base, hosts, deadband)
+        join(base, hosts, deadband, compared)
         before = crossed(base, hosts), processor(base, hosts)
-        drive(base, hosts, bridge, seconds, (every, deadband))
+        drive(base, hosts, bridge, seconds)
         after = crossed(base, hosts), processor(base, hosts)
         for each in (bridge, base, *hosts.values()):
             each.close()
@@ -168,6 +184,7 @@ def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict
         'seconds': seconds,
         'every_ms': every / 1e6,
         'deadband': deadband,
+        'compared': compared,
         'raw_bytes_per_s': round(raw),
         'bytes_per_s': round(shared),
         'ratio': round(shared / raw, 3),
@@ -178,7 +195,9 @@ def run(robots: int, seconds: float, every: int, deadband: float | None) -> dict
     }
 
 
-def join(base: Host, hosts: dict[str, Host], deadband: float | None) -> None:
+def join(
+    base: Host, hosts: dict[str, Host], deadband: float | None, compared: tuple[float, ...]
+) -> None:
     """Have the base station ask for all features, and wait until all robots know."""
     for name, host in hosts.items():
         with host.lock:
@@ -187,26 +206,16 @@ def join(base: Host, hosts: dict[str, Host], deadband: float | None) -> None:
             )
         with base.lock:
             for each in FEATURES:
-                base.peer.request(name, f'{each}_{name}', time.time_ns())
+                constants = () if each == 'Charge' else compared
+                base.peer.request(name, f'{each}_{name}', time.time_ns(), constants=constants)
     base.wake()
     while any(len(host.peer.sent) < len(FEATURES) for host in hosts.values()):
         time.sleep(0.1)
     time.sleep(2)  # Until all clocks are measured.
 
 
-def drive(
-    base: Host,
-    hosts: dict[str, Host],
-    bridge: Bridge,
-    seconds: float,
-    thinned: tuple[int, float | None],
-) -> None:
+def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float) -> None:
     """Publish both ways for some time."""
-    thinnings = {
-        f'{each}_{name}': Thinning(SECOND_NS) if each == 'Charge' else Thinning(*thinned)
-        for name in hosts
-        for each in FEATURES
-    }
     begin = time.time_ns()
     for step in range(round(seconds * SECOND_NS / PERIOD_NS)):
         time.sleep(max(begin + step * PERIOD_NS - time.time_ns(), 0) / SECOND_NS)
@@ -218,9 +227,6 @@ def drive(
             with host.lock:
                 for each, value in values.items():
                     stream = f'{each}_{name}'
-                    if not thinnings[stream].passes(now, value):
-                        host.peer.promise(stream, now, now)
-                        continue
                     host.peer.publish(stream, now, value, now)
                     if step:  # The first value is certain only after another one.
                         base.published[stream, value] = now
@@ -250,9 +256,12 @@ def main() -> int:
     parser.add_argument('--robots', type=int, default=3)
     parser.add_argument('--every', default='0 ms', help='of X and Y (default: every sample)')
     parser.add_argument('--deadband', type=float, help='of X and Y, in metres (default: none)')
+    parser.add_argument('--compared', type=float, help='X and Y with it (default: with nothing)')
     options = parser.parse_args()
     every = parse_duration(options.every)
-    print(json.dumps(run(options.robots, options.seconds, every, options.deadband)))
+    compared = () if options.compared is None else (options.compared,)
+    found = run(options.robots, options.seconds, every, options.deadband, compared)
+    print(json.dumps(found))
     return 0
 
 

@@ -35,7 +35,7 @@ features:
 federation:
   name: {name}
   {ends}
-  share: [Charge]
+  share: [Charge, Voltage]
   peer_timeout: 8 s
   # A busy machine answers late.
   max_uncertainty: 2 s
@@ -46,6 +46,7 @@ BASE = """\
 federation:
   name: base
   {ends}
+  compared: {{Voltage: 10}}
   peer_timeout: 8 s
   # A busy machine answers late.
   max_uncertainty: 2 s

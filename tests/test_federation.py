@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from typing import NamedTuple
 
 import pytest
@@ -63,6 +63,17 @@ def wait_for_streams(fleet: Fleet, number: int) -> None:
     fleet.wait(are_known, f'{number} streams of peers')
 
 
+@contextmanager
+def listening(host: Host, topic: str, values: list[Value]) -> Iterator[None]:
+    """Note the values of a stream of a peer."""
+    node = host.client.node
+    subscription = node.create_subscription(
+        Sample, topic, lambda each: values.append(sample_fields(each)['value']), STREAM
+    )
+    yield
+    node.destroy_subscription(subscription)
+
+
 def assert_permitted(recorders: list[GraphRecorder]) -> None:
     """What the federation nodes use is in the policy of a host with peers."""
     policy = policy_text(SecuredSystem(has_peers=True).enclaves(), 'a host with peers')
@@ -77,7 +88,7 @@ def assert_permitted(recorders: list[GraphRecorder]) -> None:
 
 def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
     recorders = [GraphRecorder(each.client.node) for each in (fleet.base, fleet.carrier)]
-    wait_for_streams(fleet, 1)
+    wait_for_streams(fleet, 2)
     asked = fleet.base.ask('forall c in Carrier: always[0 s, 1 s] Charge[c] > 0.5')
     fleet.wait(asked.done, 'the answer')
     answer = asked.result()
@@ -86,24 +97,31 @@ def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
     assert_permitted(recorders)
 
 
+def test_of_a_feature_that_is_compared_only_the_comparison_is_known(fleet: Fleet) -> None:
+    wait_for_streams(fleet, 2)
+    values: list[Value] = []
+    with listening(fleet.base, '/dyknow/federation/carrier1/Voltage_carrier1', values):
+        asked = fleet.base.ask('always[0 s, 1 s] Voltage[carrier1] > 10')
+        fleet.wait(asked.done, 'the answer')
+    assert asked.result().verdict == FormulaResult.TRUE, asked.result()
+    assert isinstance(values[-1], Alternatives)
+    assert values[-1].bounds[0] > 10
+    assert 'base asks for Voltage_carrier1 as compared with 10.0 alone' in values[-1].reason
+
+
 def test_a_change_is_seen_where_its_time_is_not_known(fleet: Fleet) -> None:
     """For a moment, the charge is one of two values; the verdict is that of the later one."""
-    wait_for_streams(fleet, 1)
+    wait_for_streams(fleet, 2)
     values: list[Value] = []
-    topic = '/dyknow/federation/carrier1/Charge_carrier1'
-    node = fleet.base.client.node
-    subscription = node.create_subscription(
-        Sample, topic, lambda each: values.append(sample_fields(each)['value']), STREAM
-    )
-    asked = fleet.base.ask('always Charge[carrier1] > 0.5')
-    fleet.wait(lambda: len(values) > 1, 'samples')
-    assert not asked.done()
-    fleet.carrier.percentage = 0.25
-    fleet.wait(asked.done, 'the answer')
-    found = next(each for each in values if isinstance(each, Alternatives))
-    fleet.carrier.percentage = 0.9
-    fleet.wait(lambda: values[-1] == values[0], 'the former charge')
-    node.destroy_subscription(subscription)
+    with listening(fleet.base, '/dyknow/federation/carrier1/Charge_carrier1', values):
+        asked = fleet.base.ask('always Charge[carrier1] > 0.5')
+        fleet.wait(lambda: len(values) > 1, 'samples')
+        assert not asked.done()
+        fleet.carrier.percentage = 0.25
+        fleet.wait(asked.done, 'the answer')
+        found = next(each for each in values if isinstance(each, Alternatives))
+        fleet.carrier.percentage = 0.9
+        fleet.wait(lambda: values[-1] == values[0], 'the former charge')
     answer = asked.result()
     assert answer.verdict == FormulaResult.FALSE, answer
     assert 'Charge[carrier1] = 0.25' in answer.explanation
@@ -112,7 +130,7 @@ def test_a_change_is_seen_where_its_time_is_not_known(fleet: Fleet) -> None:
 
 
 def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet) -> None:
-    wait_for_streams(fleet, 1)
+    wait_for_streams(fleet, 2)
     asked = fleet.base.ask('always Charge[carrier1] > 0.5')
     fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
     fleet.carrier.battery_age_s = 10
@@ -125,7 +143,7 @@ def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet) -> None:
 
 
 def test_a_peer_that_leaves_ends_a_formula(fleet: Fleet) -> None:
-    wait_for_streams(fleet, 1)
+    wait_for_streams(fleet, 2)
     asked = fleet.base.ask('always Charge[carrier1] > 0.5')
     fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
     fleet.link.cut()

@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from itertools import product
-from math import inf, isfinite, nan, nextafter, prod
+from math import isfinite, nan, prod
 from typing import Any, Final, Self, TypeVar
 
 Value = bool | int | float | str
@@ -46,7 +46,6 @@ MIRRORED_COMPARISONS: Final[Mapping[str, str]] = {
 
 ORDERS: Final = frozenset({'<', '<=', '>', '>='})
 """The comparisons of numbers by their order."""
-
 
 MAX_ALTERNATIVES: Final = 64
 """The number of values that one field may have, and of choices among those of a state."""
@@ -107,18 +106,15 @@ class Alternatives(str):
         return cls(json.dumps(content | ({'is_interval': True} if is_interval else {})))
 
     @classmethod
-    def within(cls, values: Iterable[float], error: float, reason: str) -> Value:
-        """Return a number that differs from one of some by at most an error.
+    def between(cls, values: Iterable[float], reason: str) -> Value:
+        """Return a number from the least to the greatest of some.
 
-        The first of them is its first value. Numbers that are not finite have no error, and nothing
-        is known of one that may be finite or not.
+        The first of them is its first value. Nothing is known of one that may be finite or not.
         """
         found = list(values)
         if not all(map(isfinite, found)):
-            return found[0] if len(found) == 1 else nan
-        # Outwards, as sums are rounded.
-        ends = nextafter(min(found) - error, -inf), nextafter(max(found) + error, inf)
-        return cls.of((found[0], *ends), reason, is_interval=True)
+            return found[0] if len({*map(repr, found)}) == 1 else nan
+        return cls.of((found[0], min(found), max(found)), reason, is_interval=True)
 
     @property
     def description(self) -> str:

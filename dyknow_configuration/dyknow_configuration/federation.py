@@ -4,13 +4,14 @@ federation:
   name: carrier1
   connect: [tcp/basestation:7447]
   share: [Position, {feature: Charge, every: 1 s, deadband: 0.01}]
+  compared: {Speed: [0, 1.5]}
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from pathlib import Path
 from typing import Final
@@ -24,12 +25,19 @@ FEDERATION_KEYS: Final = (
     'listen',
     'share',
     'same',
+    'compared',
     'peer_timeout',
     'history',
     'max_uncertainty',
     'zenoh',
 )
 SHARE_KEYS: Final = ('feature', 'every', 'deadband')
+
+_MAX_COMPARED: Final = 20
+"""The numbers for one feature, as in a request to a peer."""
+
+_MAX_NUMBER: Final = 2**53
+"""Below it, each integer is a float."""
 
 _NAME: Final = re.compile('[A-Za-z_][A-Za-z0-9_]{0,63}')
 _ENDPOINT: Final = re.compile(r'[a-z][a-z0-9_-]*/\S+')
@@ -63,6 +71,8 @@ class RequestedFederation:
         listen: endpoints of zenoh that others connect to.
         share: the features that others may ask for; nothing else leaves.
         same: objects that are the same thing wherever a peer names them.
+        compared: features of peers, each with the numbers, in ascending order, with which formulas
+            here compare it, in the unit of the peer; they do nothing else with it.
         peer_timeout: after which an unreachable peer has left, in nanoseconds.
         history: of the samples that are kept for peers that were unreachable, in nanoseconds.
         max_uncertainty: of the valid time of a peer's sample, in nanoseconds; beyond it, the sample
@@ -75,6 +85,7 @@ class RequestedFederation:
     listen: tuple[str, ...] = ()
     share: tuple[RequestedShare, ...] = ()
     same: tuple[str, ...] = ()
+    compared: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     peer_timeout: int = 10 * NANOSECONDS['s']
     history: int = NANOSECONDS['min']
     max_uncertainty: int = 100 * NANOSECONDS['ms']
@@ -95,6 +106,7 @@ def read_federation(value: YamlValue) -> RequestedFederation:
         _endpoints(stated, 'listen'),
         share=_shares(stated['share']) if 'share' in stated else (),
         same=tuple(each.line() for each in texts(stated, 'same')),
+        compared=_compared(stated['compared']) if 'compared' in stated else {},
         peer_timeout=_limit(stated, 'peer_timeout', default.peer_timeout),
         history=_limit(stated, 'history', default.history),
         max_uncertainty=(
@@ -122,6 +134,18 @@ def _shares(value: YamlValue) -> tuple[RequestedShare, ...]:
 def _deadband(value: YamlValue) -> float:
     if not 0 <= (found := value.number()) < inf:
         raise value.error('write a number from 0 on, in the unit of the feature')
+    return found
+
+
+def _compared(value: YamlValue) -> dict[str, tuple[float, ...]]:
+    found: dict[str, tuple[float, ...]] = {}
+    for feature, given in value.entries('a mapping of features to numbers'):
+        numbers = sorted({each.number() for each in given.one_or_more()})
+        if not 0 < len(numbers) <= _MAX_COMPARED:
+            raise feature.error(f'write 1 to {_MAX_COMPARED} numbers')
+        if not all(abs(each) < _MAX_NUMBER for each in numbers):
+            raise feature.error('write numbers of less than 2**53')
+        found[feature.word()] = tuple(numbers)
     return found
 
 

@@ -81,6 +81,7 @@ federation:
   listen: ['tcp/[::]:7447', quic/c:1]
   share: [F, {feature: G, every: 1 s, deadband: 0.5}]
   same: a1
+  compared: {F: 1, G: [-1.5, 2]}
   history: 90 s
   max_uncertainty: 1 ms
   zenoh: a.json5

@@ -7,7 +7,7 @@ from itertools import pairwise
 from math import inf
 from typing import Annotated, Final
 
-from dyknow_common import Value, check_name
+from dyknow_common import Value, check_name, shortened
 from dyknow_federation.errors import FederationError
 
 MAX_BATCH: Final = 500
@@ -18,6 +18,12 @@ MAX_REASON: Final = 1_000
 
 MAX_RANGES: Final = 20
 """The number of ranges of missing samples that a request names; later requests name others."""
+
+MAX_CONSTANTS: Final = 20
+"""The number of constants that a request compares values with."""
+
+_MAX_CONSTANT: Final = 2**53
+"""Below it, each integer is a float."""
 
 Time = Annotated[int, 'nanoseconds']
 """A time of the clock of the sender."""
@@ -103,16 +109,20 @@ class Request:
         epoch: the epoch of the numbers below; 0 if no sample has been received yet.
         number: all samples before this number have been received, or are lost.
         missing: the first and the last number of each range that is missing after it.
+        constants: in ascending order, with which values are compared. A sample is sent only if one
+            of these comparisons has changed; all are sent without constants.
     """
 
     stream: str
     epoch: int = 0
     number: int = 0
     missing: tuple[tuple[int, int], ...] = ()
+    constants: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.missing) > MAX_RANGES:
             raise FederationError(f'{len(self.missing)} ranges are missing; name {MAX_RANGES}')
+        check_constants(self.constants)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,10 +153,12 @@ class Grant:
         stream: the name of the stream.
         epoch: of the numbers from now on; numbers of different epochs have nothing to do with each
             other. No other stream of this run of the peer has it.
+        constants: those of the request.
     """
 
     stream: str
     epoch: int
+    constants: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,6 +299,21 @@ class Packet:
 def is_urgent(message: Message) -> bool:
     """Return True if a message measures a clock, so each wait makes it worse."""
     return isinstance(message, Probe | ProbeReply)
+
+
+def check_constants(constants: tuple[float, ...]) -> None:
+    """Check the constants of a request.
+
+    Raises:
+        FederationError: if they are not as they must be.
+    """
+    are_small = all(abs(each) < _MAX_CONSTANT for each in constants)
+    do_increase = all(less < greater for less, greater in pairwise(constants))
+    if len(constants) > MAX_CONSTANTS or not (are_small and do_increase):
+        raise FederationError(
+            f'{shortened(str(constants))} are not at most {MAX_CONSTANTS} ascending numbers, each '
+            'less than 2**53'
+        )
 
 
 def _check_numbers(epoch: int, number: int) -> None:

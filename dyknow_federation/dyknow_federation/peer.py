@@ -5,7 +5,7 @@ The machine has no clock, no network and no threads. Its host calls `receive` fo
 that only ask for something, as `request` and `publish`, take effect at the next `advance`, which
 they make due.
 
-    peer = Peer(PeerSettings('base', incarnation=start))
+    peer = Peer(RequestedFederation('base'), incarnation=start)
     peer.request('carrier1', 'Charge_carrier1', at=now)
     effects = peer.advance(now)
 
@@ -16,10 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
-from itertools import count
+from itertools import chain, count
 from typing import Final, NamedTuple
 
 from dyknow_common import NANOSECONDS, Value, check_name
+from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.encoding import MAX_MESSAGES, decode
 from dyknow_federation.errors import FederationError
@@ -43,11 +44,11 @@ from dyknow_federation.messages import (
     Shares,
     SharesRequest,
     StreamFault,
+    check_constants,
     is_urgent,
 )
-from dyknow_federation.remote import RemotePeer
-from dyknow_federation.sending import SentStream
-from dyknow_federation.settings import PeerSettings
+from dyknow_federation.remote import RemotePeer, hello_period
+from dyknow_federation.sending import SentStream, Thinning
 
 MAX_PEERS: Final = 1000
 """The number of other peers."""
@@ -58,7 +59,13 @@ BATCH_DELAY: Final = 2 * NANOSECONDS['ms']
 WATERMARK_DELAY: Final = 50 * NANOSECONDS['ms']
 """How long a watermark without a sample waits, in nanoseconds."""
 
+MAX_COMPARISONS: Final = 100
+"""The number of lists of constants with which peers may ask for one stream."""
+
 _NEVER: Final = 2**63
+
+_Constants = tuple[float, ...]
+"""With which peers compare the values of a stream; empty if they need all values."""
 
 
 class Effects(NamedTuple):
@@ -78,20 +85,22 @@ class Peer:
 
     Args:
         settings: its settings.
+        incarnation: the number of this run, unique among all its runs, as the time of its start.
 
     Raises:
         FederationError: if it has no name, or one that is too long.
     """
 
-    def __init__(self, settings: PeerSettings) -> None:
+    def __init__(self, settings: RequestedFederation, incarnation: int) -> None:
         if not settings.name:
             raise FederationError('a peer needs a name; set name')
         check_name(settings.name, FederationError)
         self._settings = settings
+        self._incarnation = incarnation
         self._now = -_NEVER
         self._shares = Shares(1)
         self._remotes: dict[str, RemotePeer] = {}
-        self._sent: dict[str, SentStream] = {}
+        self._sent: dict[str, dict[_Constants, SentStream]] = {}
         self._epochs = count(1)
         self._hello_at = self._flush_at = -_NEVER
         self._events: list[Event] = []
@@ -110,9 +119,20 @@ class Peer:
         return self._shares
 
     @property
-    def sent(self) -> Mapping[str, SentStream]:
-        """The own streams that others have asked for, by their names."""
+    def sent(self) -> Mapping[str, Mapping[_Constants, SentStream]]:
+        """The own streams that others have asked for, by their names and constants."""
         return self._sent
+
+    def given(self, peer: str) -> list[str]:
+        """Return the names of the own streams that a peer receives."""
+        return sorted(
+            name
+            for name, streams in self._sent.items()
+            if any(peer in each.subscribers for each in streams.values())
+        )
+
+    def _named(self, stream: str) -> Iterable[SentStream]:
+        return self._sent.get(stream, {}).values()
 
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
@@ -134,28 +154,35 @@ class Peer:
         self._hello_at = at
 
     def publish(self, stream: str, valid_time: int, value: Value, at: int) -> None:
-        """Send a sample of an own stream to all that have asked for it.
+        """Send a sample of an own stream to all that have asked for it, unless it says too little.
 
         Raises:
             FederationError: if its valid time does not increase, or was excluded by `promise`.
         """
-        if stream in self._sent:
-            self._sent[stream].publish(valid_time, value)
-            self._flush_at = min(self._flush_at, at + BATCH_DELAY)
+        for each in self._named(stream):
+            delay = BATCH_DELAY if each.publish(valid_time, value) else WATERMARK_DELAY
+            self._flush_at = min(self._flush_at, at + delay)
 
     def violate(self, stream: str, fault: StreamFault, at: int) -> None:
         """Tell all that have asked for an own stream that it has a violation."""
-        if stream in self._sent:
-            self._sent[stream].violate(fault)
+        for each in self._named(stream):
+            each.violate(fault)
             self._flush_at = min(self._flush_at, at + BATCH_DELAY)
 
     def promise(self, stream: str, time: int, at: int) -> None:
         """Promise that all later samples of an own stream are valid after a time."""
-        if stream in self._sent:
-            self._sent[stream].promise(time)
+        for each in self._named(stream):
+            each.promise(time)
             self._flush_at = min(self._flush_at, at + WATERMARK_DELAY)
 
-    def request(self, peer: str, stream: str, at: int, after: int = BEGINNING) -> None:
+    def request(
+        self,
+        peer: str,
+        stream: str,
+        at: int,
+        after: int = BEGINNING,
+        constants: tuple[float, ...] = (),
+    ) -> None:
         """Ask a peer for a stream until it is released; the peer need not be there yet.
 
         Args:
@@ -163,11 +190,14 @@ class Peer:
             stream: the name of the stream.
             at: the time.
             after: values are told after this time, or after `at` if that is earlier.
+            constants: in ascending order, if values are only compared with these: then it sends
+                only samples that compare otherwise, and values are intervals between constants.
 
         Raises:
-            FederationError: if too many peers are known.
+            FederationError: if too many peers are known, or constants are not as they must be.
         """
-        self._remote(peer, at).request(stream, at, min(after, at))
+        check_constants(constants)
+        self._remote(peer, at).request(stream, at, min(after, at), constants)
 
     def release(self, peer: str, stream: str) -> None:
         """Ask a peer for a stream no more."""
@@ -193,14 +223,14 @@ class Peer:
         """Do what is due."""
         self._note_time(at)
         if at >= self._hello_at:
-            self._hello_at = at + self._settings.hello_period
+            self._hello_at = at + hello_period(self._settings)
             self._send('', Hello(self._shares.version))
             self._expire(at)
         for remote in self._remotes.values():
             self._events += remote.advance(at)
         if at >= self._flush_at:
             self._flush_at = _NEVER
-            for stream in self._sent.values():
+            for stream in chain.from_iterable(map(self._named, self._sent)):
                 for peer, message in stream.unsent():
                     self._send(peer, message)
         return self._effects()
@@ -209,15 +239,16 @@ class Peer:
         """Notice an own clock that jumps back: no wait is longer for it, no measure holds."""
         if at < self._now:
             self._hello_at = at
-            for name, stream in self._sent.items():
-                self._sent[name] = stream.continued(next(self._epochs))
+            for streams in self._sent.values():
+                for constants, stream in streams.items():
+                    streams[constants] = stream.continued(next(self._epochs))
             for remote in self._remotes.values():
                 self._events += remote.restart_times(at)
         self._now = at
 
     def _take(self, packet: Packet, sender: str, at: int) -> None:
         if sender == self._settings.name:
-            if packet.incarnation == self._settings.incarnation:
+            if packet.incarnation == self._incarnation:
                 return
             raise FederationError(
                 f"another host is called '{sender}', too; give each host its own name"
@@ -237,8 +268,8 @@ class Peer:
             case Request():
                 self._take_request(remote, message, at)
             case Release(stream):
-                if stream in self._sent:
-                    self._sent[stream].release(remote.name)
+                for each in self._named(stream):
+                    each.release(remote.name)
             case Probe(sent_at):
                 self._events += remote.check_stamp(sent_at, at)
                 remote.send(ProbeReply(sent_at, at, at))
@@ -246,23 +277,42 @@ class Peer:
                 self._events += remote.take(message, at)
 
     def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
-        name = request.stream
-        if all(each.stream != name for each in self._shares.features):
+        name, constants = request.stream, request.constants
+        shared = next((each for each in self._shares.features if each.stream == name), None)
+        if shared is None:
             reason = 'it is not shared; name it in share there'
             remote.send(RequestRefusal(name, reason))
             return
         if name not in self._sent:
             self._events.append(StreamWanted(name))
-            self._sent[name] = SentStream(name, next(self._epochs), self._settings.history)
+        streams = self._sent.setdefault(name, {})
+        if constants not in streams:
+            if len(streams) >= MAX_COMPARISONS:
+                reason = f'peers compare it with more than {MAX_COMPARISONS} lists of constants'
+                remote.send(RequestRefusal(name, reason))
+                return
+            thinning = self._thinning(shared.name, constants)
+            history = self._settings.history
+            streams[constants] = SentStream(name, next(self._epochs), history, thinning)
+        for each in streams.keys() - {constants}:
+            streams[each].release(remote.name)
         expires = at + self._settings.peer_timeout
-        for each in self._sent[name].renew(remote.name, request, expires):
-            remote.send(each)
+        for answer in streams[constants].renew(remote.name, request, expires):
+            remote.send(answer)
+
+    def _thinning(self, feature: str, constants: _Constants) -> Thinning:
+        shares = (each for each in self._settings.share if each.name == feature)
+        share = next(shares, RequestedShare(feature))
+        return Thinning(share.every, share.deadband, constants)
 
     def _expire(self, at: int) -> None:
         """End what is not needed any more."""
-        for name, stream in list(self._sent.items()):
-            stream.expire(at)
-            if not stream.subscribers and at >= stream.used_until + self._settings.history:
+        for name, streams in list(self._sent.items()):
+            for constants, stream in list(streams.items()):
+                stream.expire(at)
+                if not stream.subscribers and at >= stream.used_until + self._settings.history:
+                    del streams[constants]
+            if not streams:
                 self._remove(name)
         for name, remote in list(self._remotes.items()):
             if not remote.is_present and not remote.requested:
@@ -296,7 +346,7 @@ class Peer:
 
     def _effects(self) -> Effects:
         packets = [
-            (receiver, Packet(self._settings.incarnation, tuple(unsent[first:][:MAX_MESSAGES])))
+            (receiver, Packet(self._incarnation, tuple(unsent[first:][:MAX_MESSAGES])))
             for (receiver, _), unsent in self._unsent.items()
             for first in range(0, len(unsent), MAX_MESSAGES)
         ]

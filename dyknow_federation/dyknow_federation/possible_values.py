@@ -10,14 +10,17 @@ uncertain is the value, and all that joins streams by their valid times needs to
     2         2.02 s ± 50 ms     1.97 s      1 or 2
                                  2.07 s      2
 
-The value at a time is known once no later sample can be valid until then. Of a stream with a
-deadband, it is known up to this only: it is an interval, whichever samples are possible.
+The value at a time is known once no later sample can be valid until then. Where not all samples are
+sent, it is known as `Precision` says: it is an interval, whichever samples are possible.
 """
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections import deque
 from collections.abc import Callable, Iterator
+from itertools import chain
+from math import inf, isfinite, nextafter
 from typing import Final, NamedTuple
 
 from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
@@ -38,14 +41,34 @@ class _Dated(NamedTuple):
     value: Value
 
 
-class Deadband(NamedTuple):
-    """By how much the values of a stream may differ from the last sample, and why."""
+class Precision(NamedTuple):
+    """How exactly the value of a stream is known while no sample is sent.
 
-    error: float
-    reason: str
+    Args:
+        error: by how much it may differ from that of the last sample.
+        constants: or, compared with each of them, it is less, equal or greater as that is.
+        reason: why it is not known better.
+    """
+
+    error: float = 0
+    constants: tuple[float, ...] = ()
+    reason: str = ''
+
+    def ends(self, value: float) -> tuple[float, float]:
+        """Return the least and the greatest value that is not sent after a value."""
+        if not isfinite(value):
+            return value, value
+        least = most = value
+        if self.error:  # Outwards, as sums are rounded.
+            least, most = nextafter(value - self.error, -inf), nextafter(value + self.error, inf)
+        if self.constants and value not in self.constants:
+            place, bounds = bisect(self.constants, value), (-inf, *self.constants, inf)
+            least = min(least, nextafter(bounds[place], inf))
+            most = max(most, nextafter(bounds[place + 1], -inf))
+        return least, most
 
 
-EXACT: Final = Deadband(0, '')
+EXACT: Final = Precision()
 
 
 class PossibleValues:
@@ -92,13 +115,13 @@ class PossibleValues:
         self._value = None
 
     def take(
-        self, reason: Callable[[], str], deadband: Deadband = EXACT
+        self, reason: Callable[[], str], precision: Precision = EXACT
     ) -> Iterator[tuple[int, Value]]:
         """Yield the values that have become known, each with the own time since which it holds.
 
         Args:
             reason: returns why several values are possible at a time.
-            deadband: of the stream.
+            precision: of the stream.
         """
         told, self._told = self._told, self.settled
         bounds = ((each.earliest, each.latest) for each in self._samples)
@@ -110,16 +133,17 @@ class PossibleValues:
                 continue
             for _ in range(certain[-1]):
                 self._samples.popleft()
-            value = _possible([each.value for each in begun[certain[-1] :]], reason, deadband)
+            value = _possible([each.value for each in begun[certain[-1] :]], reason, precision)
             if value != self._value or begun[-1].earliest == time:
                 yield time, value
             self._value = value
 
 
-def _possible(values: list[Value], reason: Callable[[], str], deadband: Deadband) -> Value:
-    """Return a value that is one of some, up to the deadband."""
+def _possible(values: list[Value], reason: Callable[[], str], precision: Precision) -> Value:
+    """Return a value that is one of some, as far as it is known."""
     numbers = [each for each in values if not isinstance(each, bool | str)]
-    if deadband.error and len(numbers) == len(values):
-        reasons = [deadband.reason, *([reason()] if len(values) > 1 else ())]
-        return Alternatives.within(numbers, deadband.error, ', and '.join(reasons))
+    if (precision.error or precision.constants) and len(numbers) == len(values):
+        reasons = [precision.reason, *([reason()] if len(values) > 1 else ())]
+        ends = chain.from_iterable(map(precision.ends, numbers))
+        return Alternatives.between([*numbers, *ends], ', and '.join(reasons))
     return Alternatives.of(values, reason()) if len(values) > 1 else values[0]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
 from dyknow_common import NANOSECONDS, SECOND_NS, format_duration, round_duration, round_time
+from dyknow_configuration import RequestedFederation
 from dyknow_federation.clocks import OwnTime, PairClock
 from dyknow_federation.events import (
     ClockJumped,
@@ -36,9 +37,8 @@ from dyknow_federation.messages import (
     StreamMessage,
     Watermark,
 )
-from dyknow_federation.possible_values import EXACT, TOO_CLOSE, Deadband, PossibleValues
+from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues, Precision
 from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
-from dyknow_federation.settings import PeerSettings
 from dyknow_stream_processing import ViolationKind
 
 MAX_FORMER: Final = 16
@@ -57,6 +57,15 @@ MAX_PROBES: Final = 16
 """The number of probes that wait for a reply."""
 
 
+_STALE: Final = 3
+"""A link over which nothing has been heard for this part of `peer_timeout` is stale."""
+
+
+def hello_period(settings: RequestedFederation) -> int:
+    """Return the time between two signs of life: some of those in `peer_timeout` may be lost."""
+    return min(SECOND_NS, settings.peer_timeout // 10)
+
+
 @dataclass(slots=True)
 class _Requested:
     """A stream that was requested.
@@ -66,14 +75,14 @@ class _Requested:
         values: of it.
         due: when the request is repeated.
         is_refused: True if the peer does not grant it.
-        deadband: by how much values may differ from that of the last sample.
+        precision: of its values.
     """
 
     stream: ReceivedStream
     values: PossibleValues
     due: int
+    precision: Precision
     is_refused: bool = False
-    deadband: Deadband = EXACT
 
 
 class RemotePeer:
@@ -94,7 +103,7 @@ class RemotePeer:
     """
 
     def __init__(
-        self, name: str, settings: PeerSettings, send: Callable[[Message], None], at: int
+        self, name: str, settings: RequestedFederation, send: Callable[[Message], None], at: int
     ) -> None:
         self.name = name
         self.clock = PairClock()
@@ -120,7 +129,8 @@ class RemotePeer:
         """Return when to call `advance`; None if there is nothing to wait for."""
         if not self.is_present:
             return None
-        limit = self._settings.peer_timeout if self.is_stale else self._settings.stale_after
+        timeout = self._settings.peer_timeout
+        limit = timeout if self.is_stale else timeout // _STALE
         return min(
             [
                 self.heard_at + limit,
@@ -187,7 +197,7 @@ class RemotePeer:
         silence = at - self.heard_at
         if silence >= self._settings.peer_timeout:
             return self._leave(silence)
-        self.is_stale = silence >= self._settings.stale_after
+        self.is_stale = silence >= self._settings.peer_timeout // _STALE
         if at >= self._probe_at:
             self._send_probe(at)
         for each in self._requested.values():
@@ -200,10 +210,12 @@ class RemotePeer:
         reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
         return [PeerLeft(self.name, reason)]
 
-    def request(self, name: str, at: int, after: int) -> None:
-        """Ask for a stream until it is released; its values are told after a time."""
+    def request(self, name: str, at: int, after: int, constants: tuple[float, ...] = ()) -> None:
+        """Ask for a stream until it is released; see `Peer.request`."""
         if name not in self._requested:
-            self._requested[name] = _Requested(ReceivedStream(name), PossibleValues(after), at)
+            self._requested[name] = _Requested(
+                ReceivedStream(name), PossibleValues(after), at, Precision(constants=constants)
+            )
             self._probe_at = at
 
     def release(self, name: str) -> None:
@@ -224,8 +236,8 @@ class RemotePeer:
                     for each in self._requested.values():
                         each.is_refused = False
                     return [SharesChanged(self.name, message)]
-            case Grant(stream, epoch):
-                return self._take_grant(stream, epoch)
+            case Grant():
+                return self._take_grant(message)
             case Samples() | Watermark():
                 return [*self._take_samples(message, at)]
             case RequestRefusal(stream, reason):
@@ -241,11 +253,14 @@ class RemotePeer:
         self._probe_at = at
         return [self._begin_times_anew(at)]
 
-    def _take_grant(self, name: str, epoch: int) -> list[Event]:
+    def _take_grant(self, grant: Grant) -> list[Event]:
+        name, epoch = grant.stream, grant.epoch
         requested = self._requested.get(name)
         if requested is None:
             self.send(Release(name))
             return []
+        if grant.constants != requested.precision.constants:
+            return []  # It is a late answer to an earlier request.
         shared = self.shares.features if self.shares else ()
         deadband = next((each.deadband for each in shared if each.stream == name), None)
         former = requested.stream.epoch
@@ -254,8 +269,12 @@ class RemotePeer:
         self._granted.pop(former, None)
         self._granted[epoch] = name
         requested.stream = ReceivedStream(name, epoch)
-        reason = f'{self.name} shares {name} with a deadband of {deadband}'
-        requested.deadband = Deadband(deadband, reason)
+        reasons = [f'{self.name} shares {name} with a deadband of {deadband}'] if deadband else []
+        if constants := requested.precision.constants:
+            compared = ', '.join(map(str, constants))
+            own = self._settings.name
+            reasons.append(f'{own} asks for {name} as compared with {compared} alone')
+        requested.precision = Precision(deadband, constants, ', and '.join(reasons))
         return [self._lose(name, 0, 'the peer numbers its samples anew')] if former else []
 
     def _take_samples(self, message: StreamMessage, at: int) -> Iterator[Event]:
@@ -297,7 +316,7 @@ class RemotePeer:
         """Yield what is due of a stream; nothing while its times cannot be translated."""
         if not self.clock.is_known:
             return
-        values, deadband = self._requested[name].values, self._requested[name].deadband
+        values, precision = self._requested[name].values, self._requested[name].precision
         for each in self._requested[name].stream.deliveries():
             match each:
                 case Lost():
@@ -311,7 +330,7 @@ class RemotePeer:
                 case Promise(time):
                     if (earliest := self._own_time(time).earliest) > self.clock.since:
                         values.promise(earliest)
-            for time, value in values.take(partial(self.difference, at), deadband):
+            for time, value in values.take(partial(self.difference, at), precision):
                 yield ValueKnown(self.name, name, time, value)
             if isinstance(each, Promise):
                 yield WatermarkArrived(self.name, name, values.settled)
@@ -373,5 +392,5 @@ class RemotePeer:
     def _send_request(self, requested: _Requested, at: int) -> None:
         stream = requested.stream
         is_settled = requested.is_refused or (stream.epoch and stream.is_complete)
-        requested.due = at + (self._settings.hello_period if is_settled else self._retry)
-        self.send(stream.request())
+        requested.due = at + (hello_period(self._settings) if is_settled else self._retry)
+        self.send(replace(stream.request(), constants=requested.precision.constants))

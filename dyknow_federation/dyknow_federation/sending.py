@@ -27,6 +27,7 @@ from dyknow_federation.messages import (
     StreamMessage,
     Watermark,
 )
+from dyknow_federation.possible_values import Precision
 
 MAX_HISTORY: Final = 20_000
 """The number of samples of a stream that are kept for back-fill."""
@@ -40,18 +41,23 @@ REFRESH: Final = 10 * SECOND_NS
 
 
 class Thinning:
-    """Decides which samples of a stream are passed on.
+    """Decides which samples of a stream are sent.
 
     The first sample without a known value always is, so that no peer takes the last one for
     known.
 
     Args:
         every: the least time between two others, in nanoseconds; 0: all are looked at.
-        deadband: by how much one must differ from the last one; None: all are passed on.
+        deadband: by how much one must differ from the last one; None: by nothing.
+        constants: and it must compare otherwise than the last one with one of them.
     """
 
-    def __init__(self, every: int, deadband: float | None = None) -> None:
-        self._every, self._deadband = every, deadband
+    def __init__(
+        self, every: int = 0, deadband: float | None = None, constants: tuple[float, ...] = ()
+    ) -> None:
+        self._every = every
+        is_thin = constants or deadband is not None
+        self._precision = Precision(deadband or 0, constants) if is_thin else None
         self._seen: int | None = None
         self._is_unknown = False
         self._passed = BEGINNING
@@ -60,7 +66,7 @@ class Thinning:
     def passes(self, valid_time: int, value: Value) -> bool:
         """Return False for a sample that follows too soon, or says too little."""
         is_unknown = isinstance(value, float) and isnan(value)
-        is_soon = self._seen is not None and valid_time - self._seen < self._every
+        is_soon = self._seen is not None and 0 <= valid_time - self._seen < self._every
         if is_soon and (self._is_unknown or not is_unknown):
             return False
         self._seen, self._is_unknown = valid_time, is_unknown
@@ -69,14 +75,18 @@ class Thinning:
         self._passed, self._value = valid_time, value
         return True
 
+    def forget(self) -> None:
+        """Have the next sample sent that is looked at: the last one may hold no more."""
+        self._value = None
+
     def _is_near(self, value: Value) -> bool:
         former = self._value
-        if self._deadband is None or former is None:
+        if self._precision is None or former is None:
             return False
         if isinstance(value, bool | str) or isinstance(former, bool | str):
             return value == former
-        # The bounds that peers calculate, rounded alike; False of what is not a number.
-        return former - self._deadband <= value <= former + self._deadband
+        least, most = self._precision.ends(former)
+        return least <= value <= most  # False of what is not a number.
 
 
 class _Kept(NamedTuple):
@@ -106,12 +116,16 @@ class SentStream:
         name: of the stream.
         epoch: of its numbers.
         history: how long samples are kept, in nanoseconds.
+        thinning: decides which samples are sent; None: all are.
     """
 
-    def __init__(self, name: str, epoch: int, history: int) -> None:
+    def __init__(
+        self, name: str, epoch: int, history: int, thinning: Thinning | None = None
+    ) -> None:
         self._name = name
         self._epoch = epoch
         self._history = history
+        self._thinning = thinning or Thinning()
         self._kept: deque[_Kept] = deque(maxlen=MAX_HISTORY)
         self._number = 1
         self._latest = self._promised = BEGINNING
@@ -124,8 +138,8 @@ class SentStream:
         """The names of the peers that receive it."""
         return list(self._subscriptions)
 
-    def publish(self, valid_time: int, value: Value) -> None:
-        """Number and keep a sample.
+    def publish(self, valid_time: int, value: Value) -> bool:
+        """Number and keep a sample; return False if it need not be sent.
 
         Raises:
             FederationError: if it is not valid later than what was promised.
@@ -135,11 +149,16 @@ class SentStream:
                 f"a sample of '{self._name}' is valid at {format_time(valid_time)}, not "
                 f'after {format_time(self._promised)}, as was promised'
             )
-        self._promised = self._latest = valid_time
+        self._promised = valid_time
+        if not self._thinning.passes(valid_time, value):
+            return False
+        self._latest = valid_time
         self._keep(_Kept(valid_time, value))
+        return True
 
     def violate(self, fault: StreamFault) -> None:
         """Number and keep a violation."""
+        self._thinning.forget()
         time = fault.valid_time if self._latest == BEGINNING else self._latest
         self._keep(_Kept(time, fault))
 
@@ -170,7 +189,7 @@ class SentStream:
         self.used_until = max(self.used_until, expires)
         found: list[Grant | StreamMessage] = []
         if request.epoch != self._epoch:
-            found.append(Grant(self._name, self._epoch))
+            found.append(Grant(self._name, self._epoch, request.constants))
         else:
             left = MAX_RESENT
             for start, end in request.missing:
@@ -182,7 +201,8 @@ class SentStream:
 
     def continued(self, epoch: int) -> SentStream:
         """Return a new one for its subscribers, as the clock has jumped."""
-        found = SentStream(self._name, epoch, self._history)
+        self._thinning.forget()
+        found = SentStream(self._name, epoch, self._history, self._thinning)
         found.used_until = self.used_until
         for peer, each in self._subscriptions.items():
             found._subscriptions[peer] = _Subscription(found._number, each.expires)

@@ -8,27 +8,24 @@ judge the verdict.
 from __future__ import annotations
 
 import heapq
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from random import Random
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, StreamConstraints, Value, Verdict
-from dyknow_federation import (
-    Effects,
+from dyknow_configuration import RequestedFederation, RequestedShare
+from dyknow_federation.encoding import encode
+from dyknow_federation.events import (
     Event,
-    Packet,
-    Peer,
-    PeerSettings,
     SamplesLost,
-    SharedFeature,
-    StreamFault,
     StreamViolated,
     ValueKnown,
     WatermarkArrived,
-    encode,
 )
-from dyknow_federation.sending import Thinning
+from dyknow_federation.messages import Packet, SharedFeature, StreamFault
+from dyknow_federation.peer import Effects, Peer
 from dyknow_reasoning import FormulaGroup
 from dyknow_stream_processing import Dataflow, Sample, Violation, parse_specification
 
@@ -45,7 +42,15 @@ FORMULAS = (
     'Level[h0] < 8 until[0 s, {w} s] Level[h1] > 6',
     'eventually[0 s, {w} s] forall r in Robot: Level[r] > 4',
     'always[0 s, {w} s] (Level[h0] < Level[h1] -> eventually[0 s, {v} s] Level[h0] >= Level[h1])',
+    'always[0 s, {w} s] (Level[h1] <= 3 or Level[h1] > 5 or eventually[0 s, {v} s] Level[h1] = 7)',
 )
+
+
+def constants(formula: str) -> tuple[float, ...]:
+    """With what a formula compares levels; nothing if it compares them with each other."""
+    if re.search('[<>=] Level', formula):
+        return ()
+    return tuple(sorted({float(each) for each in re.findall('[<>=] ([0-9]+)', formula)}))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +68,8 @@ class Conditions:
         restarts: True if hosts restart.
         violations: True if the sensors of hosts fail, and their hosts report it.
         deadbands: True if hosts send some values only if they have changed enough.
+        comparisons: the share of runs in which hosts send only what compares otherwise with the
+            constants of the formula, if it does nothing else with values.
     """
 
     offset: int = 5 * SECOND_NS
@@ -75,6 +82,7 @@ class Conditions:
     restarts: bool = True
     violations: bool = True
     deadbands: bool = True
+    comparisons: float = 0.5
 
 
 @dataclass(slots=True)
@@ -104,7 +112,6 @@ class Host:
     peer: Peer
     period: int
     deadband: float | None
-    thinning: Thinning
     wakes_at: int = 0
     is_down: bool = False
     is_silent: bool = False
@@ -143,6 +150,7 @@ class Simulation:
     def __init__(self, seed: int, conditions: Conditions | None = None) -> None:
         self.random = random = Random(seed)  # noqa: S311 - to be repeated
         self.conditions = conditions or Conditions()
+        self._network = Random(seed)  # noqa: S311 - the hosts do the same over all links
         self._queue: list[tuple[int, int, Callable[[], None]]] = []
         self._count = 0
         self._now = 0
@@ -183,17 +191,17 @@ class Simulation:
         random, most = self.random, self.conditions.offset
         offset = 1_000 * SECOND_NS + random.randint(-most, most)
         drift = random.uniform(-1, 1) * self.conditions.drift_ppm * 1e-6
-        peer = self._peer(name)
+        incarnation = random.getrandbits(60)
         period, deadband = random.choice((100, 200, 500)) * MS, None
         if self.conditions.deadbands:
             deadband = random.choice((None, None, 0, 0.5, 1.5))
-        thinning = Thinning(0, deadband)
-        return Host(name, Clock(offset, drift), peer, period, deadband, thinning)
+        peer = self._peer(name, deadband, incarnation)
+        return Host(name, Clock(offset, drift), peer, period, deadband)
 
-    def _peer(self, name: str) -> Peer:
-        return Peer(
-            PeerSettings(name, self.random.getrandbits(60), max_uncertainty=3600 * SECOND_NS)
-        )
+    def _peer(self, name: str, deadband: float | None, incarnation: int) -> Peer:
+        share = RequestedShare('Level', deadband=deadband)
+        settings = RequestedFederation(name, share=(share,), max_uncertainty=3600 * SECOND_NS)
+        return Peer(settings, incarnation)
 
     def _outage(self) -> tuple[str, int, int]:
         """The links of one host, or of all, fail."""
@@ -206,6 +214,8 @@ class Simulation:
         random, own = self.random, self.hosts[0]
         text = random.choice(FORMULAS)
         self.formula = text.format(w=random.choice((2, 4, 8)), v=random.choice((0.2, 0.5, 1, 2)))
+        is_compared = random.random() < self.conditions.comparisons
+        self.constants = constants(self.formula) if is_compared else ()
         names = [each.name for each in self.hosts]
         self.domains = {'Robot': names}
         start = own.clock.read(random.randint(1, 3) * SECOND_NS)
@@ -228,7 +238,8 @@ class Simulation:
         self.error = ''
         for each in self.hosts:
             if each is not own:
-                own.peer.request(each.name, STREAM, own.clock.read(0))
+                now = own.clock.read(0)
+                own.peer.request(each.name, STREAM, now, constants=self.constants)
 
     def _share(self, host: Host) -> None:
         feature = SharedFeature('Level', (host.name,), STREAM, 'float', '', host.deadband or 0)
@@ -259,10 +270,7 @@ class Simulation:
         self._at(self._now + host.period + random.randint(0, 20 * MS), lambda: self._publish(host))
 
     def _take_sample(self, host: Host, reading: int, level: float) -> None:
-        if host.thinning.passes(reading, level):
-            host.peer.publish(STREAM, reading, level, reading)
-        else:
-            host.peer.promise(STREAM, reading, reading)
+        host.peer.publish(STREAM, reading, level, reading)
         if host is self.hosts[0]:
             self._push(host.name, reading, level)
 
@@ -292,7 +300,7 @@ class Simulation:
     def _start(self, host: Host) -> None:
         if self.random.random() < 0.5:
             host.clock.offset += self.random.randint(-SECOND_NS, SECOND_NS)
-        host.peer, host.thinning = self._peer(host.name), Thinning(0, host.deadband)
+        host.peer = self._peer(host.name, host.deadband, self.random.getrandbits(60))
         host.is_down = False
         host.wakes_at = 0
         self._share(host)
@@ -323,7 +331,7 @@ class Simulation:
         self._wake(host)
 
     def _send(self, sender: Host, receiver: str, packet: Packet) -> None:
-        random, data = self.random, encode(packet)
+        random, data = self._network, encode(packet)
         for host in self.hosts:
             if host is sender or receiver not in {'', host.name}:
                 continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 import pytest
 from federation_simulation import Conditions, Outcome, Simulation
@@ -25,6 +26,19 @@ def test_verdicts_are_right_or_unknown() -> None:
     # Most are known: what is not known is rarely of importance.
     assert len(clocks) <= RUNS // 4
     assert sum(each.kind == 'right' for each in found) >= RUNS // 2
+
+
+def test_comparisons_that_cross_give_the_same_verdicts() -> None:
+    """Unless clocks leave open whether a value was between two constants for a moment."""
+    conditions = Conditions(
+        loss=0, duplicates=0, jitter=1, restarts=False, violations=False, deadbands=False
+    )
+    for seed in range(RUNS):
+        runs = [Simulation(seed, replace(conditions, comparisons=share)) for share in (0, 1)]
+        of_values, of_comparisons = (each.run() for each in runs)
+        is_open = of_comparisons.kind == 'unknown' and 'the clocks' in of_comparisons.error
+        if not is_open or len(runs[1].constants) == 1:
+            assert (of_comparisons.kind, runs[1].result) == (of_values.kind, runs[0].result), seed
 
 
 @pytest.mark.parametrize('offset', [0, 3600 * SECOND_NS])

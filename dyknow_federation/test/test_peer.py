@@ -2,36 +2,45 @@
 
 from __future__ import annotations
 
+import math
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, Value
-from dyknow_federation import (
+from dyknow_configuration import RequestedFederation
+from dyknow_federation.encoding import VERSION, encode
+from dyknow_federation.errors import FederationError
+from dyknow_federation.events import (
     ClockJumped,
     Event,
-    FederationError,
-    Packet,
-    Peer,
     PeerFault,
     PeerJoined,
     PeerLeft,
-    PeerSettings,
     SamplesLost,
-    SharedFeature,
     SharesChanged,
-    StreamFault,
     StreamUnwanted,
     StreamViolated,
     StreamWanted,
     ValueKnown,
-    encode,
 )
-from dyknow_federation.encoding import VERSION
-from dyknow_federation.messages import MAX_BATCH, Hello, Message, Request, Samples
+from dyknow_federation.messages import (
+    MAX_BATCH,
+    Hello,
+    Message,
+    Packet,
+    Request,
+    RequestRefusal,
+    Samples,
+    SharedFeature,
+    StreamFault,
+)
+from dyknow_federation.peer import MAX_COMPARISONS, Peer
 
 MS = NANOSECONDS['ms']
+LARGEST = sys.float_info.max
 LEVEL = SharedFeature('Level', ('r1',), 'level', 'float')
 
 
@@ -49,7 +58,7 @@ class Net:
             self.start(name, number)
 
     def start(self, name: str, incarnation: int) -> None:
-        self.peers[name] = Peer(PeerSettings(name, incarnation))
+        self.peers[name] = Peer(RequestedFederation(name), incarnation)
 
     def time(self, name: str) -> int:
         return self.now + self.offsets[name]
@@ -153,6 +162,59 @@ def test_values_of_a_stream_with_a_deadband_are_intervals() -> None:
     net.publish('a', True)
     net.settle()
     assert net.take('b', ValueKnown)[-1].value is True
+
+
+def test_of_a_stream_that_is_compared_with_constants_crossings_are_sent() -> None:
+    net = Net('a', 'b', 'c')
+    net.peers['a'].share([], [LEVEL], net.time('a'))
+    net.peers['b'].request('a', 'level', net.time('b'), constants=(2.0, 5.0))
+    net.peers['c'].request('a', 'level', net.time('c'))
+    net.run(0.5)
+    assert net.take('a', StreamWanted) == [StreamWanted('level')]
+    for value in (3, 4, 5, 7, 6, math.inf):
+        net.publish('a', value)
+        net.settle()
+    found = [each.value for each in net.take('b', ValueKnown)]
+    known = [(each.bounds, each.reason) for each in found[::2] if isinstance(each, Alternatives)]
+    between, above = (math.nextafter(2, 3), math.nextafter(5, 4)), (math.nextafter(5, 6), LARGEST)
+    reason = 'b asks for level as compared with 2.0, 5.0 alone'
+    assert known == [(between, reason), (above, reason)]
+    assert (found[2], found[6]) == (5, math.inf)
+    assert found[1].bounds == (between[0], 5)
+    assert found[1].reason.startswith(f'{reason}, and the clocks of b and a differ by')
+    assert net.values('c') == [3, 4, 5, 7, 6, math.inf]
+    assert net.peers['a'].given('b') == net.peers['a'].given('c') == ['level']
+
+
+def test_who_asks_anew_is_told_the_value_though_it_is_not_sent_again() -> None:
+    net = Net('a', 'b')
+    net.peers['a'].share([], [LEVEL], net.time('a'))
+    for constants in ((2.0,), (2.0,), (), (5.0,)):
+        asked = net.time('b')
+        net.peers['b'].request('a', 'level', asked, after=asked, constants=constants)
+        net.run(0.5)
+        net.publish('a', 3)
+        net.settle()
+        assert net.take('b', ValueKnown)[-1].time > asked
+        net.publish('a', 3)
+        net.settle()
+        assert bool(net.take('b', ValueKnown)) == (not constants)
+        net.peers['b'].release('a', 'level')
+        net.run(0.1)
+
+
+def test_lists_of_constants_are_limited() -> None:
+    net = Net('a', 'b')
+    net.peers['a'].share([], [LEVEL], net.time('a'))
+    found = []
+    for number in range(MAX_COMPARISONS + 1):
+        request = Packet(7, (Request('level', constants=(float(number),)),))
+        effects = net.peers['a'].receive(encode(request), net.time('a'), 'b')
+        found += [each for _, packet in effects.packets for each in packet.messages]
+    assert [each for each in found if isinstance(each, RequestRefusal)] == found[-1:]
+    assert f'more than {MAX_COMPARISONS} lists' in found[-1].reason
+    with pytest.raises(FederationError, match='ascending numbers'):
+        net.peers['b'].request('a', 'level', net.time('b'), constants=(2.0, 1.0))
 
 
 def test_changed_shares_are_told() -> None:
@@ -287,7 +349,7 @@ def test_bad_packets_and_doubled_names_are_faults() -> None:
     (fault,) = net.send('b', 'b', Hello(1))
     assert 'give each host its own name' in fault.message
     with pytest.raises(FederationError, match='needs a name'):
-        Peer(PeerSettings('', 1))
+        Peer(RequestedFederation(''), 1)
 
 
 def test_what_peers_make_us_keep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,7 +409,7 @@ def test_a_released_stream_is_sent_no_more() -> None:
     net = sharing()
     net.peers['b'].release('a', 'level')
     net.run(0.1)
-    assert net.peers['a'].sent['level'].subscribers == []
+    assert net.peers['a'].sent['level'][()].subscribers == []
 
 
 def test_an_old_value_is_no_alternative_after_a_pause() -> None:

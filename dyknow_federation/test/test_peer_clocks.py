@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import NANOSECONDS, SECOND_NS
-from dyknow_federation import PairClock
+from dyknow_federation.clocks import PairClock
 
 MS = NANOSECONDS['ms']
 

@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_federation import FederationError, Packet, decode, encode
-from dyknow_federation.encoding import MAX_LENGTH, MAX_MESSAGES, MAX_PACKET, VERSION
+from dyknow_federation.encoding import MAX_LENGTH, MAX_MESSAGES, MAX_PACKET, VERSION, decode, encode
+from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import (
     MAX_BATCH,
     Grant,
     Hello,
     Message,
+    Packet,
     Probe,
     ProbeReply,
     Release,
@@ -40,9 +41,10 @@ EXAMPLES: list[Message] = [
         (SharedObject('r1', ('Robot', 'Carrier')),),
         (SharedFeature('Charge', ('r1',), 'c', 'float', 'V'),),
     ),
-    Request('c', 2, 5, ((5, 6), (8, 8))),
+    Request('c', 2, 5, ((5, 6), (8, 8)), (-0.5, 2.0)),
     Release('c'),
     RequestRefusal('c', 'it is not shared'),
+    Grant('d', 7, (1.5,)),
     Grant('c', 2),
     Samples(1, 7, (10, 20), (1.5, 'ü')),
     Samples(1, 7, (10, 2**62), (0.1, -math.inf)),
@@ -138,6 +140,9 @@ def test_bad_messages_are_not_made() -> None:
         Samples(1, 1, (2, 3), (0,))
     with pytest.raises(FederationError, match='a deadband of nan'):
         SharedFeature('X', (), 'X', 'float', '', math.nan)
+    for constants in ((1, 1), (math.nan,), (2**53,), tuple(range(21))):
+        with pytest.raises(FederationError, match='at most 20 ascending numbers'):
+            Request('level', constants=constants)
     with pytest.raises(FederationError, match='cut it'):
         StreamFault(5, 'lost', 'x' * 1001)
     with pytest.raises(FederationError, match='shorten it'):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
-from dyknow_federation import PossibleValues
+from dyknow_federation.possible_values import PossibleValues
 
 REASON = 'the clocks of me and b differ'
 

@@ -7,7 +7,7 @@ import math
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dyknow_common import SECOND_NS, Alternatives
+from dyknow_common import SECOND_NS, Alternatives, Value
 from dyknow_federation.messages import (
     Grant,
     Request,
@@ -16,6 +16,7 @@ from dyknow_federation.messages import (
     StreamMessage,
     Watermark,
 )
+from dyknow_federation.possible_values import PossibleValues, Precision
 from dyknow_federation.receiving import MAX_HELD, Lost, Promise, Received, ReceivedStream
 from dyknow_federation.sending import MAX_HISTORY, SentStream, Thinning
 
@@ -171,9 +172,50 @@ def test_a_deadband_bounds_what_is_not_sent(values: list[float], deadband: float
     for time, value in enumerate(values):
         if thinning.passes(time, value):
             sent = value
-        held = Alternatives.within([sent], deadband, 'a deadband')
-        lower, upper = held.bounds if isinstance(held, Alternatives) else (sent, sent)
+        lower, upper = Precision(deadband).ends(sent)
         assert lower <= value <= upper or (math.isnan(value) and math.isnan(sent))
+
+
+@given(
+    st.lists(st.integers(-6, 6).map(lambda each: each / 2) | st.floats() | st.integers()),
+    st.sets(st.integers(-4, 4).map(lambda each: each / 2) | st.floats(-2, 2), min_size=1),
+    st.sampled_from([None, 0, 0.5]),
+)
+@example([2**53 + 1, 2**53 + 3], {2.0**53 - 1}, None)
+def test_what_is_not_sent_compares_as_what_was(
+    values: list[float], compared: set[float], deadband: float | None
+) -> None:
+    constants = tuple(sorted(compared))
+    thinning = Thinning(0, deadband, constants)
+    precision = Precision(deadband or 0, constants, 'r')
+    told: Value = math.nan
+    for time, value in enumerate(values):
+        if thinning.passes(time, value):
+            possible = PossibleValues()
+            possible.put(time, time, value)
+            ((_, told),) = possible.take(lambda: '', precision)
+        bounds = told.bounds if isinstance(told, Alternatives) else (told, told)
+        assert math.isnan(bounds[0]) or bounds[0] <= value <= bounds[1]
+        if not deadband and not math.isnan(value):
+            assert all(
+                (each < constant, each == constant) == (value < constant, value == constant)
+                for constant in constants
+                for each in bounds
+            )
+
+
+def test_after_a_violation_the_next_sample_is_sent() -> None:
+    sent = SentStream(NAME, 1, 10**9, Thinning(constants=(5.0,)))
+    assert [sent.publish(time, 3) for time in range(3)] == [True, False, False]
+    sent.violate(StreamFault(2, 'max_gap', 'none came'))
+    assert [sent.publish(time, 3) for time in range(3, 6)] == [True, False, False]
+    assert sent.continued(2).publish(0, 3)  # The clock was set back.
+
+
+def test_a_rate_holds_after_a_clock_was_set_back() -> None:
+    thinning = Thinning(10)
+    times = [100, 105, 50, 55, 60]
+    assert [each for each in times if thinning.passes(each, each)] == [100, 50, 60]
 
 
 def test_a_value_within_a_deadband_is_sent_again() -> None:

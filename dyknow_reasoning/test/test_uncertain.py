@@ -332,7 +332,9 @@ def measured(draw: st.DrawFn) -> tuple[Uncertain, Trace]:
             value, radius = draw(QUARTERS), draw(st.sampled_from([0, 0.5]))
             seen = [value + each for each in errors]
             given_values[name] = (
-                Alternatives.within(seen, radius, REASON) if radius else either(*seen)
+                Alternatives.between([*seen, min(seen) - radius, max(seen) + radius], REASON)
+                if radius
+                else either(*seen)
             )
             true_values[name] = (
                 draw(st.sampled_from(seen))
@@ -357,7 +359,9 @@ def test_no_verdict_over_intervals_is_wrong(formula: str, traces: tuple[Uncertai
 
 
 def within(value: float, error: float = 0.5) -> Value:
-    return Alternatives.within([value], error, 'x is shared with a deadband of 0.5')
+    return Alternatives.between(
+        [value, value - error, value + error], 'x is shared with a deadband of 0.5'
+    )
 
 
 def test_intervals_decide_what_they_can() -> None:
@@ -375,16 +379,14 @@ def test_an_interval_that_matters_ends_a_formula() -> None:
     assert 'x is shared with a deadband of 0.5: too much for this formula' in str(found.error)
 
 
-def test_numbers_within_an_error_are_an_interval() -> None:
-    found = Alternatives.within([1, 2], 0.5, REASON)
+def test_numbers_between_others_are_an_interval() -> None:
+    found = Alternatives.between([1, 0.5, 2.5], REASON)
     assert isinstance(found, Alternatives)
     assert found.is_interval
     assert found.values[0] == 1
-    least, most = found.bounds
-    assert least == pytest.approx(0.5)
-    assert most == pytest.approx(2.5)
+    assert found.bounds == (0.5, 2.5)
     assert Alternatives(found).bounds == found.bounds
-    assert Alternatives.within([math.inf], 1, REASON) == math.inf
-    assert math.isnan(Alternatives.within([math.inf, 1], 1, REASON))
+    assert Alternatives.between([math.inf, math.inf], REASON) == math.inf
+    assert math.isnan(Alternatives.between([math.inf, 1], REASON))
     with pytest.raises(ValueError, match='a number from'):
         choices({'x': found})

@@ -44,7 +44,6 @@ from dyknow_federation.ros.own_streams import OwnStreams
 from dyknow_federation.ros.remote_streams import PREFIX, RemoteStreams, StreamName
 from dyknow_federation.ros.transport import ZenohTransport
 from dyknow_federation.ros.vocabulary import SharedVocabulary
-from dyknow_federation.settings import PeerSettings
 from dyknow_stream_processing import ViolationKind
 
 PERIOD_S: Final = 0.1
@@ -76,18 +75,10 @@ class Federation(DyKnowNode):
         super().__init__('federation')
         path = self.parameter('robot', '', 'robot.yaml with the key federation.')
         settings = self._settings = _federation(path)
-        self._peer = Peer(
-            PeerSettings(
-                settings.name,
-                self.started_at,
-                peer_timeout=settings.peer_timeout,
-                history=settings.history,
-                max_uncertainty=settings.max_uncertainty,
-            )
-        )
+        self._peer = Peer(settings, self.started_at)
         self._latest = self.now()
         self._remote = RemoteStreams(self)
-        self._own = OwnStreams(self, self._peer, settings.share, self._plan)
+        self._own = OwnStreams(self, self._peer, self._plan)
         prefix = str(self.resolve_topic_name(PREFIX)) + '/'
         self._vocabulary = SharedVocabulary(self, settings.same, self._remote.topic, prefix)
         self._shares: dict[str, Shares] = {}
@@ -206,7 +197,7 @@ class Federation(DyKnowNode):
         now = self.now()
         begun, ended = self._remote.demand()
         for name in begun:
-            self._peer.request(*name, now, self._remote.told(name))
+            self._peer.request(*name, now, self._remote.told(name), self._compared(name))
         for peer, stream in ended:
             self._peer.release(peer, stream)
         self._own.reconcile()
@@ -216,6 +207,12 @@ class Federation(DyKnowNode):
         if is_due and not self._is_working:
             self._is_working, self._meaning_of = True, version
             self.spawn(self._update_meaning)
+
+    def _compared(self, name: StreamName) -> tuple[float, ...]:
+        """Return the numbers with which a stream is compared; none if its values are needed."""
+        shared = self._shares[name.peer].features if name.peer in self._shares else ()
+        feature = next((each.name for each in shared if each.stream == name.stream), '')
+        return self._settings.compared.get(feature, ())
 
     def _withdraw(self) -> None:
         """Forget what peers shared that have left, once formulas about it have long ended.
@@ -295,7 +292,7 @@ class Federation(DyKnowNode):
             self._lost[name],
             tuple(each.stream for each in remote.shares.features) if remote.shares else (),
             tuple(sorted(remote.requested)),
-            tuple(sorted(key for key, each in self._peer.sent.items() if name in each.subscribers)),
+            tuple(self._peer.given(name)),
             self._faults.get(name, ''),
         )
 

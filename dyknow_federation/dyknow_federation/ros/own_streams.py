@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,11 +12,9 @@ from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import Alternatives, DyKnowError, ExitCode
 from dyknow_common.ros import STREAM, DyKnowNode, LogOnce, RemoteNode, time_to_nanoseconds
-from dyknow_configuration import RequestedShare
 from dyknow_federation.messages import MAX_REASON, StreamFault
 from dyknow_federation.offers import VALUE, Offer
 from dyknow_federation.peer import Peer
-from dyknow_federation.sending import Thinning
 from dyknow_stream_processing import Violation, ViolationKind
 from dyknow_stream_processing.ros import NodeTopics, sample_fields, sample_valid_time
 
@@ -32,14 +30,12 @@ class OwnStream:
         node: the node.
         peer: this host among its peers.
         name: of the stream, as peers know it.
-        thinning: decides which samples are passed on.
         changed: is called after each sample and promise.
     """
 
     node: DyKnowNode
     peer: Peer
     name: str
-    thinning: Thinning
     changed: Callable[[], None]
     fault: str = ''
     """Why no sample is passed on any more."""
@@ -55,7 +51,7 @@ class OwnStream:
         return sample_valid_time(message)
 
     def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:  # noqa: ARG002
-        """Pass a sample on, unless it follows too soon, or is within the deadband."""
+        """Pass a sample on."""
         valid_time, value = sample_valid_time(message), sample_fields(message)[VALUE]
         if not self.fault and isinstance(value, Alternatives):
             # Its times are known up to the bounds of a clock that the asking host does not know.
@@ -67,10 +63,7 @@ class OwnStream:
             self._tell(StreamFault(valid_time, ViolationKind.SOURCE, self.fault), now)
         if self.fault:
             return
-        if self.thinning.passes(valid_time, value):
-            self.peer.publish(self.name, valid_time, value, now)
-        else:
-            self.peer.promise(self.name, valid_time, now)
+        self.peer.publish(self.name, valid_time, value, now)
         if message.watermark:
             self.on_watermark(time_to_nanoseconds(message.watermark[0]), now)
         self.changed()
@@ -103,24 +96,16 @@ class OwnStreams:
     Args:
         node: the node.
         peer: this host among its peers.
-        shared: the shared features, which say which samples are passed on.
         changed: is called after each sample and promise.
     """
 
-    def __init__(
-        self,
-        node: DyKnowNode,
-        peer: Peer,
-        shared: Iterable[RequestedShare],
-        changed: Callable[[], None],
-    ) -> None:
+    def __init__(self, node: DyKnowNode, peer: Peer, changed: Callable[[], None]) -> None:
         self.offers: Mapping[str, Offer] = {}
         """All that peers may ask for, by the names of the streams."""
         self.faults: tuple[str, ...] = ()
         """What cannot be shared, and why."""
         self._node = node
         self._peer = peer
-        self._shared = {each.name: each for each in shared}
         self._changed = changed
         services = (StreamCreateFromSpec, StreamDestroy)
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
@@ -186,9 +171,7 @@ class OwnStreams:
             # An earlier run of this node has left it, of another specification.
             await self._manager.call(StreamDestroy, stream_name=spec.name)
             created = await self._manager.call(StreamCreateFromSpec, spec=spec)
-        shared = self._shared[offer.feature.name]
-        thinning = Thinning(shared.every, shared.deadband)
-        listener = OwnStream(self._node, self._peer, name, thinning, self._changed)
+        listener = OwnStream(self._node, self._peer, name, self._changed)
         remove = self._topics.listen(created.stream_topic, listener, STREAM, SampleMessage)
         self._topics.refresh()
         self._made[name] = offer, remove
