@@ -18,6 +18,9 @@ from dyknow_space import WGS84, LocalPlane
 _HEIGHT: Final = 26.0
 """Of the image, in em; its width is at most twice that."""
 
+_DETAIL: Final = 1 / 2000
+"""The share of the height that an outline may be away from its region: less than a pixel."""
+
 
 def map_image(
     found: RecordedMap, formulas: Sequence[FormulaReport], whole: Span, points: int = MAX_POINTS
@@ -43,11 +46,13 @@ def map_image(
     box, size = _extent(regions.values(), tracks.values())
     outcomes = _outcomes(formulas)
     failures = [each for formula in formulas for each in _failures(tracks, formula, whole)]
+    shown = {name: each.simplify(size * _DETAIL) for name, each in regions.items()}
     shapes = [
-        *(_region(name, each, outcomes.get(name)) for name, each in regions.items()),
+        *(_region(name, each, outcomes.get(name)) for name, each in shown.items()),
         *(_track(name, each, size / 160, points) for name, each in tracks.items()),
         *(_place_mark(*place, size / 80, text) for place, text in failures),
-        *(_label(name, regions[name], size / 30) for name in sorted(outcomes.keys() & regions)),
+        *(_label(*place, size / 40, text.rpartition(': ')[2]) for place, text in failures),
+        *(_label(*_middle(shown[name]), size / 30, name) for name in outcomes if name in shown),
     ]
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="map" viewBox="{box}" '
@@ -120,12 +125,16 @@ def _region(name: str, geometry: Any, outcome: Outcome | None) -> str:
     return f'<path{kind} d="{path}"><title>{text}</title></path>'
 
 
-def _label(name: str, geometry: Any, height: float) -> str:
-    """Return the name of a region, as text above its middle."""
-    (left, bottom, right, top) = geometry.bounds
-    x, y = (left + right) / 2, (bottom + top) / 2 + height
-    style = f'x="{x:.6g}" y="{-y:.6g}" font-size="{height:.3g}"'
-    return f'<text {style}>{escape(name)}</text>'
+def _middle(geometry: Any) -> tuple[float, float]:
+    """Return the middle of the box of a region."""
+    left, bottom, right, top = geometry.bounds
+    return (left + right) / 2, (bottom + top) / 2
+
+
+def _label(x: float, y: float, height: float, text: str) -> str:
+    """Return a text above a place."""
+    style = f'x="{x:.6g}" y="{-y - height:.6g}" font-size="{height:.3g}"'
+    return f'<text {style}>{escape(text)}</text>'
 
 
 def _track(name: str, track: Track, radius: float, most: int) -> str:
