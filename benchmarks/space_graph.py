@@ -23,6 +23,7 @@ CASES = {
     'somewhere, positions': (POSITIONS, 'somewhere[0, 2000] Charge[s] > 20'),
     'reach, positions': (POSITIONS, 'Charge[s] > 20 reach[0, 9 hops] Base[s]'),
     'escape, positions': (POSITIONS, 'not escape[9000, inf) Charge[s] > 20'),
+    'reach, neighbours': ('delaunay(X[a], Y[a])', 'Charge[s] > 20 reach[0, 9 hops] Base[s]'),
     'eventually, positions': (
         POSITIONS,
         'somewhere[0, 5 hops] eventually[0 s, 0.2 s] Charge[s] > 20',

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
 from commands import command, output_of, running, started
+from dashboards import dashboard
 from dyknow_configuration import read_robot
 from dyknow_recordings import (
     MonitoringFiles,
@@ -28,6 +29,7 @@ from dyknow_recordings import (
 )
 from dyknow_stream_processing.ros import message_class
 from fake_robots import EXAMPLES, FOLDER, SIMULATE, Example
+from page_client import receive
 from system import private_environment
 
 RECORDINGS = [(example, name) for example in EXAMPLES for name in example.expected['recordings']]
@@ -148,6 +150,15 @@ def changes(line: list[str], environment: dict[str, str]) -> Iterator[Iterator[d
         process.send_signal(signal.SIGTERM)
 
 
+def check_map(address: str) -> None:
+    """The page shows where the robot was when it had passed the barrier."""
+    found = receive(address, 'formulas', 'barrier', lambda each: each['type'] == 'map')['image']
+    assert '<title>barrier: false</title>' in found
+    ((x, reason),) = re.findall(r'<circle cx="([^"]*)".*?<title>([^<]*)</title>', found)
+    assert float(x) > 11.02
+    assert reason.startswith('barrier: robot3 at ')
+
+
 @pytest.mark.parametrize(
     ('name', 'fault'),
     [
@@ -166,7 +177,8 @@ def test_the_running_system_finds_a_fault(name: str, fault: str) -> None:
     with running(command('dyknow', 'up', configuration, '--no-monitor'), environment) as process:
         assert process.stdout is not None
         assert any('DyKnow runs in /: ' in line for line in process.stdout)
-        with running(robot, environment):
+        page = dashboard(environment, 0, configuration) if name == 'warehouse' else nullcontext('')
+        with running(robot, environment), page as address:
             line = command('dyknow', 'monitor', configuration, '--json')
             found = {}
             with changes(line, environment) as reports:
@@ -175,5 +187,7 @@ def test_the_running_system_finds_a_fault(name: str, fault: str) -> None:
                     found[each['name']] = 'error' if outcome == 'CONSTRAINT_VIOLATION' else outcome
                     if found.items() >= expected.items():
                         break
+                if address:
+                    check_map(address)
     decided = {name: each for name, each in found.items() if each not in {'undecided', 'waiting'}}
     assert expected.items() <= decided.items() <= example.outcomes([fault]).items(), found

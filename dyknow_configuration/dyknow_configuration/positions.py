@@ -42,7 +42,7 @@ from dyknow_configuration.regions import (
     frame_of,
     position_variable,
 )
-from dyknow_configuration.robot import RobotVocabulary
+from dyknow_configuration.robot import PositionFields, RobotVocabulary
 from dyknow_configuration.topics import MAX_TEXTS
 from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import ALL_HEIGHTS, WGS84, Region
@@ -61,13 +61,12 @@ class PositionTexts:
     Args:
         streams: of the distances to regions, and of poses.
         annotations: of these streams.
-        topics: the topic, and the fields of x and y, of each object that has one, and whose
-            position is in the frame of the first region.
+        topics: of each object that has one, and whose position is in the frame of the first region.
     """
 
     streams: tuple[InlineText, ...] = ()
     annotations: tuple[InlineText, ...] = ()
-    topics: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
+    topics: Mapping[str, PositionFields] = field(default_factory=dict)
 
 
 def read_positions(
@@ -346,7 +345,7 @@ class _PositionSource:
         """Return the field of each feature of a pose; of an object without a heading, no yaw."""
         return {name: field for name, (field, _) in POSES.items() if name != 'yaw' or self._heading}
 
-    def topics(self) -> Iterator[tuple[str, tuple[str, str, str]]]:
+    def topics(self) -> Iterator[tuple[str, PositionFields]]:
         """Yield each object with its topic and the fields of x and y, if it has a topic."""
         before = f'{self._field}.' if self._field else ''
         for name in self.objects if self._kind == 'topic' else ():

@@ -274,18 +274,21 @@ def choices(domains: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
             yield dict(zip(domains, objects, strict=True))
 
 
+PositionFields = tuple[str, str, str]
+"""A topic of positions, and the fields of x and y."""
+
+
 @dataclass(frozen=True, slots=True)
 class RobotMap:
     """The regions of a robot, and the topics that tell where its objects are.
 
     Args:
         regions: in the order of the file.
-        positions: the topic, and the fields of x and y, of each object; in the frame of the first
-            region.
+        positions: of each object; in the frame of the first region.
     """
 
     regions: tuple[Region, ...] = ()
-    positions: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
+    positions: Mapping[str, PositionFields] = field(default_factory=dict)
 
 
 NO_MAP: Final = RobotMap()

@@ -7,6 +7,7 @@ import json
 import socket
 import threading
 import time
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -19,6 +20,11 @@ from dyknow_dashboard.model.requests import AskedFormula
 from dyknow_dashboard.server.serving import DashboardServer, ServerOptions
 
 TIMEOUT_S = 20.0
+
+
+def drawn(image: str) -> ET.Element:
+    """An image of SVG, whose elements have no namespace."""
+    return ET.fromstring(image.replace(' xmlns="http://www.w3.org/2000/svg"', ''))  # noqa: S314
 
 
 @dataclass

@@ -81,7 +81,7 @@ def is_until(interval: DistanceInterval, length: float) -> bool:
 
 
 def has_unknown_link(text: str, values: Mapping[str, Any]) -> bool:
-    return 'D[' in text and any(isnan(each) for name, each in values.items() if name[0] == 'D')
+    return any(isnan(each) for name, each in values.items() if f'{name[0]}[' in text)
 
 
 SPATIAL.update({Over: over, At: at})

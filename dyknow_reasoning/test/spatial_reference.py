@@ -8,11 +8,13 @@ from functools import lru_cache
 from math import inf
 from typing import Any
 
-from reasoning_reference import SPATIAL, Trace, conjunction, disjunction, holds
+import numpy as np
+from reasoning_reference import SPATIAL, Trace, conjunction, disjunction, holds, past_value_of
 
 from dyknow_reasoning.language.formula import Over, Spatial, with_changed_parts
-from dyknow_reasoning.language.spatial import DistanceInterval
+from dyknow_reasoning.language.spatial import DistanceInterval, LinkEnd
 from dyknow_reasoning.language.terms import Object, Truth, Variable
+from dyknow_space import delaunay_neighbours
 
 OBJECTS = {'R': ('a', 'b', 'c', 'd')}
 """The objects of each sort; a test may set them."""
@@ -80,17 +82,28 @@ def links(formula: Spatial, trace: Trace, i: int) -> Mapping[tuple[str, str], fl
     assert formula.links is not None
     found = {}
     ends, link = formula.links, formula.links.link
+    near = neighbours(ends, trace, i)
     for a in OBJECTS[ends.sort]:
         for b in OBJECTS[ends.sort]:
             condition, weight = (
                 moved(moved(each, ends.variable, a), ends.body.variable, b)
                 for each in (link.condition, link.weight)
             )
-            if a != b and holds(condition, trace, i):
+            if a != b and holds(condition, trace, i) and (near is None or (a, b) in near):
                 values = trace[i][1]
                 is_counted = formula.distances.hops
                 found[a, b] = 1 if is_counted else values[str(weight)]
     return found  # type: ignore[return-value]
+
+
+def neighbours(ends: LinkEnd, trace: Trace, i: int) -> set[tuple[str, str]] | None:
+    """The Delaunay neighbours at a state; None if links need not join such."""
+    names, place = OBJECTS[ends.sort], ends.link.place
+    if not place:
+        return None
+    axes = [[past_value_of(moved(e, ends.variable, a), trace, i) for e in place] for a in names]
+    found = delaunay_neighbours(np.array(axes, float))
+    return {(names[a], names[b]) for a, b in np.argwhere(found)}
 
 
 def shortest(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from itertools import accumulate, product
 from random import Random
 from typing import Any
@@ -26,7 +27,17 @@ from dyknow_reasoning import (
     parse_formula,
 )
 
-LINKS = ('L[a, b]', 'D[a, b] <= 3', 'L[a, b] and D[a, b] < 4 by D[a, b]')
+DELAUNAY = (
+    ('delaunay(N[a], M[a]) and D[a, b] < 9', 'delaunay(N[a], 0) and D[a, b] <= 3')
+    if find_spec('shapely')
+    else ()
+)
+LINKS = (
+    'L[a, b]',
+    'D[a, b] <= 3',
+    'L[a, b] and D[a, b] < 4 by D[a, b]',
+    *DELAUNAY,
+)
 HOPS = ('[0, inf)', '[0, 1 hops]', '[0, 2 hops)', '[1, 2 hops]', '(1 hops, inf)', '[2, 2 hops]')
 LENGTHS = (*HOPS, '[0, 3]', '(1, 4]', '[2.5, 6)', '[3, inf)', '[0, 0]')
 STATES = ('P[s]', 'not Q[s]', 'N[s] < 2', '(P[s] or Q[s])', '(P[s] -> N[s] < 1)', 'true', 'P[a0]')
@@ -93,7 +104,7 @@ def test_operators_at_one_state(monkeypatch: pytest.MonkeyPatch) -> None:
         state |= {f'D{pair}': random.choice(NUMBERS) for pair in pairs}
         for name in objects:
             state |= {f'{feature}[{name}]': random.random() < 0.6 for feature in 'PQ'}
-            state[f'N[{name}]'] = random.choice(NUMBERS)
+            state |= {f'{feature}[{name}]': random.choice(NUMBERS) for feature in 'NM'}
         text = random_text(random.choice, 3, in_time=False)
         group = started(text)
         (found,) = group.decided_at_once() or group.progress(0, state)
@@ -111,7 +122,12 @@ def traces(draw: st.DrawFn) -> Trace:
         if a != b:
             columns |= {f'L[{a}, {b}]': st.booleans(), f'D[{a}, {b}]': numbers}
     for a in objects:
-        columns |= {f'P[{a}]': st.booleans(), f'Q[{a}]': st.booleans(), f'N[{a}]': numbers}
+        columns |= {
+            f'P[{a}]': st.booleans(),
+            f'Q[{a}]': st.booleans(),
+            f'N[{a}]': numbers,
+            f'M[{a}]': numbers,
+        }
     states = draw(st.lists(st.fixed_dictionaries(columns), min_size=1, max_size=6))
     steps = draw(st.lists(st.integers(1, 3), min_size=len(states), max_size=len(states)))
     return list(zip(accumulate(steps), states, strict=True))
@@ -311,3 +327,61 @@ def test_trials_and_later_formulas() -> None:
             (result,) = group.progress(10 * time + later, {**VALUES, 'Base[r1]': is_base})
             assert result.verdict is verdict
             group.remove_formula(number)
+
+
+ROBOTS = ('r1', 'r2', 'r3', 'r4')
+NEIGHBOURS = (
+    'over (delaunay(X[a], Y[a]) by hypot(X[a] - X[b], Y[a] - Y[b]) for a, b in R) from r1 to s: '
+)
+
+
+def at_places(*places: tuple[float, float]) -> dict[str, Any]:
+    found: dict[str, Any] = {f'P[{name}]': name == 'r4' for name in ROBOTS}
+    for name, (x, y) in zip(ROBOTS, places, strict=True):
+        found |= {f'X[{name}]': x, f'Y[{name}]': y}
+    return found
+
+
+@pytest.mark.skipif(not DELAUNAY, reason='shapely is not installed')
+def test_delaunay_neighbours() -> None:
+    """r2 and r3 are between r1 and r4, and hide them from each other."""
+    state = at_places((0, 0), (4, 1), (4, -1), (8, 0))
+    for text, expected in (
+        ('somewhere[0, 1 hops] P[s]', False),
+        ('somewhere[0, 2 hops] P[s]', True),
+        ('somewhere[0, 8] P[s]', False),
+        ('somewhere[0, 8.3] P[s]', True),
+    ):
+        trial = TrialFormula(NEIGHBOURS + text, {'R': ROBOTS})
+        assert trial.holds(0, state) is expected, text
+    (found,) = result(NEIGHBOURS + 'somewhere[0, 1 hops] P[s]', state)
+    assert 'links lead from it to r2, r3' in found.explanation
+    (found,) = result(NEIGHBOURS + 'somewhere[0, 1 hops] P[s]', {**state, 'X[r2]': float('inf')})
+    assert "'X[r2]' is inf, and so is no position" in str(found.error)
+
+
+def result(text: str, state: dict[str, Any]) -> Sequence[FormulaResult]:
+    group, _ = begun(text, {'R': ROBOTS})
+    return group.progress(0, state)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('over (delaunay(X[a], Y[b]) for a, b in R)', "takes x and y of 'a' alone, not of 'b'"),
+        ('over (delaunay(X[a], Y[a]) or L[a, b] for a, b in R)', "unexpected 'or'"),
+        ('over (L[a, b] and delaunay(X[a], Y[a]) for a, b in R)', "'delaunay' stands first in the"),
+    ],
+)
+def test_wrong_neighbours(text: str, message: str) -> None:
+    with pytest.raises(LanguageError, match=re.escape(message)):
+        parse_formula(f'{text} from r1 to s: somewhere[0, 1 hops] P[s]')
+
+
+def test_lengths_and_places_in_units() -> None:
+    text = 'over (delaunay(X[a] + 1 km, Y[a]) by D[a, b] + 3 km for a, b in R) from r1 to s: '
+    known = f'let X: m, D: m in {text}somewhere[0, 1 km] P[s]'
+    assert 'X[a] + 1000.0' in str(parse_formula(known))
+    assert 'by (D[a, b] + 3000.0)' in str(parse_formula(known))
+    with pytest.raises(ReasoningError, match="the unit of 'X' is not known"):
+        begun(f'{text}somewhere[0, 1 hops] P[s]', {'R': ROBOTS})

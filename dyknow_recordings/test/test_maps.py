@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 
+import numpy as np
 from recorded import at, recording, sample
 
 from dyknow_common import Verdict
 from dyknow_configuration import RobotMap
+from dyknow_coordinator import Grounding, SymbolGrounding
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, recorded_map
 from dyknow_recordings.evaluation.results import Episode, FormulaReport
-from dyknow_recordings.reporting.pictures.page import map_image
+from dyknow_recordings.reporting.pictures.maps import map_image
 from dyknow_recordings.reporting.pictures.timeline import Span
 from dyknow_space import Region, geometry_of
 
@@ -23,6 +26,10 @@ def recorded(count: int = 10) -> RecordedMap:
     messages = [sample('/r1/pose', index / 10, x=float(index), y=2.0) for index in range(count)]
     known = RobotMap((DOCK, FAR), {'r1': ('/r1/pose', 'x', 'y'), 'r2': ('/r2/pose', 'x', 'y')})
     return recorded_map(recording(messages, batch=4), known)
+
+
+def drawn(image: str) -> ET.Element:
+    return ET.fromstring(image.replace(' xmlns="http://www.w3.org/2000/svg"', ''))  # noqa: S314
 
 
 def test_tracks_are_those_of_the_topics() -> None:
@@ -38,15 +45,46 @@ def test_the_place_of_a_failure() -> None:
     episode = Episode(at(0), Verdict.FALSE, at(0.34), objects='r = r1, z = dock')
     formulas = [FormulaReport('<out>', 'true', (episode,)), FormulaReport('b', 'true')]
     image = map_image(recorded(), formulas, Span(at(0), at(1)))
-    root = ET.fromstring(image)  # noqa: S314 - it is our own
+    root = drawn(image)
     (region,) = root.findall('path')  # That of another frame is not drawn.
-    assert region.get('class') == 'is-broken'
+    assert region.get('class') == 'is-false'
     assert region.get('d', '').count('Z') == 2
-    (mark,) = root.findall('circle')
+    last, mark = root.findall('circle')
+    assert (last.get('class'), last.get('cx')) == ('last', '9')
     assert (mark.get('cx'), mark.get('cy')) == ('3', '-2')
     assert mark.findtext('title') == '<out>: r1 at 0.340 s'
     (track,) = root.findall('polyline')
     assert track.get('points', '').startswith('0,-2 1,-2')
+
+
+def test_regions_have_the_worst_outcome_of_the_formulas_about_them() -> None:
+    about = [
+        SymbolGrounding(f'distance[r1, {name}]', Grounding.SEMANTIC, '') for name in ('dock', 'b')
+    ]
+    holds = Episode(at(0), Verdict.TRUE, at(0))
+    good = FormulaReport('good', 'true', (holds,), groundings=(*about,))
+    assert region_class(good) == 'is-true'
+    assert region_class(good, replace(good, episodes=(Episode(at(0)),))) == 'is-undecided'
+    bad = replace(good, episodes=(holds, Episode(at(0), Verdict.FALSE, at(0), objects='z = b')))
+    assert region_class(bad, good) == 'is-true', 'it is about the other region'
+    assert region_class(replace(bad, episodes=(Episode(at(0), Verdict.FALSE),))) == 'is-false'
+    assert region_class() is None
+
+
+def region_class(*formulas: FormulaReport) -> str | None:
+    (region,) = drawn(map_image(recorded(), formulas, Span(at(0), at(1)))).findall('path')
+    return region.get('class')
+
+
+def test_tracks_end_at_their_last_place() -> None:
+    times = np.arange(3)
+    bad = {
+        'a': (times, np.array([1.0, np.nan, 2.0]), np.zeros(3)),
+        'b': (times, np.full(3, np.inf), np.zeros(3)),
+    }
+    root = drawn(map_image(RecordedMap((DOCK,), bad), (), Span(0, 1), 1))
+    (line,) = root.findall('polyline')
+    assert line.get('points') == '2,-0', 'one point is asked for'
 
 
 def test_without_regions_there_is_no_map() -> None:

@@ -38,6 +38,7 @@ from dyknow_space.relations.knowledge import (
     SpatialStatement,
     parse_statement,
 )
+from dyknow_space.relations.neighbours import delaunay_neighbours
 
 __all__ = [
     'ALL_HEIGHTS',
@@ -62,6 +63,7 @@ __all__ = [
     'circle',
     'compose',
     'converse',
+    'delaunay_neighbours',
     'geometry_of',
     'parse_region',
     'parse_statement',

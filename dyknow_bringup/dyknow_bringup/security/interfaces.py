@@ -293,12 +293,15 @@ def monitor_interfaces(triggers: Collection[Trigger]) -> Interfaces:
     return MONITOR | used
 
 
-def dashboard_interfaces(engines: Collection[str], guards: Collection[str]) -> Interfaces:
+def dashboard_interfaces(
+    engines: Collection[str], guards: Collection[str], topics: Collection[str]
+) -> Interfaces:
     """Return the interfaces of the live page, with its buttons.
 
     Args:
         engines: the absolute names of the engines.
         guards: the names of the guards.
+        topics: that the engines read, of which maps show positions.
     """
     nodes = SERVICES.keys() - {ENGINE}
     used = Interfaces(
@@ -306,7 +309,7 @@ def dashboard_interfaces(engines: Collection[str], guards: Collection[str]) -> I
         | SHOW_FEDERATION.subscribes
         | frozenset(f'{each}/status' for each in guards)
         | frozenset(map(streams_of, engines))
-        | {'/diagnostics'},
+        | {'/diagnostics', *topics},
         requests=_services(COORDINATOR, 'cancel_evaluation')
         | _services(RECORDER, *RECORDER_SERVICES),
     )

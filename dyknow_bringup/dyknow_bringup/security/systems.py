@@ -97,7 +97,7 @@ class SecuredSystem:
         """Return an enclave for each node, client and guard, administrators and commands."""
         engines = [self._absolute(each) for each in self.engines]
         monitor = monitor_interfaces(self.triggers)
-        page = dashboard_interfaces(engines, [each.name for each in self.guards])
+        page = dashboard_interfaces(engines, [each.name for each in self.guards], self.topics)
         commands, start, topics = (
             dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS),
             START,

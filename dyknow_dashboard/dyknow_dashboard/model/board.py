@@ -18,10 +18,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from dyknow_common import Value
+from dyknow_configuration import NO_MAP, RobotMap
 from dyknow_coordinator import EvaluationStatus
 from dyknow_dashboard.model.formulas import FormulaTable, MonitoredEvaluation
 from dyknow_dashboard.model.health import HealthTable
 from dyknow_dashboard.model.history import FailureHistory
+from dyknow_dashboard.model.live_map import LiveMap
 from dyknow_dashboard.model.live_signals import LiveSignals
 from dyknow_dashboard.model.peers import PeerTable
 from dyknow_dashboard.model.requests import Interest
@@ -125,6 +127,7 @@ class _Shown:
     shape: tuple[Any, ...] | None = None
     latest: int = 0
     signals: LiveSignals | None = None
+    image: str = ''
 
 
 @dataclass(slots=True)
@@ -151,10 +154,14 @@ class Board:
     Args:
         clock: returns the present time, nanoseconds.
         history: the file that keeps failures; None keeps none.
+        known: the map of the robot.
     """
 
-    def __init__(self, clock: Callable[[], int], history: Path | None = None) -> None:
+    def __init__(
+        self, clock: Callable[[], int], history: Path | None = None, known: RobotMap = NO_MAP
+    ) -> None:
         self.formulas = FormulaTable()
+        self.map = LiveMap(known)
         self.streams = StreamTable()
         self.health = HealthTable()
         self.peers = PeerTable()
@@ -172,6 +179,7 @@ class Board:
     def report(self, statuses: Sequence[EvaluationStatus], now: int) -> None:
         """Take a report of the coordinator, of a time in nanoseconds on its clock."""
         self.formulas.update(statuses, now)
+        self.map.follow(self.formulas.by_key())
         if events := self._watch.update(statuses, self.clock()):
             for each in self.sinks:
                 each(events)
@@ -245,6 +253,9 @@ class Board:
             shown.version = self.formulas.version
             details = self.formulas.details(evaluation)
             yield {'type': 'details', 'id': key, **details}
+            if (image := self.map.image(key, evaluation.status)) != shown.image:
+                shown.image = image
+                yield {'type': 'map', 'id': key, 'image': image}
             if signals is not None:
                 signals.units = self.concepts.units
                 signals.update()

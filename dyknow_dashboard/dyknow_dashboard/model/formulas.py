@@ -117,6 +117,10 @@ class FormulaTable:
         """Return the keys of all evaluations, in the order in which they are shown."""
         return [each.key for each in sorted(self._known.values(), key=self._rank)]
 
+    def by_key(self) -> dict[str, EvaluationStatus]:
+        """Return the status of each evaluation, by its key."""
+        return {key: each.status for key, each in self._known.items()}
+
     def statuses(self) -> list[EvaluationStatus]:
         """Return the status of each evaluation, the latest last."""
         found = [each.status for each in self._known.values()]

@@ -13,11 +13,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from dyknow_common import ExitCode, Verdict
+from dyknow_common import SECOND_NS, ExitCode, Verdict
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts
 from dyknow_recordings import Episode, FormulaReport
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.reporting.pictures.timeline import Span, segments
+
+WINDOW_NS: Final = 120 * SECOND_NS
+"""The time for which signals and tracks are kept and shown."""
 
 _OBJECTS: Final = 'for '
 """The beginning of an explanation that names the objects which decide a formula."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from dyknow_common import SECOND_NS, DyKnowError, SymbolKind, Value, earliest
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus
-from dyknow_dashboard.model.live_reports import live_report
+from dyknow_dashboard.model.live_reports import WINDOW_NS, live_report
 from dyknow_reasoning import parse_formula, symbols_of
 from dyknow_recordings import FormulaReport
 from dyknow_recordings.evaluation.observation import (
@@ -24,9 +24,6 @@ from dyknow_recordings.evaluation.observation import (
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.panels import Panel, last_shown, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span
-
-WINDOW_NS: Final = 120 * SECOND_NS
-"""The time for which signals are kept and shown."""
 
 _BLOCK: Final = 256
 """The number of states that are collected before they are added to the signals.

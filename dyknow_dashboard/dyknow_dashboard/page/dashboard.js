@@ -36,6 +36,7 @@ const HANDLERS = {
   },
   history: (message) => kept.update(message),
   details: (message) => list.get(message.id)?.details(message),
+  map: (message) => list.get(message.id)?.drawMap(message.image),
   drawing: (message) => list.get(message.id)?.draw(message),
   points: (message) => list.get(message.id)?.extend(message),
   streams: (message) => tables.showStreams(message),

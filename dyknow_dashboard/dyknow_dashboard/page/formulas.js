@@ -102,6 +102,7 @@ class FormulaRow {
     this.why = make('div', {class: 'why'});
     this.facts = make('p', {class: 'soft'});
     this.residual = make('p', {class: 'residual'});
+    this.map = make('div');
     this.panels = make('div', {class: 'panels'});
     this.margins = make('div', {class: 'panels few'});
     this.tables = make('div');
@@ -111,7 +112,7 @@ class FormulaRow {
     this.actions = make('div', {class: 'actions'}, this.cancel, this.save);
     this.unseen = make('p', {class: 'soft', hidden: true}, 'There are no signals: no state has come since the server of this page was started.');
     this.body.append(make('p', {}, this.whole), this.why, this.facts, this.residual, this.actions,
-      this.answer, this.unseen, this.panels, this.margins, this.tables);
+      this.answer, this.map, this.unseen, this.panels, this.margins, this.tables);
   }
 
   remove() {
@@ -216,6 +217,12 @@ class FormulaRow {
     const place = make('div');
     this.tables.append(make('h3', {}, title), place);
     new KeyedTable(place, heads, '').update(rows.map((cells, key) => ({key, cells})));
+  }
+
+  // Shows an image as SVG; an empty text removes it.
+  drawMap(image) {
+    this.map.replaceChildren(...(image
+      ? [new DOMParser().parseFromString(image, 'image/svg+xml').documentElement] : []));
   }
 
   // Draws all panels anew.

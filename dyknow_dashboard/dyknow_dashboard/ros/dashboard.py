@@ -27,6 +27,7 @@ from rclpy.node import Node
 from dyknow_common import ExitCode
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_common.ros import NodeAdapter, RemoteNode, command_main, node_executor, start_ros
+from dyknow_configuration import NO_MAP, RobotMap, read_robot
 from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board
@@ -226,21 +227,22 @@ def dashboard(options: argparse.Namespace) -> int:
     """Serve the page until a signal, and return the exit code."""
     optional_library('plotly', 'dyknow dashboard')
     served = ServerOptions(options.host, options.port, options.read_only)
+    known = NO_MAP if options.robot is None else read_robot(options.robot).map
     start_ros()
     try:
-        asyncio.run(_serve(served, options))
+        asyncio.run(_serve(served, options, known))
     finally:
         rclpy.try_shutdown()
     return SUCCESS
 
 
-async def _serve(served: ServerOptions, options: argparse.Namespace) -> None:
+async def _serve(served: ServerOptions, options: argparse.Namespace, known: RobotMap) -> None:
     loop, stopped = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
     with _running_node(loop, options.namespace, stopped.set) as thread:
         namespace = thread.node.get_namespace()
-        board = Board(time.time_ns, _history_file(options.history, namespace))
+        board = Board(time.time_ns, _history_file(options.history, namespace), known)
         collector = None
         if options.collector:
             collector = Collector(options.collector, namespace, board.counts)
@@ -248,9 +250,9 @@ async def _serve(served: ServerOptions, options: argparse.Namespace) -> None:
         operations = Operations(thread.adapter)
 
         def attend() -> None:
-            states = server.pages.states
-            topics = frozenset(board.state_topics(states))
-            thread.run(partial(reader.attend, is_open=server.pages.are_open, topics=topics))
+            topics = frozenset(board.state_topics(server.pages.states))
+            work = partial(reader.attend, is_open=server.pages.are_open, topics=topics)
+            thread.run(partial(work, positions=board.map.topics))
 
         reader = SystemReader(thread.adapter, board, thread.deliver, attend)
         operator = ThreadedOperator(thread, operations)
@@ -324,16 +326,15 @@ def add_dashboard_options(parser: argparse.ArgumentParser) -> None:
         parser,
         'Serve a live page of a running system: formulas, streams, nodes. It ends by Ctrl-C.',
         (
-            'dyknow dashboard',
+            'dyknow dashboard robot.yaml',
             'dyknow dashboard --port 9000 --namespace /robot1',
             'dyknow dashboard --host 0.0.0.0 --read-only',
             'dyknow dashboard --collector http://localhost:4318',
         ),
         '0 after Ctrl-C, 2 for an error',
     )
-    parser.add_argument(
-        '--host', default='127.0.0.1', help='address to listen on (default: 127.0.0.1)'
-    )
+    parser.add_argument('robot', nargs='?', type=Path, help='robot.yaml, whose regions are drawn')
+    parser.add_argument('--host', default='127.0.0.1', help='to listen on (default: 127.0.0.1)')
     parser.add_argument(
         '--port', type=_port, default=PORT, help=f'0 for any free one (default: {PORT})'
     )

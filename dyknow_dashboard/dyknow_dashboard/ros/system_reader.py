@@ -1,37 +1,28 @@
-"""Reads the reports of a running system, more of them while a page is open.
-
-A formula may have fifty states a second, and all are read of those that signals are kept of, so
-states are taken many at a time, as bytes. A callback for each message, and rclpy's objects for its
-fields, take five times as long.
-"""
+"""Reads the reports of a running system, more of them while a page is open."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticArray
-from dyknow_interfaces.msg import EvaluationStatusArray, Sample, StreamStatusArray
+from dyknow_interfaces.msg import EvaluationStatusArray, StreamStatusArray
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
-from rclpy.callback_groups import CallbackGroup
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
-from dyknow_common import DyKnowError
 from dyknow_common.ros import (
     LATCHED,
     NO_SUBSCRIPTION_EVENTS,
-    STREAM,
     NodeAdapter,
-    ros_errors,
     time_to_nanoseconds,
 )
+from dyknow_configuration import PositionFields
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
-from dyknow_dashboard.model.board import Board, State
+from dyknow_dashboard.model.board import Board
 from dyknow_dashboard.model.health import DiagnosedPart
 from dyknow_dashboard.ros.nodes_of_system import (
     COORDINATOR,
@@ -41,81 +32,16 @@ from dyknow_dashboard.ros.nodes_of_system import (
     STREAM_MANAGER,
     SystemNodes,
 )
+from dyknow_dashboard.ros.polled_topics import PositionTopics, StateTopics
 from dyknow_federation.report import FederationReport
 from dyknow_semantics import ALL_TRIPLES, Matcher, bridged
 from dyknow_semantics.ros.mirrors import annotations_by_text, faults_of, triples_of
-from dyknow_stream_processing.ros import SampleReader, take_waiting
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 
 PERIOD_S: Final = 1.0
 
-STATE_PERIOD_S: Final = 0.2
-"""The time between two looks at the states, of which the middleware keeps up to 1000."""
-
 _MAX_ENTRIES: Final = 100
 """The number of entries of a message of `/diagnostics` that are read."""
-
-
-class _NeverCalled(CallbackGroup):
-    """The group of subscriptions that no executor waits for."""
-
-    def can_execute(self, _entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, _entity: Any) -> bool:
-        return False
-
-
-@dataclass(slots=True)
-class _StateTopic:
-    subscription: Any
-    reader: SampleReader = field(default_factory=SampleReader)
-
-
-class StateTopics:
-    """Subscriptions to topics of states, which a timer reads.
-
-    Args:
-        adapter: of the node that reads; its methods are called in the thread of its executor.
-        on_states: called with the states that have come, those of a topic in their order.
-    """
-
-    def __init__(self, adapter: NodeAdapter, on_states: Callable[[list[State]], None]) -> None:
-        self._node = adapter.node
-        self._on_states = on_states
-        self._group = _NeverCalled()
-        self._topics: dict[str, _StateTopic] = {}
-        adapter.create_timer(STATE_PERIOD_S, self._read, clock=adapter.wall_clock)
-
-    def read(self, topics: frozenset[str]) -> None:
-        """Read these topics from now on, and no others."""
-        for topic in self._topics.keys() - topics:
-            self._node.destroy_subscription(self._topics.pop(topic).subscription)
-        for topic in topics - self._topics.keys():
-            # A report may name a topic that cannot exist: there is nothing to show of it.
-            with suppress(DyKnowError), ros_errors():
-                self._topics[topic] = _StateTopic(
-                    self._node.create_subscription(
-                        Sample,
-                        topic,
-                        lambda _: None,
-                        STREAM,
-                        callback_group=self._group,
-                        event_callbacks=NO_SUBSCRIPTION_EVENTS,
-                        raw=True,
-                    )
-                )
-
-    def _read(self) -> None:
-        if states := [each for topic in self._topics for each in self._states(topic)]:
-            self._on_states(states)
-
-    def _states(self, topic: str) -> Iterator[State]:
-        held = self._topics[topic]
-        for data, _ in take_waiting(held.subscription):
-            # The reasoning engine has reported a state that cannot be used.
-            with suppress(DyKnowError):
-                yield (topic, *held.reader.read(data))
 
 
 class SystemReader:
@@ -147,22 +73,29 @@ class SystemReader:
         self._attended: list[Any] = []
         self._timer: Any = None
         self._states = StateTopics(adapter, lambda found: deliver(partial(board.add_states, found)))
+        self._positions = PositionTopics(
+            adapter, lambda found: deliver(partial(board.map.add, found))
+        )
         self._semantics: Any = None
         self._is_reading = False
         self._subscribe(EvaluationStatusArray, f'{COORDINATOR}/evaluations', self._on_evaluations)
 
-    def attend(self, *, is_open: bool, topics: frozenset[str]) -> None:
+    def attend(
+        self, *, is_open: bool, topics: frozenset[str], positions: Mapping[str, PositionFields]
+    ) -> None:
         """Read what pages need.
 
         Args:
             is_open: True if a page is open.
             topics: of the states that signals are kept of.
+            positions: of the objects whose tracks are kept.
         """
         if is_open and self._nodes is None:
             self._begin()
         elif not is_open and self._nodes is not None:
             self._end()
         self._states.read(topics)
+        self._positions.read(positions)
 
     def _begin(self) -> None:
         self._nodes = SystemNodes(self._adapter)

@@ -179,6 +179,8 @@ class SpatialFact:
         names = [name for name, is_near in zip(self._objects, near, strict=True) if is_near]
         others = _listed([name for name in names if name != self._atom.origin])
         found = f'; links lead from it to {others}' if others else '; no link leads from it'
+        if self._links.places:
+            return found  # More than a number decides who the neighbours are.
         gaps = [
             (evaluate(number, self._values), str(number))
             for (start, end), link in zip(self._links.pairs, self._links.conditions, strict=True)

@@ -334,8 +334,8 @@ def parts(  # noqa: C901, PLR0911 - one for each kind
             return (node.links, node.origin, node.body)
         case Spatial():
             return (node.right,) if node.left is None else (node.left, node.right)
-        case LinkLength():
-            return (node.condition,) if node.weight is None else (node.condition, node.weight)
+        case LinkLength(condition, weight, place):
+            return (*place, condition) if weight is None else (*place, condition, weight)
         case SpatialAtom():
             return tuple(node.places)
         case (
@@ -368,8 +368,9 @@ def with_changed_parts(  # noqa: C901, PLR0911 - one for each kind
         case Spatial(left=left, right=right, links=links):
             changed = {'left': left and change(left), 'links': links and change(links)}
             return replace(node, right=change(right), **changed)
-        case LinkLength(condition, weight):
-            return replace(node, condition=change(condition), weight=weight and change(weight))
+        case LinkLength(condition, weight, place):
+            place = tuple(map(change, place))
+            return LinkLength(change(condition), weight and change(weight), place)
         case SpatialAtom(formula):
             return replace(node, formula=change(formula))
         case (

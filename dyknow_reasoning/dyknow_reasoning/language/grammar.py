@@ -27,7 +27,7 @@ _SPELLINGS: Final = {
     'SOON': _FORMULA,
     '_OF': "'of'",
     '_FOR': _OPERATOR,
-    **dict.fromkeys(('SPATIAL', '_OVER'), _FORMULA),
+    **dict.fromkeys(('SPATIAL', '_OVER', '_DELAUNAY'), _FORMULA),
     **dict.fromkeys(('REACH', 'SURROUND', '_BY'), _OPERATOR),
     '_FROM': "'from'",
     '_TO': "'to'",
@@ -59,6 +59,9 @@ _CORRECTIONS: Final = {
 """Words of other languages, and mistakes; the closest of these words is proposed for others."""
 
 _ADVICE: Final = {
+    r'\bdelaunay\s*\([^()]*': (
+        "'delaunay' stands first in the links: over (delaunay(East[a], North[a]) for a, b in Robot)"
+    ),
     r'\b(?i:if|when|whenever|then|else)\b(?:\s*\([^()]*)?': "write 'p -> q' for 'if p then q'",
     r'\b(?:X|next)\b(?:\s*\([^()]*)?': "there is no 'next': write 'eventually[0 s, 1 s] p'",
     r'\bsoon\b': "write how far to look ahead, as in 'soon[5 s] x > 3'",

@@ -397,17 +397,15 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     ) -> Formula:
         return sugar.surround(_formula(left), _formula(right), distances, left.position)
 
-    def links(
-        self,
-        condition: Formula | Term,
-        weight: Formula | Term | None,
-        first: Token,
-        second: Token,
-        sort: Token,
-    ) -> LinkEnd:
-        condition = _formula(condition)
+    def delaunay(self, x: Formula | Term, y: Formula | Term) -> tuple[Term, ...]:
+        return _term(x), _term(y)
+
+    def links(self, *children: Any) -> LinkEnd:
+        *link, weight, first, second, sort = children
+        place: tuple[Term, ...] = link.pop(0) if isinstance(link[0], tuple) else ()
+        condition = _formula(link[0]) if link and link[0] else terms.Truth(True)
         length = compared_number(condition) if weight is None else _term(weight)
-        end = LinkEnd(str(second), str(sort), LinkLength(condition, length))
+        end = LinkEnd(str(second), str(sort), LinkLength(condition, length, place))
         return LinkEnd(str(first), str(sort), end)
 
     def over(self, links: LinkEnd, origin: Token, place: Token, body: Formula | Term) -> Formula:

@@ -31,7 +31,7 @@ from dyknow_reasoning.language.formula import (
     with_changed_parts,
 )
 from dyknow_reasoning.language.functions import built_in_unit
-from dyknow_reasoning.language.spatial import Over, Spatial
+from dyknow_reasoning.language.spatial import LinkLength, Over, Spatial
 from dyknow_reasoning.language.terms import (
     Aggregate,
     Arithmetic,
@@ -81,6 +81,10 @@ def check_units_are_known(formula: Formula) -> None:
         quantity, known = None, node
         if isinstance(node, Comparison):
             quantity = _quantity(node)
+        elif isinstance(node, LinkLength):
+            terms = [each for each in (*node.place, node.weight) if each is not None]
+            found = [each for each in terms if _quantity(each)]
+            quantity, known = (_quantity(found[0]), found[0]) if found else (None, node)
         elif isinstance(node, Spatial) and node.links and node.distances.quantities:
             quantity, known = node.distances.quantities[0], node.links
         if quantity is not None:
@@ -101,21 +105,32 @@ _EXPONENTS: Final = frozenset({0.5, *range(-99, 100)})
 def _converted(node: Any, conversion: _Conversion) -> Any:
     if isinstance(node, Over):
         found = with_changed_parts(node, lambda part: _converted(part, conversion))
-        return replace(found, body=_measured_by(found.body, found.links.link.weight, conversion))
+        return replace(found, body=_measured_by(found.body, node.links.link.weight, conversion))
     if isinstance(node, Freeze):
-        node = replace(node, body=_converted(node.body, conversion))
-    elif not isinstance(node, Comparison):
+        body = _converted(node.body, conversion)
+        return replace(node, term=_converted_alone(node.term, conversion), body=body)
+    if isinstance(node, LinkLength):
+        place = tuple(_converted_alone(each, conversion) for each in node.place)
+        weight = node.weight and _converted_alone(node.weight, conversion)
+        return LinkLength(_converted(node.condition, conversion), weight, place)
+    if not isinstance(node, Comparison):
         return with_changed_parts(node, lambda part: _converted(part, conversion))
-    measured = node.term if isinstance(node, Freeze) else node
-    if _quantity(measured) is None:
+    if not _is_convertible(node, conversion):
         return node
-    fields = [each for each in walk(measured) if isinstance(each, Feature | FieldReference)]
-    if fields and not conversion.units and all(isinstance(each, Feature) for each in fields):
-        return node
-    if isinstance(node, Freeze):
-        return replace(node, term=conversion.alike((node.term,))[0][0])
     (left, _), (right, _) = conversion.alike((node.left, node.right))
     return Comparison(node.operator, left, right, position=node.position)
+
+
+def _converted_alone(term: Term, conversion: _Conversion) -> Term:
+    return conversion.alike((term,))[0][0] if _is_convertible(term, conversion) else term
+
+
+def _is_convertible(node: Comparison | Term, conversion: _Conversion) -> bool:
+    """Return True for numbers with units, unless those of the features may be stated later."""
+    if _quantity(node) is None:
+        return False
+    fields = [each for each in walk(node) if isinstance(each, Feature | FieldReference)]
+    return not fields or bool(conversion.units) or not all(isinstance(e, Feature) for e in fields)
 
 
 def _measured_by(node: Any, length: Term | None, conversion: _Conversion) -> Any:

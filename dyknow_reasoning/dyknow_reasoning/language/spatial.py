@@ -33,15 +33,22 @@ class LinkLength(SyntaxNode):
     Args:
         condition: the formula that holds if they are linked, about one state.
         weight: the length of the link; None if only links can be counted.
+        place: x and y of the first object, if only Delaunay neighbours are linked.
     """
 
     condition: Any
     weight: Term | None
+    place: tuple[Term, ...] = ()
 
     def __str__(self) -> str:
+        text = str(self.condition)
+        if self.place:
+            text = f'delaunay({", ".join(map(str, self.place))})'
+            if self.condition != Truth(True):
+                text = f'{text} and {operand_text(self.condition)}'
         if self.weight is None or self.weight == compared_number(self.condition):
-            return str(self.condition)
-        return f'{self.condition} by {operand_text(self.weight)}'
+            return text
+        return f'{text} by {operand_text(self.weight)}'
 
 
 @dataclass(frozen=True, slots=True)

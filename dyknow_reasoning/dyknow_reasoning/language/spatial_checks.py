@@ -69,6 +69,12 @@ def _check_links(node: Over) -> None:
     if not is_about_one_state(link) or any(isinstance(e, Over | Spatial) for e in walk(link)):
         message = 'links depend on the present state alone; leave out operators of time and space'
         raise PositionedError(message, node.position)
+    second = node.links.body.variable
+    for part in link.place:
+        if Variable(second) in walk(part):
+            of = node.links.variable
+            message = f"'delaunay' takes x and y of '{of}' alone, not of '{second}'"
+            raise PositionedError(message, part.position)
     names = {each.name for each in walk(link) if isinstance(each, Object | Variable)}
     if node.variable in names:
         message = f"the links do not depend on '{node.variable}', which moves along them"

@@ -148,8 +148,11 @@ class _TypeChecker:
             case syntax.Freeze(_, term, body):
                 self._infer_numbers(term)
                 self._infer_use(body)
-            case LinkLength(condition, weight):
+            case LinkLength(condition, weight, place):
                 self._infer_use(condition)
+                for each in place:
+                    self._infer_numbers(each)
+                    self._require(each, Kind.NUMBER, "as an operand of 'delaunay'")
                 if weight is not None:
                     self._infer_numbers(weight)
                     self._require(weight, Kind.NUMBER, 'as a length of links')

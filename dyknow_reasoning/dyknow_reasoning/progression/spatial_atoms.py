@@ -48,11 +48,13 @@ class GroundLinks:
         pairs: the indices of the objects of each link.
         conditions: the formula of each, which holds if it exists.
         lengths: the length of each; none if they have no length.
+        places: x of each object, then y, if only Delaunay neighbours are linked.
     """
 
     pairs: tuple[tuple[int, int], ...]
     conditions: tuple[Formula, ...]
     lengths: tuple[Term, ...]
+    places: tuple[Term, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +75,8 @@ class Places:
 
     def __iter__(self) -> Iterator[Formula | Term]:
         """Return all formulas and terms."""
-        yield from (*self.links.conditions, *self.links.lengths, *self.lefts, *self.rights)
+        yield from (*self.links.conditions, *self.links.lengths, *self.links.places)
+        yield from (*self.lefts, *self.rights)
 
     def changed(self, change: Callable[[Any], Any]) -> Places:
         """Return the same with other operands; the links have no spatial operators."""
@@ -176,4 +179,5 @@ def _ground_links(
         tuple(ground(each, binding, domains) for binding in bindings if each is not None)
         for each in (link.condition, link.weight if measured else None)
     )
-    return GroundLinks(pairs, conditions, lengths)
+    places = tuple(ground(each, {first: name}, domains) for each in link.place for name in objects)
+    return GroundLinks(pairs, conditions, lengths, places)

@@ -1,4 +1,4 @@
-"""The library of geometry, which only regions need."""
+"""The library of geometry, which only regions and neighbours need."""
 
 from __future__ import annotations
 
@@ -21,5 +21,6 @@ def shapely() -> Any:
         return import_module('shapely')
     except ImportError as error:
         raise SpaceError(
-            f'regions need shapely: {error}; run: pip install shapely', ExitCode.UNAVAILABLE
+            f'regions and neighbours need shapely: {error}; run: pip install shapely',
+            ExitCode.UNAVAILABLE,
         ) from None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from functools import reduce
+from math import isfinite
 from operator import or_
 from typing import Any, Final, TypeAlias, cast
 
@@ -50,6 +51,7 @@ from dyknow_reasoning.progression.instances import ground_nodes
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Chronology, holds_at
 from dyknow_reasoning.progression.spatial_atoms import Places
+from dyknow_space import SpaceError, delaunay_neighbours
 
 _MOST_LENGTHS: Final = 1 << 20
 """The most links, over all states, that are taken together."""
@@ -92,7 +94,9 @@ class SpatialTruths:
         self._vectors = FieldVectors(shared)
         self._sides = [places.links.conditions, places.lefts, places.rights]
         self._conditions, self._lefts, self._rights = map(self._vector, self._sides)
-        self._lengths = self._length_vector()
+        self._lengths, self._places = map(
+            self._term_vector, (places.links.lengths, places.links.places)
+        )
         self._readers: list[Callable[[Values], Array]] | None = None
         self._latest: tuple[Values, Any] | None = None
         self._columns: tuple[Recording, Sequence[Any]] | None = None
@@ -157,6 +161,11 @@ class SpatialTruths:
                 raise UnreadableError
             lengths = self._lengths()
         linked = np.broadcast_to(self._conditions(), (*states, len(self.places.links.pairs)))
+        if self.places.links.places:
+            if self._places is None:
+                raise UnreadableError
+            count = len(self.places.links.places)
+            linked = linked & self._neighbours(np.broadcast_to(self._places(), (*states, count)))
         ends = *states, len(self._numbers)
         left = np.broadcast_to(self._lefts(), ends) if self.places.lefts else None
         return self._matrix(linked, lengths), left, np.broadcast_to(self._rights(), ends)
@@ -165,6 +174,12 @@ class SpatialTruths:
         if self._readers is None:
             self._readers = [_reader(side, self._kinds) for side in self._sides]
         linked, left, right = (read(values) for read in self._readers)
+        if terms := self.places.links.places:
+            found = [term_reader(term, self._kinds)(values) for term in terms]
+            bad = next((index for index, each in enumerate(found) if not isfinite(each)), None)
+            if bad is not None:
+                raise ReasoningError(f"'{terms[bad]}' is {found[bad]}, and so is no position")
+            linked = linked & self._neighbours(np.array(found, float))
         lengths = None
         if self.places.links.lengths:
             terms = self.places.links.lengths
@@ -190,6 +205,18 @@ class SpatialTruths:
             raise UnreadableError
         found[..., pairs[:, 0], pairs[:, 1]] = np.where(linked, known, np.inf)
         return found
+
+    def _neighbours(self, places: Array) -> Array:
+        """Return for each link whether it joins neighbours, given x and y of all objects."""
+        if not np.isfinite(places).all():
+            raise UnreadableError
+        states = places.reshape(-1, 2, len(self._numbers))
+        pairs = np.array(self.places.links.pairs, int).reshape(-1, 2)
+        try:
+            found = [delaunay_neighbours(each.T)[pairs[:, 0], pairs[:, 1]] for each in states]
+        except SpaceError as error:
+            raise ReasoningError(error.message, error.code) from None
+        return np.array(found, bool).reshape(*places.shape[:-1], len(pairs))
 
     def _vector(  # noqa: PLR0911 - one for each kind
         self, formulas: Sequence[Formula]
@@ -221,8 +248,7 @@ class SpatialTruths:
             case _:
                 return None
 
-    def _length_vector(self) -> Callable[[], Any] | None:
-        terms = self.places.links.lengths
+    def _term_vector(self, terms: Sequence[Term]) -> Callable[[], Any] | None:
         forms = {term_form(each, self._kinds) for each in terms}
         is_one = len(forms) == 1 and None not in forms
         return self._vectors.terms(terms, self._kinds) if is_one else None
