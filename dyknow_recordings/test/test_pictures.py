@@ -213,6 +213,38 @@ def test_the_windows_that_a_verdict_is_about() -> None:
     assert found.deciding[0].values == {'"/a".p': 2.0}
 
 
+def test_the_interval_of_a_probability_and_of_its_number_is_a_band() -> None:
+    number = 'normal("/a".p, 2 * "/a".p, 1 s)'
+    report = checked(f'always P({number} > -1) >= 0.6', values=[1, 2, 3])
+    first, second = panels(report.formulas[0])[0]
+    assert [each.name for each in first.signals + second.signals] == [f'P({number} > -1)', '"/a".p']
+    assert first.thresholds == (Threshold(0.6, '>= 0.6'),)
+    assert second.thresholds == (Threshold(-1.0, '> -1'),)
+    signals = data_of(page(report))['signals']
+    assert [each['low'] == each['v'] for each in signals] == [True, False]
+    assert signals[0]['low'] < signals[0]['high']
+    assert signals[1]['high'] == pytest.approx([4.92, 9.84, 14.76], rel=1e-3)
+    assert report_image([report], Judgement.AUTO)
+
+
+def test_the_margins_from_each_state_on_are_a_band() -> None:
+    requested = [RequestedFormula('always[0 s, 200 ms] "/a".p > 1', margin=True)]
+    report = evaluate_recording(
+        source([3, 4, 2]),
+        requested,
+        start=EpisodeStart(every=Every.STATE),
+        keep_signals=True,
+        margins=True,
+    )
+    margin = panels(report.formulas[0])[0][-1]
+    assert margin.thresholds == (Threshold(0.0, '0'),)
+    (low, high) = margin.signals[0].band or ((), ())
+    np.testing.assert_array_equal(low, [1, np.nan, np.nan])
+    np.testing.assert_array_equal(high, [1, 1, 1])
+    assert data_of(page(report))['signals'][-1]['v'] == [1, 1, 1]
+    assert report_image([report], Judgement.AUTO)
+
+
 def test_times_without_a_value_are_no_gaps() -> None:
     nan = float('nan')
     values = np.array([1.0, nan, nan, 2.0, nan, 3.0, nan])

@@ -16,11 +16,21 @@ from dyknow_reasoning import (
     Number,
     Term,
     as_written,
+    best_estimate,
     ground_atoms,
     objects_text,
     parse_formula,
 )
-from dyknow_recordings.evaluation.observation import Signal, StateSignals, sides_of
+from dyknow_recordings.evaluation.observation import (
+    MAX_POINTS,
+    MAX_SPANS,
+    Signal,
+    StateSignals,
+    extremes,
+    sides_of,
+    signal_name,
+    with_inner_atoms,
+)
 from dyknow_recordings.evaluation.results import FormulaReport
 from dyknow_recordings.reporting.pictures.timeline import (
     MAX_MARKS,
@@ -34,6 +44,10 @@ from dyknow_recordings.reporting.reasons import decisive_episode
 
 MAX_PANELS: Final = 24
 """The number of panels that are shown of one formula."""
+
+
+_FEW_MARGINS: Final = 2
+"""The number of margins that are drawn; the table has a single one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +133,7 @@ def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
         objects = objects_text(binding)
         is_decisive = objects == deciding_objects
         found += _panels_of(objects, atoms, formula.signals, is_decisive=is_decisive)
+    found += _margin_panel(formula)
     found.sort(key=lambda each: not each.is_decisive)
     return found[:MAX_PANELS], max(len(found) - MAX_PANELS, 0)
 
@@ -174,13 +189,13 @@ def _panels_of(
     texts: dict[tuple[str, ...], list[str]] = {}
     thresholds: dict[tuple[str, ...], dict[float, dict[str, None]]] = {}
     units: dict[tuple[str, ...], str] = {}
-    for atom in atoms:
+    for atom in with_inner_atoms(atoms):
         sides = sides_of(atom)
-        named = dict.fromkeys(map(str, sides))
+        named = dict.fromkeys(map(signal_name, sides))
         # A feature that the formula does not depend on after its simplification has no values.
         names = tuple(name for name in named if _has_values(known.signals.get(name)))
         if names:
-            texts.setdefault(names, []).append(str(as_written(atom)))
+            texts.setdefault(names, []).append(str(as_written(best_estimate(atom))))
             found = thresholds.setdefault(names, {})
             for each in sides:
                 if isinstance(each, Number) and each.unit:
@@ -198,6 +213,29 @@ def _panels_of(
         )
         for names, found in texts.items()
     ]
+
+
+def _margin_panel(formula: FormulaReport) -> list[Panel]:
+    """Return the panel of the margins from each state on, if they are known of several."""
+    known = [
+        (each.begin, each.margin)
+        for each in formula.episodes
+        if each.begin is not None and each.margin is not None
+    ]
+    ends = np.array([(margin.lower, margin.upper) for _, margin in known]).reshape(-1, 2)
+    ends[~np.isfinite(ends)] = np.nan
+    if len(known) < _FEW_MARGINS or np.isnan(ends).all():
+        return []
+    kept = np.arange(len(known))
+    if len(known) > MAX_POINTS:
+        spans = kept * MAX_SPANS // len(known)
+        kept = np.unique(np.concatenate([extremes(spans, each) for each in ends.T]))
+    times = np.array([begin for begin, _ in known], np.int64)[kept]
+    low, high = ends[kept].T
+    least = Signal('margin: at least', times, low, band=(low, high))
+    signals = least, Signal('margin: at most', times, high)
+    unit = known[0][1].unit
+    return [Panel('', ('margin',), signals, (Threshold(0.0, '0'),), is_decisive=False, unit=unit)]
 
 
 def _has_values(signal: Signal | None) -> bool:
