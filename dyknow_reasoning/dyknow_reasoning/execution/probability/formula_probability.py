@@ -9,9 +9,10 @@ The time constants of the uncertain numbers decide how it is computed:
 
 Samples of a particle filter are counted, for an interval with a confidence.
 
-Functions of numbers whose joint distribution at one state is known, by their covariances, are
-simulated at that state. Where independent errors enter one atom in different sums, `x - y < 2`
-beside `x < 1`, the distribution is not exact, and runs are simulated, too.
+Distances, `abs(x)` and `hypot(x, y)`, have bounds if their joint distribution is known, by their
+covariances or as errors are independent (`distances`). Other functions of such numbers, and several
+atoms, are simulated at one state. Where independent errors enter one atom in different sums,
+`x - y < 2` beside `x < 1`, the distribution is not exact, and runs are simulated, too.
 
 The exact probability of a formula where the errors of all states are independent.
 
@@ -46,7 +47,7 @@ from dyknow_reasoning.language.type_checking import Kinds, check_types
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains, ground, past_operands
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import Chronology, Node
+from dyknow_reasoning.progression.nodes import Chronology, Literal, Node
 from dyknow_reasoning.progression.residual import holds_at_the_end
 
 NOTHING_KNOWN: Final = 'assuming nothing about correlation'
@@ -177,14 +178,17 @@ def _model_of(
         return CountedSamples(node, atoms, kinds, distribution), SAMPLED
     if distribution.has_cells and constants <= {0}:
         return RemainderChain(node, distribution), INDEPENDENT
-    is_simulated = None not in constants and not (is_of_state and distribution.has_cells)
-    if is_simulated or (distribution.is_joint and is_of_state and not distribution.is_linear):
+    is_single = isinstance(node, Literal) and distribution.has_bounds
+    is_known = is_of_state and (distribution.has_cells or is_single)
+    is_joint = distribution.is_joint and is_of_state and not distribution.is_linear
+    if not is_known and (None not in constants or is_joint):
         return SimulatedRuns(node, atoms, kinds, distribution), SIMULATED
-    if not distribution.is_linear:
+    if not distribution.has_bounds:
         raise ReasoningError(
-            'an operand is no sum of uncertain numbers and multiples of these; give each a '
-            'normal error with a time constant, such as normal(x, s, 0 s), or at one state all '
-            'their covariances, then runs are simulated'
+            'an operand is no sum of uncertain numbers and multiples of these, and no abs or '
+            'hypot of two such sums with all covariances; give each a normal error with a time '
+            'constant, such as normal(x, s, 0 s), or at one state all their covariances, then runs '
+            'are simulated'
         )
     if None not in constants:
         return _BoundsModel(node, distribution), INDEPENDENT
