@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.util import find_spec
 from itertools import pairwise
@@ -24,7 +25,7 @@ from dyknow_recordings.check import main
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
-from dyknow_recordings.evaluation.observation import Signal
+from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, terms_of
 from dyknow_recordings.evaluation.results import (
     Episode,
     FormulaReport,
@@ -222,9 +223,26 @@ def test_the_interval_of_a_probability_and_of_its_number_is_a_band() -> None:
     assert second.thresholds == (Threshold(-1.0, '> -1'),)
     signals = data_of(page(report))['signals']
     assert [each['low'] == each['v'] for each in signals] == [True, False]
-    assert signals[0]['low'] < signals[0]['high']
+    assert signals[0]['low'] == signals[0]['high'], 'it is exact'
     assert signals[1]['high'] == pytest.approx([4.92, 9.84, 14.76], rel=1e-3)
     assert report_image([report], Judgement.AUTO)
+
+
+def test_both_bounds_of_a_forecast_are_a_band() -> None:
+    columns = {'H_low_5s': [1.0, 2.0], 'H_high_5s': [3.0, 5.0]}
+    both, one = 'always (H_high_5s < 9 and H_low_5s > 0)', 'always H_high_5s < 8'
+    recorder = SignalRecorder(terms_of([both, one], {}), {})
+    recorder.states([0, 1], columns)
+    report = checked('always', values=[1]).formulas[0]
+    shown = [
+        panels(replace(report, formula=each, signals=recorder.result()))[0] for each in (both, one)
+    ]
+    (band,) = shown[0]
+    assert {each.text for each in band.thresholds} == {'< 9', '> 0'}
+    (signal,) = band.signals
+    assert signal.name == 'H_low_5s to H_high_5s'
+    assert [each.tolist() for each in signal.band or ()] == list(columns.values())
+    assert [each.name for each in shown[1][0].signals] == ['H_high_5s']
 
 
 def test_the_margins_from_each_state_on_are_a_band() -> None:

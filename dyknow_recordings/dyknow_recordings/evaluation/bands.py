@@ -1,8 +1,9 @@
-"""Bands of signals: at each state, the interval of an uncertain number or of a probability."""
+"""Bands of signals: at each state, the interval of an uncertain number, forecast or probability."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -11,6 +12,9 @@ import numpy.typing as npt
 from dyknow_common import DyKnowError
 from dyknow_reasoning import (
     Bounded,
+    Feature,
+    ForecastBound,
+    ForecastFeature,
     FormulaProbability,
     Probability,
     ReasoningError,
@@ -27,6 +31,28 @@ _DEVIATIONS: Final = 1.959964
 
 _TAILS: Final = 0.025, 0.975
 """The shares of the samples below the ends of the band."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForecastBand:
+    """The least and the greatest value that a forecast allows until a time."""
+
+    low: Feature
+    high: Feature
+
+
+def forecast_bands(terms: Iterable[Any]) -> dict[str, ForecastBand]:
+    """Return the bands of which both bounds are among some terms, by the names of both."""
+    found = {str(each): each for each in terms if isinstance(each, Feature)}
+    bands: dict[str, ForecastBand] = {}
+    for name, low in found.items():
+        forecast = ForecastFeature.of(low.name)
+        if forecast and forecast.bound is ForecastBound.LOW:
+            upper = forecast._replace(bound=ForecastBound.HIGH).name
+            high = found.get(str(replace(low, name=upper)))
+            if high is not None:
+                bands |= dict.fromkeys((name, str(high)), ForecastBand(low, high))
+    return bands
 
 
 def error_band(

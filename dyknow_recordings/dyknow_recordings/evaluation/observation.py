@@ -32,7 +32,13 @@ from dyknow_reasoning import (
     parts,
     walk,
 )
-from dyknow_recordings.evaluation.bands import Band, error_band, probability_track
+from dyknow_recordings.evaluation.bands import (
+    Band,
+    ForecastBand,
+    error_band,
+    forecast_bands,
+    probability_track,
+)
 
 Times: TypeAlias = npt.NDArray[np.int64]
 Numbers: TypeAlias = npt.NDArray[np.float64]
@@ -58,7 +64,7 @@ MAX_DECIDING_STATES: Final = 100
 _MAX_WORDS: Final = 20
 """The number of different texts of a signal that are kept; all others are one."""
 
-_BANDED: Final = Probability, Uncertain
+_BANDED: Final = Probability, Uncertain, ForecastBand
 """The terms whose signals have a band."""
 
 
@@ -120,8 +126,10 @@ class EvaluationObserver(Protocol):
         """Return the signals so far, if they are kept."""
 
 
-def features_of(node: Formula | Term) -> list[Feature | FieldReference]:
+def features_of(node: Formula | Term | ForecastBand) -> list[Feature | FieldReference]:
     """Return the features in a term, or in an atom without variables."""
+    if isinstance(node, ForecastBand):
+        return [node.low, node.high]
     if isinstance(node, Feature | FieldReference):
         return [node]
     return [each for part in parts(node) for each in features_of(part)]
@@ -158,8 +166,10 @@ def sides_of(atom: StateAtom) -> Sequence[Term]:
     return sides
 
 
-def signal_name(term: Term) -> str:
+def signal_name(term: Term | ForecastBand) -> str:
     """Return the name of the signal of a term: that of the best estimate, if it is uncertain."""
+    if isinstance(term, ForecastBand):
+        return f'{term.low} to {term.high}'
     return str(term if isinstance(term, Probability) else best_estimate(term))
 
 
@@ -277,7 +287,7 @@ class SignalRecorder:
             self._signals[name].add(times, np.column_stack(lines))
         self._latest = times, values
 
-    def _lines(self, term: Term, features: _Features) -> Sequence[Numbers]:
+    def _lines(self, term: Term | ForecastBand, features: _Features) -> Sequence[Numbers]:
         """Return the values of a term, and the ends of its band if it has one."""
         numbers = features.numbers
         match term:
@@ -292,14 +302,19 @@ class SignalRecorder:
                 spreads = features.columns(spread)[str(spread)] if is_text else numbers(spread)
                 means = numbers(mean)
                 return means, *error_band(term, means, spreads)
+            case ForecastBand(lower, upper):
+                low, high = numbers(lower), numbers(upper)
+                return low, low, high
             case _:
                 return (numbers(term),)
 
 
-def _named(terms: Iterable[Term]) -> dict[str, Term]:
+def _named(terms: Iterable[Term]) -> dict[str, Term | ForecastBand]:
     """Return what is recorded as the signal of each name."""
-    found: dict[str, Term] = {}
-    for each in terms:
+    found: dict[str, Term | ForecastBand] = {}
+    named = dict.fromkeys(terms)
+    # Other formulas over the same states may have one of both bounds.
+    for each in (*named, *forecast_bands(named).values()):
         is_banded, name = isinstance(each, _BANDED), signal_name(each)
         # A number that is also compared without its uncertainty has the band, too.
         if is_banded or name not in found:

@@ -21,6 +21,7 @@ from dyknow_reasoning import (
     objects_text,
     parse_formula,
 )
+from dyknow_recordings.evaluation.bands import forecast_bands
 from dyknow_recordings.evaluation.observation import (
     MAX_POINTS,
     MAX_SPANS,
@@ -189,9 +190,11 @@ def _panels_of(
     texts: dict[tuple[str, ...], list[str]] = {}
     thresholds: dict[tuple[str, ...], dict[float, dict[str, None]]] = {}
     units: dict[tuple[str, ...], str] = {}
-    for atom in with_inner_atoms(atoms):
+    shown = list(with_inner_atoms(atoms))
+    bands = forecast_bands(side for atom in shown for side in sides_of(atom))
+    for atom in shown:
         sides = sides_of(atom)
-        named = dict.fromkeys(map(signal_name, sides))
+        named = dict.fromkeys(signal_name(bands.get(str(each), each)) for each in sides)
         # A feature that the formula does not depend on after its simplification has no values.
         names = tuple(name for name in named if _has_values(known.signals.get(name)))
         if names:
