@@ -228,6 +228,18 @@ def test_the_interval_of_a_probability_and_of_its_number_is_a_band() -> None:
     assert report_image([report], Judgement.AUTO)
 
 
+def test_the_probability_that_is_asked_for_is_a_band_over_time(tmp_path: Path) -> None:
+    trace, file = tmp_path / 'trace.csv', tmp_path / 'page.html'
+    trace.write_text('time_s,x\n0,1\n1,2\n2,1\n')
+    formula = 'let x ~ normal(x, 1, 1 s) in always x > 0'
+    main([str(trace), '--formula', formula, '--probability', '--html', str(file)])
+    signals = {each['name']: each for each in data_of(file.read_text())['signals']}
+    low, high = (signals['probability'][each] for each in ('low', 'high'))
+    assert low == [0, 0, 0]
+    assert 1 > high[0] > high[1] > high[2] > 0.5
+    assert signals['x']['low'] == pytest.approx([-0.96, 0.04, -0.96], abs=1e-3)
+
+
 def test_both_bounds_of_a_forecast_are_a_band() -> None:
     columns = {'H_low_5s': [1.0, 2.0], 'H_high_5s': [3.0, 5.0]}
     both, one = 'always (H_high_5s < 9 and H_low_5s > 0)', 'always H_high_5s < 8'

@@ -213,7 +213,8 @@ class LiveSignals:
         names = frozenset(map(str, terms))
         if not names <= self._terms:
             self._terms = names
-            self._recorder = SignalRecorder(terms, domains, WINDOW_NS, _BLOCK)
+            # The first states may have come before this page was open.
+            self._recorder = SignalRecorder(terms, domains, WINDOW_NS, _BLOCK, is_asked_once=False)
 
     def _report(self) -> FormulaReport:
         """Return the report; its latest episode comes first, as the decisive one."""

@@ -180,6 +180,8 @@ class SignalRecorder:
         terms: the features of the states and what is calculated of them.
         domains: the objects of each sort.
         window: how long a value is kept, in nanoseconds; None: for ever.
+        is_asked_once: True if formulas are asked from the first of all states on, and only then:
+            probabilities of the future are of these.
         block: the number of single states that are collected to be added together.
     """
 
@@ -189,6 +191,8 @@ class SignalRecorder:
         domains: Mapping[str, tuple[str, ...]],
         window: int | None = None,
         block: int = 4096,
+        *,
+        is_asked_once: bool = True,
     ) -> None:
         self._block = block
         named = _named(terms)
@@ -199,11 +203,10 @@ class SignalRecorder:
             for name, term in self._terms.items()
             if isinstance(term, Probability)
         }
-        # With a window, the first states may be missing, and what depends on them is not known.
         self._probabilities = {
             name: track
             for name, track in tracks.items()
-            if track is not None and (window is None or track.is_of_state)
+            if track is not None and (is_asked_once or track.is_of_state)
         }
         self._domains = domains
         self._signals = {

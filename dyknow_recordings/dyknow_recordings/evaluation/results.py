@@ -106,6 +106,7 @@ class FormulaReport:
         probability: of the formula from the first state on, for any further states; None if it was
             not asked for, or if nothing in the formula is uncertain.
         probability_so_far: the same if no further state came.
+        asked_probability: the canonical text that asks for them.
     """
 
     name: str
@@ -122,6 +123,7 @@ class FormulaReport:
     last_state: int | None = None
     probability: ProbabilityInterval | None = None
     probability_so_far: ProbabilityInterval | None = None
+    asked_probability: str = ''
 
     @property
     def outcome(self) -> Outcome:

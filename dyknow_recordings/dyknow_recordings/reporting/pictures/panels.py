@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -134,6 +134,7 @@ def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
         objects = objects_text(binding)
         is_decisive = objects == deciding_objects
         found += _panels_of(objects, atoms, formula.signals, is_decisive=is_decisive)
+    found += _probability_panel(formula.asked_probability, formula.signals)
     found += _margin_panel(formula)
     found.sort(key=lambda each: not each.is_decisive)
     return found[:MAX_PANELS], max(len(found) - MAX_PANELS, 0)
@@ -216,6 +217,16 @@ def _panels_of(
         )
         for names, found in texts.items()
     ]
+
+
+def _probability_panel(asked: str, known: StateSignals) -> Iterator[Panel]:
+    """Yield the panel of the probability of a whole formula, if it was asked for."""
+    for _, atoms in ground_atoms(parse_formula(asked), known.domains) if asked else ():
+        for name in map(signal_name, sides_of(atoms[0])):
+            signal = known.signals.get(name)
+            if signal is not None and _has_values(signal):
+                signals = (replace(signal, name='probability'),)
+                yield Panel('', ('probability',), signals, (), is_decisive=False)
 
 
 def _margin_panel(formula: FormulaReport) -> list[Panel]:
