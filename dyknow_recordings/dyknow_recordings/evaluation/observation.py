@@ -180,9 +180,9 @@ class SignalRecorder:
         terms: the features of the states and what is calculated of them.
         domains: the objects of each sort.
         window: how long a value is kept, in nanoseconds; None: for ever.
-        is_asked_once: True if formulas are asked from the first of all states on, and only then:
-            probabilities of the future are of these.
         block: the number of single states that are collected to be added together.
+        is_asked_once: True if formulas are asked from the first state on alone, and it is recorded:
+            then probabilities of the future are those of all states.
     """
 
     def __init__(
