@@ -392,7 +392,13 @@ def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertai
     Raises:
         ConfigurationError: with the place of the fault.
     """
-    stated = value.mapping(UNCERTAINTY_KEYS)
+    stated = value.mapping((*UNCERTAINTY_KEYS, 'weights'))
+    if 'weights' in stated:
+        raise stated['weights'].error(
+            'no interval is certain for samples with weights, as the heaviest may be missing among '
+            'them; remove it, and require equal weights, as after the filter has resampled, in '
+            'the formula'
+        )
     kinds = [each for each in _AMOUNTS if each in stated]
     if len(kinds) != 1:
         raise value.error(f'give one of {", ".join(_AMOUNTS)}, a field or a number')

@@ -376,6 +376,10 @@ def test_samples(tmp_path: Path) -> None:
     file.write_text(f'features: {{X: {{{given.replace("poses.position.x", "3")}}}}}')
     with pytest.raises(ConfigurationError, match='numbers in an array; name the field'):
         read_robot(file)
+    weighted = given.replace('position.x}', 'position.x, weights: particles.weight}')
+    file.write_text(f'features: {{X: {{{weighted}}}}}')
+    with pytest.raises(ConfigurationError, match='no interval is certain for samples with weights'):
+        read_robot(file)
 
 
 @pytest.mark.parametrize(

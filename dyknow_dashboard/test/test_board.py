@@ -150,7 +150,7 @@ def test_an_opened_formula_gets_details_then_a_drawing_then_points() -> None:
     assert messages(board, page) == {}
     board.add_states([('/dyknow/streams/_states_1', 12 * SECOND_NS, {'uav1_power.power': 2.0})])
     (points,) = messages(board, page).values()
-    assert points['signals'] == [{'t': [2], 'v': [2]}]
+    assert points['signals'] == [{'t': [2], 'v': [2], 'low': [], 'high': []}]
     assert messages(board, page) == {}
 
 
@@ -292,6 +292,22 @@ def test_a_row_has_the_probability() -> None:
     (row,) = board_of(replace(POWER, probability=interval)).formulas.rows()
     text = 'at least 0.9, assuming independent errors'
     assert row['probability'] == {**interval.document, 'text': text}
+
+
+def test_probabilities_of_the_future_are_kept_over_time() -> None:
+    board = Board(lambda: 0)
+    formula = 'P(always (normal(x, 1, 0 s) > 0)) >= 0.9 and always (P(normal(x, 1) > 0) >= 0.5)'
+    for second in range(3):
+        interval = ProbabilityInterval(0.0, 1 - second / 10, 'assuming independent errors')
+        latest = (20 + second) * SECOND_NS
+        status = replace(POWER, formula=formula, latest_valid_time=latest, probability=interval)
+        board.formulas.update([status], latest)
+    evaluation = board.formulas.get(board.formulas.rows()[0]['id'])
+    assert evaluation is not None
+    details = board.formulas.details(evaluation)
+    assert details['probabilities'] == [[10, 0, 1], [11, 0, 0.9], [12, 0, 0.8]]
+    # Those at each state are in the panels of the signals.
+    assert details['required'] == [{'value': 0.9, 'text': '>= 0.9'}]
 
 
 def test_margins_are_kept_over_time() -> None:

@@ -263,3 +263,16 @@ def test_axes_have_the_unit_of_the_formula_or_of_the_ontology() -> None:
     assert unit(plain, {'Power': 'W'}) == 'W'
     assert unit(with_unit, {}) == 'W'
     assert unit('forall u in UAV: always (Power[u] * 2 < 5)', {'Power': 'W'}) == ''
+
+
+def test_the_probability_at_each_state_is_a_band_and_that_of_the_future_is_not_drawn() -> None:
+    """The page may have missed the first states, which the latter depends on."""
+    number = 'normal(Power[uav2], 2)'
+    formula = f'always (P({number} > 3) > 0.5) and P(always ({number} > 0)) > 0.1'
+    signals = signals_of(replace(UNDECIDED, formula=formula), 3, 3)
+    drawing = signals.drawing()
+    assert panel_names(drawing) == [[f'P({number} > 3)'], ['Power[uav2]']]
+    signals.add(signals.latest + SECOND_NS, {'Power[uav1]': 1.0, 'Power[uav2]': 300.0})
+    (probability, power) = signals.points(signals.latest - 1)['signals']
+    assert probability['low'] == probability['high'] == [1]
+    assert [round(each, 2) for each in power['high']] == [303.92]

@@ -24,6 +24,7 @@ from dyknow_reasoning.language.formula import (
     PastFormula,
     Previous,
     Since,
+    StateAtom,
     Until,
     compares_past,
     parts,
@@ -36,18 +37,26 @@ from dyknow_reasoning.language.sugar import SPATIAL
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.terms import (
     Arithmetic,
+    Bounded,
     Feature,
     FieldReference,
     Function,
     Number,
     PastTerm,
+    Probability,
     Quantifier,
     Quantity,
+    Sampled,
     Term,
+    Uncertain,
     Variable,
 )
 from dyknow_reasoning.language.type_checking import Kind, check_types
-from dyknow_reasoning.language.uncertain_features import asks_for_probability, is_uncertain
+from dyknow_reasoning.language.uncertain_features import (
+    asks_for_probability,
+    best_estimate,
+    is_uncertain,
+)
 from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.notes import FormulaNote, notes_on
 from dyknow_reasoning.progression.atoms import CALCULATE, Values
@@ -77,6 +86,7 @@ __all__ = [
     'Always',
     'And',
     'Arithmetic',
+    'Bounded',
     'Breach',
     'CheckResult',
     'Comparison',
@@ -107,16 +117,20 @@ __all__ = [
     'PastFormula',
     'PastTerm',
     'Previous',
+    'Probability',
     'Quantifier',
     'Quantity',
     'Range',
     'ReadStream',
     'ReasoningError',
     'RecordedState',
+    'Sampled',
     'Since',
+    'StateAtom',
     'StateLine',
     'Term',
     'TrialFormula',
+    'Uncertain',
     'UnknownFeatures',
     'UnknownValueError',
     'Until',
@@ -126,6 +140,7 @@ __all__ = [
     'as_written',
     'asked_of_each_state',
     'asks_for_probability',
+    'best_estimate',
     'call_function_on_vectors',
     'check_trace',
     'check_trial',

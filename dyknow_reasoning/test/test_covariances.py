@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import DyKnowError, ProbabilityInterval
+from dyknow_common import COMPARISONS, DyKnowError, ProbabilityInterval
 from dyknow_reasoning import parse_formula
 from dyknow_reasoning.execution import probability_of
 from dyknow_reasoning.execution.probability.distributions import StateDistribution
@@ -104,8 +104,8 @@ def distances(seed: int) -> tuple[ProbabilityInterval, float]:
     generator = np.random.default_rng(seed)
     matrix, mean = random_matrix(generator), generator.normal(size=3)
     limit = float(generator.uniform(0.3, 3))
-    # Each formula draws other errors.
-    text = f'hypot({normal("x")}, {normal("y")}) < {limit}'
+    # Several atoms are simulated; each formula draws other errors.
+    text = f'hypot({normal("x")}, {normal("y")}) < {limit} and abs({normal("x")}) < 1000'
     return interval(text, state(mean, matrix)), chance_within(mean[:2], matrix[:2, :2], limit)
 
 
@@ -126,6 +126,61 @@ def chance_within(mean: Any, matrix: Any, radius: float) -> float:
             inside = STANDARD.cdf((side - at[0]) / near) - STANDARD.cdf((-side - at[0]) / near)
         total += inside * exp(-middle * middle / 2) * 0.01 / sqrt(2 * np.pi)
     return total
+
+
+@given(SEEDS, st.sampled_from(['<', '>=']))
+def test_a_distance_has_certain_bounds(seed: int, operator: str) -> None:
+    generator = np.random.default_rng(seed)
+    # Of any scales, also where the error is along a line.
+    scales = 10.0 ** generator.uniform(-1.5, 1, size=(3, 1))
+    factors = scales * generator.normal(size=(3, int(generator.integers(1, 4))))
+    matrix, mean = factors @ factors.T, generator.uniform(0, 3) * generator.normal(size=3)
+    values = {**state(mean, matrix), 'limit': float(generator.uniform(0.05, 4))}
+    found = interval(f'limit {operator} hypot({normal("x")} - 1, {normal("y")})', values)
+    points = generator.multivariate_normal(mean, matrix, 10_000)
+    distances = np.hypot(points[:, 0] - 1, points[:, 1])
+    share = COMPARISONS[operator](values['limit'], distances).mean()
+    slack = 6 * sqrt(max(share * (1 - share), 1e-4) / 10_000)
+    assert found.lower - slack <= share <= found.upper + slack
+    assert found.upper - found.lower < 0.005
+    assert found.assumption == 'assuming nothing about correlation but for the covariances'
+
+
+@given(st.floats(-3, 3), st.just(0.0) | st.floats(1e-6, 2), st.floats(-1, 3))
+def test_a_size_is_exact(mean: float, deviation: float, limit: float) -> None:
+    found = interval('abs(normal(x, s)) <= limit', {'x': mean, 's': deviation, 'limit': limit})
+    truth = float(abs(mean) <= limit)
+    if deviation:
+        error = NormalDist(mean, deviation)
+        truth = max(0.0, error.cdf(limit) - error.cdf(-limit))
+    assert (found.lower, found.upper) == pytest.approx((truth, truth), abs=1e-9)
+
+
+@pytest.mark.parametrize('distance', [1.0, 1 + 1e-9, 1 - 1e-9, 1e-3])
+def test_bounds_of_a_distance_hold_where_a_line_of_errors_touches_the_circle(
+    distance: float,
+) -> None:
+    """The error is along a line that has a distance of 1 from zero; rounding hides that."""
+    angle = 0.3
+    along = np.array([-np.sin(angle), np.cos(angle), 0.0])
+    mean = np.array([np.cos(angle), np.sin(angle), 0.0])
+    found = interval(
+        f'hypot({normal("x")}, {normal("y")}) < {distance}', state(mean, np.outer(along, along))
+    )
+    half = sqrt(max(distance**2 - 1, 0))
+    truth = 2 * STANDARD.cdf(half) - 1
+    assert found.lower <= truth + 1e-12
+    assert truth <= found.upper
+    assert found.upper < 0.01
+
+
+def test_distances_over_time_have_bounds_without_a_time_constant() -> None:
+    values = state([2.0, 0.0, 0.0], 0.25 * np.eye(3))
+    text = f'hypot({normal("x")}, {normal("y")}) > 0.5'
+    single = interval(text, values)
+    found = interval(f'always[0, 1 s] {text}', values, values)
+    assert found.lower == pytest.approx(2 * single.lower - 1, abs=1e-9)
+    assert found.upper == pytest.approx(single.upper, abs=1e-9)
 
 
 def test_the_interval_of_a_distance_has_its_confidence() -> None:
@@ -150,8 +205,8 @@ def test_simulated_numbers_have_their_covariances() -> None:
 
 def test_functions_at_one_state_need_all_covariances_or_time_constants() -> None:
     values = state([1.0, 1.0, 1.0], np.eye(3))
-    assert 'simulated' in interval('abs(normal(x, sx)) < 1', values).assumption
-    for text in ('hypot(normal(x, sx), normal(y, sy)) < 1', f'always abs({normal("x")}) < 1'):
+    assert 'simulated' in interval('max(normal(x, sx), 0) < 1', values).assumption
+    for text in ('hypot(normal(x, sx), normal(y, sy)) < 1', f'always max({normal("x")}, 0) < 1'):
         with pytest.raises(DyKnowError, match='covariances, then runs are'):
             interval(text, values)
 

@@ -25,7 +25,7 @@ from dyknow_recordings.check import main
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
-from dyknow_recordings.evaluation.observation import Signal
+from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, terms_of
 from dyknow_recordings.evaluation.results import (
     Episode,
     FormulaReport,
@@ -212,6 +212,67 @@ def test_the_windows_that_a_verdict_is_about() -> None:
     assert found.windows == (Span(at(0.1), at(0.4)),)
     assert [(each.time, each.verdict) for each in found.deciding] == [(at(0.4), 'false')]
     assert found.deciding[0].values == {'"/a".p': 2.0}
+
+
+def test_the_interval_of_a_probability_and_of_its_number_is_a_band() -> None:
+    number = 'normal("/a".p, 2 * "/a".p, 1 s)'
+    report = checked(f'always P({number} > -1) >= 0.6', values=[1, 2, 3])
+    first, second = panels(report.formulas[0])[0]
+    assert [each.name for each in first.signals + second.signals] == [f'P({number} > -1)', '"/a".p']
+    assert first.thresholds == (Threshold(0.6, '>= 0.6'),)
+    assert second.thresholds == (Threshold(-1.0, '> -1'),)
+    signals = data_of(page(report))['signals']
+    assert [each['low'] == each['v'] for each in signals] == [True, False]
+    assert signals[0]['low'] == signals[0]['high'], 'it is exact'
+    assert signals[1]['high'] == pytest.approx([4.92, 9.84, 14.76], rel=1e-3)
+    assert report_image([report], Judgement.AUTO)
+
+
+def test_the_probability_that_is_asked_for_is_a_band_over_time(tmp_path: Path) -> None:
+    trace, file = tmp_path / 'trace.csv', tmp_path / 'page.html'
+    trace.write_text('time_s,x\n0,1\n1,2\n2,1\n')
+    formula = 'let x ~ normal(x, 1, 1 s) in always x > 0'
+    main([str(trace), '--formula', formula, '--probability', '--html', str(file)])
+    signals = {each['name']: each for each in data_of(file.read_text())['signals']}
+    low, high = (signals['probability'][each] for each in ('low', 'high'))
+    assert low == [0, 0, 0]
+    assert 1 > high[0] > high[1] > high[2] > 0.5
+    assert signals['x']['low'] == pytest.approx([-0.96, 0.04, -0.96], abs=1e-3)
+
+
+def test_both_bounds_of_a_forecast_are_a_band() -> None:
+    columns = {'H_low_5s': [1.0, 2.0], 'H_high_5s': [3.0, 5.0]}
+    both, one = 'always (H_high_5s < 9 and H_low_5s > 0)', 'always H_high_5s < 8'
+    recorder = SignalRecorder(terms_of([both, one], {}), {})
+    recorder.states([0, 1], columns)
+    report = checked('always', values=[1]).formulas[0]
+    shown = [
+        panels(replace(report, formula=each, signals=recorder.result()))[0] for each in (both, one)
+    ]
+    (band,) = shown[0]
+    assert {each.text for each in band.thresholds} == {'< 9', '> 0'}
+    (signal,) = band.signals
+    assert signal.name == 'H_low_5s to H_high_5s'
+    assert [each.tolist() for each in signal.band or ()] == list(columns.values())
+    assert [each.name for each in shown[1][0].signals] == ['H_high_5s']
+
+
+def test_the_margins_from_each_state_on_are_a_band() -> None:
+    requested = [RequestedFormula('always[0 s, 200 ms] "/a".p > 1', margin=True)]
+    report = evaluate_recording(
+        source([3, 4, 2]),
+        requested,
+        start=EpisodeStart(every=Every.STATE),
+        keep_signals=True,
+        margins=True,
+    )
+    margin = panels(report.formulas[0])[0][-1]
+    assert margin.thresholds == (Threshold(0.0, '0'),)
+    (low, high) = margin.signals[0].band or ((), ())
+    np.testing.assert_array_equal(low, [1, np.nan, np.nan])
+    np.testing.assert_array_equal(high, [1, 1, 1])
+    assert data_of(page(report))['signals'][-1]['v'] == [1, 1, 1]
+    assert report_image([report], Judgement.AUTO)
 
 
 def test_times_without_a_value_are_no_gaps() -> None:

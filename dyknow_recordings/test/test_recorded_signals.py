@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from recorded import at, recording, sample
 
 from dyknow_configuration import RequestedFormula
+from dyknow_reasoning import probability_of
 from dyknow_recordings.evaluation import observation
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
@@ -90,6 +91,51 @@ def test_a_long_signal_keeps_its_extremes(
             assert (
                 of_all[is_known][[0, -1]].tolist() == of_kept[~np.isnan(of_kept)][[0, -1]].tolist()
             )
+
+
+@given(
+    STEPS,
+    st.integers(0, 2**32 - 1),
+    st.lists(st.integers(1, 60), max_size=20),
+    st.sampled_from([', 0 s', ', 2 s', '']),
+    st.sampled_from([0, 5, 50]),
+)
+def test_the_bands_of_probabilities_and_of_their_numbers(
+    steps: list[int], seed: int, blocks: list[int], constant: str, gap: int
+) -> None:
+    random = np.random.default_rng(seed)
+    times = [2 * int(each) for each in np.cumsum(steps)]
+    values = random.normal(size=len(times))
+    values[random.random(len(times)) < 0.1] = NAN
+    number = f'normal(a, s{constant})'
+    texts = f'P({number} > 0 or {number} < -1)', f'P(always {number} > -4)'
+    found = recorder(*(f'{each} >= 0.5' for each in texts))
+    for part in (slice(gap), slice(gap, None)):
+        feed(found, times[part], blocks, a=list(values[part]), s=[0.5] * len(times[part]))
+        found.gap()
+    of_state, of_future = (probability_of(f'{each} >= 0', {}) for each in texts)
+    expected = []
+    for index, (time, value) in enumerate(zip(times, values, strict=True)):
+        if np.isnan(value) or index == gap > 0:
+            of_future.gap()
+        if np.isnan(value):
+            expected.append([NAN] * 4)
+            continue
+        both = of_state.copied(), of_future
+        for each in both:
+            each.step(time, {'a': float(value), 's': 0.5})
+        expected.append(
+            [end for each in both for end in (each.interval().lower, each.interval().upper)]
+        )
+    names = list(found.result().signals)
+    assert names == [f'P(({number} > 0) or ({number} < -1))', 'a', f'P(always ({number} > -4))']
+    bands = []
+    for name in names:
+        each = signal(found, name)
+        assert each.band is not None
+        bands.append(np.column_stack(each.band)[np.isin(each.times, times)])
+    np.testing.assert_array_equal(np.column_stack([bands[0], bands[2]]), np.array(expected))
+    np.testing.assert_allclose(bands[1].T, [values - 0.98, values + 0.98], atol=1e-4)
 
 
 def test_the_memory_is_flat_in_the_number_of_states() -> None:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from dyknow_common import (
     NANOSECONDS,
@@ -25,6 +25,16 @@ from dyknow_common import (
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Level, diagnose
 from dyknow_coordinator.reporting.evaluation_status import outcome
 from dyknow_dashboard.model.live_reports import strip
+from dyknow_reasoning import (
+    Always,
+    Comparison,
+    Eventually,
+    Number,
+    Probability,
+    Until,
+    parse_formula,
+    walk,
+)
 from dyknow_recordings.reporting.pictures.timeline import Span
 
 STRIP_NS: Final = 300 * SECOND_NS
@@ -48,6 +58,12 @@ _MAX_TEXT: Final = 600
 """The number of characters of a text in a row; the details have all of it."""
 
 
+_TEMPORAL: Final = Always, Eventually, Until
+
+_Bounds: TypeAlias = tuple[int, float, float]
+"""A valid time in nanoseconds, and the bounds of a number then."""
+
+
 @dataclass(slots=True)
 class MonitoredEvaluation:
     """An evaluation as the page knows it.
@@ -56,21 +72,24 @@ class MonitoredEvaluation:
         key: identifies it among all evaluations.
         status: the latest one.
         margins: valid time in nanoseconds, and the bounds of the margin.
+        probabilities: the same of the probability.
     """
 
     key: str
     status: EvaluationStatus
-    margins: deque[tuple[int, float, float]] = field(
-        default_factory=lambda: deque(maxlen=MAX_MARGINS)
-    )
+    margins: deque[_Bounds] = field(default_factory=lambda: deque(maxlen=MAX_MARGINS))
+    probabilities: deque[_Bounds] = field(default_factory=lambda: deque(maxlen=MAX_MARGINS))
 
     def update(self, status: EvaluationStatus) -> None:
         """Use a later status."""
         self.status = status
-        time, margin = status.latest_valid_time, status.margin
-        is_new = not self.margins or (time is not None and self.margins[-1][0] < time)
-        if margin is not None and time is not None and is_new:
-            self.margins.append((time, margin.lower, margin.upper))
+        time = status.latest_valid_time
+        for known, latest in (
+            (self.margins, status.margin),
+            (self.probabilities, status.probability),
+        ):
+            if latest is not None and time is not None and (not known or known[-1][0] < time):
+                known.append((time, latest.lower, latest.upper))
 
 
 class FormulaTable:
@@ -164,10 +183,9 @@ class FormulaTable:
                 for each in status.groundings
             ],
             'events': [with_readable_times(each, status.started) for each in status.events],
-            'margins': [
-                [round((time - status.started) / SECOND_NS, 3), _finite(lower), _finite(upper)]
-                for time, lower, upper in evaluation.margins
-            ],
+            'margins': list(_since(evaluation.margins, status.started)),
+            'probabilities': list(_since(evaluation.probabilities, status.started)),
+            'required': [] if not evaluation.probabilities else list(_required(status.formula)),
         }
 
     def _row(self, evaluation: MonitoredEvaluation) -> dict[str, Any]:
@@ -287,6 +305,20 @@ def _episodes(status: EvaluationStatus) -> Iterable[dict[str, Any]]:
             'states': each.states,
             'explanation': with_readable_times(each.text, status.started),
         }
+
+
+def _since(known: Iterable[_Bounds], started: int) -> Iterator[list[float | None]]:
+    for time, lower, upper in known:
+        yield [round((time - started) / SECOND_NS, 3), _finite(lower), _finite(upper)]
+
+
+def _required(formula: str) -> Iterator[dict[str, Any]]:
+    """Yield the numbers that probabilities of the future are compared with."""
+    for atom in walk(parse_formula(formula)):
+        if isinstance(atom, Comparison) and isinstance(atom.left, Probability):
+            is_of_future = any(isinstance(each, _TEMPORAL) for each in walk(atom.left))
+            if is_of_future and isinstance(atom.right, Number):
+                yield {'value': atom.right.value, 'text': f'{atom.operator} {atom.right}'}
 
 
 def _finite(value: float) -> float | None:

@@ -21,7 +21,7 @@ from dyknow_recordings.evaluation.observation import (
     StateSignals,
     terms_of,
 )
-from dyknow_recordings.reporting.pictures.figures import PageFigures
+from dyknow_recordings.reporting.pictures.figures import PageFigures, lines
 from dyknow_recordings.reporting.pictures.panels import Panel, last_shown, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span
 
@@ -191,7 +191,8 @@ class LiveSignals:
         names = frozenset(map(str, terms))
         if not names <= self._terms:
             self._terms = names
-            self._recorder = SignalRecorder(terms, domains, WINDOW_NS, _BLOCK)
+            # The first states may have come before this page was open.
+            self._recorder = SignalRecorder(terms, domains, WINDOW_NS, _BLOCK, is_asked_once=False)
 
     def _report(self) -> FormulaReport:
         """Return the report; its latest episode comes first, as the decisive one."""
@@ -216,7 +217,9 @@ class LiveSignals:
         if self._end is None:
             return signal
         count = int(np.searchsorted(signal.times, self._end, side='right'))
-        return replace(signal, times=signal.times[:count], values=signal.values[:count])
+        times, values = signal.times[:count], signal.values[:count]
+        band = signal.band and (signal.band[0][:count], signal.band[1][:count])
+        return replace(signal, times=times, values=values, band=band)
 
     def _seconds(self, time: int) -> float:
         return round((time - self._origin) / SECOND_NS, 6)
@@ -225,7 +228,7 @@ class LiveSignals:
         first = int(np.searchsorted(signal.times, since, side='right'))
         return {
             't': [self._seconds(int(each)) for each in signal.times[first:]],
-            'v': [_number(float(each)) for each in signal.values[first:]],
+            **lines(signal, first),
         }
 
 
@@ -233,7 +236,3 @@ def _value_at(signal: Signal, time: int) -> float:
     index = int(np.searchsorted(signal.times, time))
     is_known = index < len(signal.times) and signal.times[index] == time
     return float(signal.values[index]) if is_known else math.nan
-
-
-def _number(value: float) -> float | None:
-    return float(f'{value:.7g}') if math.isfinite(value) else None

@@ -104,7 +104,7 @@ class FormulaRow {
     this.residual = make('p', {class: 'residual'});
     this.map = make('div');
     this.panels = make('div', {class: 'panels'});
-    this.margins = make('div', {class: 'panels few'});
+    [this.margins, this.probabilities] = [1, 2].map(() => make('div', {class: 'panels few'}));
     this.tables = make('div');
     this.answer = make('p', {role: 'status'});
     this.cancel = make('button', {type: 'button', onclick: () => this.ask('cancel')}, 'Cancel');
@@ -112,7 +112,7 @@ class FormulaRow {
     this.actions = make('div', {class: 'actions'}, this.cancel, this.save);
     this.unseen = make('p', {class: 'soft', hidden: true}, 'There are no signals: no state has come since the server of this page was started.');
     this.body.append(make('p', {}, this.whole), this.why, this.facts, this.residual, this.actions,
-      this.answer, this.map, this.unseen, this.panels, this.margins, this.tables);
+      this.answer, this.map, this.unseen, this.panels, this.margins, this.probabilities, this.tables);
   }
 
   remove() {
@@ -192,7 +192,9 @@ class FormulaRow {
     setText(this.residual, parts.filter(Boolean).join('\n'));
     this.unseen.hidden = Boolean(this.drawing?.panels.length);
     this.fillTables(details);
-    this.drawMargins(details.margins);
+    this.drawBounds('margin', this.margins, details.margins, [{value: 0, text: '0'}]);
+    const {required} = details;
+    this.drawBounds('probability', this.probabilities, required.length ? details.probabilities : [], required);
   }
 
   fillTables(details) {
@@ -252,12 +254,10 @@ class FormulaRow {
     Object.assign(this.drawing, {range, marks});
     message.signals.forEach((added, number) => {
       const signal = this.signals[number];
-      signal.t = signal.t.concat(added.t);
-      signal.v = signal.v.concat(added.v);
+      const all = signal.t.concat(added.t);
       let first = 0;
-      while (first < signal.t.length - 1 && signal.t[first + 1] < range[0]) first += 1;
-      signal.t = signal.t.slice(first);
-      signal.v = signal.v.slice(first);
+      while (first < all.length - 1 && all[first + 1] < range[0]) first += 1;
+      for (const each of ['t', 'v', 'low', 'high']) signal[each] = signal[each].concat(added[each]).slice(first);
     });
     this.redraw(false);
   }
@@ -271,25 +271,28 @@ class FormulaRow {
     });
   }
 
-  async drawMargins(margins) {
-    this.margins.hidden = !margins.length;
-    if (!margins.length || !this.element.open) return;
+  // Draws the bounds of a number of the whole formula over time.
+  async drawBounds(title, place, bounds, thresholds) {
+    place.hidden = !bounds.length;
+    if (!bounds.length || !this.element.open) return;
     await loadPlotly();
-    if (!this.marginPlot) {
-      this.marginPlot = make('div', {class: 'plot'});
+    if (!place.plot) {
+      place.plot = make('div', {class: 'plot'});
       const names = ['at least', 'at most'].map((name) => make('span', {class: 'signal'}, name));
-      this.margins.append(make('figure', {},
-        make('figcaption', {}, make('b', {}, 'margin'), ' ', make('span', {}, ...names)), this.marginPlot));
+      place.append(make('figure', {},
+        make('figcaption', {}, make('b', {}, title), ' ', make('span', {}, ...names)), place.plot));
     }
-    const times = margins.map((each) => each[0]);
-    const signal = (name, column) => ({name, t: times, v: margins.map((each) => each[column]), words: []});
+    const [t, low, high] = [0, 1, 2].map((column) => bounds.map((each) => each[column]));
     const panel = {
-      is_decisive: false, unit: '', signals: [signal('at least', 1), signal('at most', 2)],
-      thresholds: [{value: 0, text: '0'}],
+      is_decisive: false, unit: '', thresholds,
+      signals: [
+        {name: 'at least', t, v: low, low, high, words: []},
+        {name: 'at most', t, v: high, low: [], high: [], words: []},
+      ],
     };
     const marks = {deciding: [], windows: [], pending: [], gaps: [], unknown: {}, violations: []};
-    const range = [times[0], Math.max(times.at(-1), times[0] + 1)];
-    drawPanel(this.marginPlot, panel, {axis: 'time since it was asked (s)', range, marks});
+    const range = [t[0], Math.max(t.at(-1), t[0] + 1)];
+    drawPanel(place.plot, panel, {axis: 'time since it was asked (s)', range, marks});
   }
 }
 

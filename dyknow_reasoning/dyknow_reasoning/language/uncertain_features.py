@@ -80,6 +80,13 @@ def is_uncertain(formula: Formula) -> bool:
     return any(isinstance(each, Uncertain) for each in walk(formula))
 
 
+def best_estimate(node: Any) -> Any:
+    """Return a formula or a term in which uncertain numbers are their best estimates."""
+    if isinstance(node, Uncertain):
+        return node.mean
+    return with_changed_parts(node, best_estimate)
+
+
 def _changed(node: Any, stated: Uncertainties, *, is_within: bool) -> Any:
     """Return a part, which may be within a probability."""
     match node:

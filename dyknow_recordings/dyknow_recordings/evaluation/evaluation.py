@@ -288,8 +288,14 @@ class RecordingEvaluation:
             request.episodes = FormulaEpisodes(grounded, every)
         observer: EvaluationObserver | None = None
         if self._keep_signals:
-            terms = terms_of((grounded.formula for _, grounded in members), domains)
-            observer = SignalRecorder(terms, domains)
+            texts = (text for _, each in members for text in (each.formula, each.probability))
+            observer = SignalRecorder(
+                terms_of(filter(None, texts), domains),
+                domains,
+                is_asked_once=all(
+                    each.episodes and each.episodes.every is Every.FIRST for each, _ in members
+                ),
+            )
         episodes = EpisodeGroup(
             [each.episodes for each, _ in members if each.episodes],
             domains,
@@ -377,6 +383,7 @@ class RecordingEvaluation:
             probability=None if probability is None else probability.interval(),
             probability_so_far=None if probability is None else probability.interval_at_end(),
             units=episodes.grounded.units,
+            asked_probability=episodes.grounded.probability,
         )
 
 

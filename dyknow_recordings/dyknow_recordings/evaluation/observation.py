@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol, TypeAlias
 
@@ -19,12 +19,25 @@ from dyknow_reasoning import (
     Formula,
     Function,
     Number,
+    PastTerm,
+    Probability,
+    Sampled,
+    StateAtom,
     Term,
+    Uncertain,
+    best_estimate,
     call_function_on_vectors,
-    compares_past,
     ground_atoms,
     parse_formula,
     parts,
+    walk,
+)
+from dyknow_recordings.evaluation.bands import (
+    Band,
+    ForecastBand,
+    error_band,
+    forecast_bands,
+    probability_track,
 )
 
 Times: TypeAlias = npt.NDArray[np.int64]
@@ -37,7 +50,10 @@ MAX_SPANS: Final = 500
 """The spans of time into which a long signal is divided; each keeps its extremes."""
 
 MAX_POINTS: Final = 5 * MAX_SPANS
-"""The number of points of a signal: all, or the first, last, least, greatest and a missing one."""
+"""The number of points of a signal: all, or the first, last, least, greatest and a missing one.
+
+One with a band has three times as many.
+"""
 
 MAX_SIGNALS: Final = 200
 """The number of signals of one stream of states that are kept."""
@@ -47,6 +63,9 @@ MAX_DECIDING_STATES: Final = 100
 
 _MAX_WORDS: Final = 20
 """The number of different texts of a signal that are kept; all others are one."""
+
+_BANDED: Final = Probability, Uncertain, ForecastBand
+"""The terms whose signals have a band."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,12 +77,15 @@ class Signal:
         times: the valid times, in nanoseconds.
         values: NaN where a value is missing. A boolean is 0 or 1, a text is its index in `words`.
         words: the values of a signal that is not a number, by index.
+        band: the ends of the interval of an uncertain number, or of a probability, whose values
+            are the lower bounds.
     """
 
     name: str
     times: Times
     values: Numbers
     words: tuple[str, ...] = ()
+    band: Band | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,8 +126,10 @@ class EvaluationObserver(Protocol):
         """Return the signals so far, if they are kept."""
 
 
-def features_of(node: Formula | Term) -> list[Feature | FieldReference]:
+def features_of(node: Formula | Term | ForecastBand) -> list[Feature | FieldReference]:
     """Return the features in a term, or in an atom without variables."""
+    if isinstance(node, ForecastBand):
+        return [node.low, node.high]
     if isinstance(node, Feature | FieldReference):
         return [node]
     return [each for part in parts(node) for each in features_of(part)]
@@ -116,16 +140,37 @@ def terms_of(formulas: Iterable[str], domains: Mapping[str, Sequence[str]]) -> l
     found: dict[Term, None] = {}
     for text in formulas:
         for _, atoms in ground_atoms(parse_formula(text), domains):
-            for atom in atoms:
+            for atom in with_inner_atoms(atoms):
                 found |= {side: None for side in sides_of(atom) if features_of(side)}
     return list(found)
 
 
-def sides_of(atom: Comparison | Feature | FieldReference) -> Sequence[Term]:
+def with_inner_atoms(atoms: Iterable[StateAtom]) -> Iterator[StateAtom]:
+    """Yield atoms, each with those of the formulas whose probability it compares."""
+    for atom in atoms:
+        yield atom
+        for side in sides_of(atom):
+            if isinstance(side, Probability):
+                for _, inner in ground_atoms(side.body, {}):
+                    yield from inner
+
+
+def sides_of(atom: StateAtom) -> Sequence[Term]:
     """Return the terms that an atom compares; the features of one with values of the past."""
-    if compares_past(atom):
+    if not isinstance(atom, Comparison):
+        return (atom,)
+    sides = atom.left, atom.right
+    present = [each for each in sides if not isinstance(each, Probability)]
+    if any(isinstance(part, PastTerm) for each in present for part in walk(each)):
         return features_of(atom)
-    return (atom.left, atom.right) if isinstance(atom, Comparison) else (atom,)
+    return sides
+
+
+def signal_name(term: Term | ForecastBand) -> str:
+    """Return the name of the signal of a term: that of the best estimate, if it is uncertain."""
+    if isinstance(term, ForecastBand):
+        return f'{term.low} to {term.high}'
+    return str(term if isinstance(term, Probability) else best_estimate(term))
 
 
 class SignalRecorder:
@@ -136,6 +181,8 @@ class SignalRecorder:
         domains: the objects of each sort.
         window: how long a value is kept, in nanoseconds; None: for ever.
         block: the number of single states that are collected to be added together.
+        is_asked_once: True if formulas are asked from the first state on alone, and it is recorded:
+            then probabilities of the future are those of all states.
     """
 
     def __init__(
@@ -144,13 +191,28 @@ class SignalRecorder:
         domains: Mapping[str, tuple[str, ...]],
         window: int | None = None,
         block: int = 4096,
+        *,
+        is_asked_once: bool = True,
     ) -> None:
         self._block = block
-        named = {str(each): each for each in terms}
+        named = _named(terms)
         self._terms = dict(list(named.items())[:MAX_SIGNALS])
         self._omitted = len(named) - len(self._terms)
+        tracks = {
+            name: probability_track(term)
+            for name, term in self._terms.items()
+            if isinstance(term, Probability)
+        }
+        self._probabilities = {
+            name: track
+            for name, track in tracks.items()
+            if track is not None and (is_asked_once or track.is_of_state)
+        }
         self._domains = domains
-        self._signals = {name: _GrowingSignal(name, window) for name in self._terms}
+        self._signals = {
+            name: _GrowingSignal(name, window, 3 if isinstance(term, _BANDED) else 1)
+            for name, term in self._terms.items()
+        }
         self._times: list[int] = []
         features = (str(each) for term in self._terms.values() for each in features_of(term))
         self._single: dict[str, list[Any]] = {name: [] for name in features}
@@ -179,7 +241,9 @@ class SignalRecorder:
             self._result = None
             self._latest_time += 1
             for each in self._signals.values():
-                each.add(np.array([self._latest_time], np.int64), np.array([np.nan]))
+                each.miss(self._latest_time)
+            for track in self._probabilities.values():
+                track.gap()
 
     def decided(self, valid_time: int) -> None:
         """Keep the values of a deciding state."""
@@ -218,21 +282,57 @@ class SignalRecorder:
             return
         self._result = None
         self._latest_time = int(times[-1])
-        features = _Features(self._signals, columns)
+        features = _Features(self._signals, columns, times)
         values: dict[str, Numbers] = {}
         for name, term in self._terms.items():
-            values[name] = np.broadcast_to(features.numbers(term), times.shape)
-            self._signals[name].add(times, values[name])
+            lines = [np.broadcast_to(each, times.shape) for each in self._lines(term, features)]
+            values[name] = lines[0]
+            self._signals[name].add(times, np.column_stack(lines))
         self._latest = times, values
+
+    def _lines(self, term: Term | ForecastBand, features: _Features) -> Sequence[Numbers]:
+        """Return the values of a term, and the ends of its band if it has one."""
+        numbers = features.numbers
+        match term:
+            case Probability():
+                track = self._probabilities.get(str(term))
+                if track is None:
+                    return (np.array(np.nan),) * 3
+                low, high = track.band(features.times.tolist(), features.columns(term))
+                return low, low, high
+            case Uncertain(mean, spread):
+                is_text = isinstance(term, Sampled)
+                spreads = features.columns(spread)[str(spread)] if is_text else numbers(spread)
+                means = numbers(mean)
+                return means, *error_band(term, means, spreads)
+            case ForecastBand(lower, upper):
+                low, high = numbers(lower), numbers(upper)
+                return low, low, high
+            case _:
+                return (numbers(term),)
+
+
+def _named(terms: Iterable[Term]) -> dict[str, Term | ForecastBand]:
+    """Return what is recorded as the signal of each name."""
+    found: dict[str, Term | ForecastBand] = {}
+    named = dict.fromkeys(terms)
+    # Other formulas over the same states may have one of both bounds.
+    for each in (*named, *forecast_bands(named).values()):
+        is_banded, name = isinstance(each, _BANDED), signal_name(each)
+        # A number that is also compared without its uncertainty has the band, too.
+        if is_banded or name not in found:
+            found[name] = each if is_banded else best_estimate(each)
+    return found
 
 
 class _Features:
     """The values of terms over some states, as numbers."""
 
     def __init__(
-        self, signals: Mapping[str, _GrowingSignal], columns: Mapping[str, Column]
+        self, signals: Mapping[str, _GrowingSignal], columns: Mapping[str, Column], times: Times
     ) -> None:
         self._signals = signals
+        self.times = times
         self._columns = columns
 
     def numbers(self, term: Term | Comparison) -> Numbers:
@@ -257,6 +357,15 @@ class _Features:
                 signal = self._signals.get(name) or _GrowingSignal(name)
                 return signal.numbers(self._columns[name])
 
+    def columns(self, term: Term) -> dict[str, Sequence[Any]]:
+        """Return the values of the features of a term; None where one is missing."""
+        missing = [None] * len(self.times)
+        found = {str(each): self._columns.get(str(each), missing) for each in features_of(term)}
+        return {
+            name: each.tolist() if isinstance(each, np.ndarray) else each
+            for name, each in found.items()
+        }
+
 
 @dataclass(eq=False)
 class _GrowingSignal:
@@ -264,10 +373,14 @@ class _GrowingSignal:
 
     name: str
     window: int | None = None
+    lines: int = 1
     times: Times = field(default_factory=lambda: np.empty(0, np.int64))
-    values: Numbers = field(default_factory=lambda: np.empty(0))
+    values: Numbers = field(init=False)
     width: int = 1
     words: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.values = np.empty((0, self.lines))
 
     def numbers(self, column: Column) -> Numbers:
         """Return values as numbers; texts are numbered in the order of their first uses."""
@@ -279,18 +392,24 @@ class _GrowingSignal:
         return np.array([self._number(each) for each in column], np.float64)
 
     def add(self, times: Times, values: Numbers) -> None:
-        """Add the values of some states."""
+        """Add the values of some states, with the ends of a band: a row for each."""
         self.times = np.concatenate([self.times, times])
         self.values = np.concatenate([self.values, values])
         if self.window is not None:
             first = np.searchsorted(self.times, self.times[-1] - self.window)
             self.times, self.values = self.times[first:], self.values[first:]
-        if len(self.times) > MAX_POINTS:
+        if len(self.times) > MAX_POINTS * self.lines:
             self._thin_out()
+
+    def miss(self, time: int) -> None:
+        """Add a missing value, which interrupts the lines."""
+        self.add(np.array([time], np.int64), np.full((1, self.lines), np.nan))
 
     def signal(self) -> Signal:
         """Return the signal so far."""
-        return Signal(self.name, self.times, self.values, tuple(self.words))
+        values, *band = self.values.T
+        ends = (band[0], band[1]) if band else None
+        return Signal(self.name, self.times, values, tuple(self.words), ends)
 
     def _number(self, value: Any) -> float:
         if value is None or isinstance(value, int | float):
@@ -305,7 +424,7 @@ class _GrowingSignal:
         while spans[-1] - spans[0] >= MAX_SPANS:
             self.width *= 2
             spans = self.times // self.width
-        kept = extremes(spans, self.values)
+        kept = np.unique(np.concatenate([extremes(spans, each) for each in self.values.T]))
         self.times, self.values = self.times[kept], self.values[kept]
 
 

@@ -108,6 +108,7 @@ class FormulaReport:
             not asked for, or if nothing in the formula is uncertain.
         probability_so_far: the same if no further state came.
         units: of its features, by their names, as far as they are known.
+        asked_probability: the canonical text that asks for them.
     """
 
     name: str
@@ -125,6 +126,7 @@ class FormulaReport:
     probability: ProbabilityInterval | None = None
     probability_so_far: ProbabilityInterval | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    asked_probability: str = ''
 
     @property
     def outcome(self) -> Outcome:

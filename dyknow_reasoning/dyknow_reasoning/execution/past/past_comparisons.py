@@ -26,7 +26,6 @@ from dyknow_common import ProbabilityInterval
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.registers import InnerRegister, column_array, field_names
-from dyknow_reasoning.execution.probability.bounds import has_windows
 from dyknow_reasoning.execution.probability.formula_probability import (
     AskedProbability,
     FormulaProbability,
@@ -326,30 +325,26 @@ class _ProbabilityMemory(_TermMemory):
 
     def __init__(self, term: Probability, operands: PastOperands, kinds: Kinds) -> None:
         self._formula = str(term.body)
-        node = operands.right
-        self._probability = FormulaProbability(node, operands.atoms, kinds)
-        self._is_of_state = not has_windows(node)
+        self._probability = FormulaProbability(operands.right, operands.atoms, kinds)
         self._error: ReasoningError | None = None
         self.interval: ProbabilityInterval | None = None
         """The probability at the latest state; None if there is none."""
 
     def step(self, time: int, now: Any) -> Any:
         self.interval = None
-        asked = self._probability.copied() if self._is_of_state else self._probability
-        try:
-            if self._error is None:
-                asked.step(time, now)
-        except ReasoningError as error:
-            if self._is_of_state:
-                return error
-            self._error = error
         if self._error is not None:
             return self._error
+        try:
+            asked = self._probability.at_state(time, now)
+        except ReasoningError as error:
+            if not self._probability.is_of_state:
+                self._error = error
+            return error
         self.interval = asked.interval()
         return AskedProbability(self.interval, self._formula, is_final=asked.is_final)
 
     def miss_states(self, gap: Gap) -> None:
-        if not (self._is_of_state or self._probability.is_final):
+        if not (self._probability.is_of_state or self._probability.is_final):
             self._error = self._error or unknowable(gap)
 
     def is_known(self, time: int) -> bool:  # noqa: ARG002
@@ -357,7 +352,7 @@ class _ProbabilityMemory(_TermMemory):
 
     @property
     def key(self) -> Hashable:
-        return None if self._is_of_state else id(self._probability)
+        return None if self._probability.is_of_state else id(self._probability)
 
     def copied(self) -> _ProbabilityMemory:
         found = copy(self)

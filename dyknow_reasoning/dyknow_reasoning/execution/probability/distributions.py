@@ -32,8 +32,10 @@ from typing import Any, Final, TypeAlias
 
 from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.execution.probability.distances import TOLERANCE, DistanceAtom, distance_of
+from dyknow_reasoning.execution.probability.sums import Sum, sum_of
 from dyknow_reasoning.language.formula import Atom, Comparison, walk
-from dyknow_reasoning.language.terms import Arithmetic, Bounded, Number, Term, Uncertain
+from dyknow_reasoning.language.terms import Bounded, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, predicate, term_reader
 from dyknow_reasoning.progression.nodes import (
@@ -57,9 +59,6 @@ Cells: TypeAlias = Sequence[tuple[int, float]]
 
 _LESS: Final = {'<', '<='}
 _GREATER: Final = {'>', '>='}
-
-TOLERANCE: Final = 1e-9
-"""The greatest relative error of covariances that are calculated."""
 
 MAX_CELLS: Final = 4096
 """The most truths of the atoms of a formula that one state may give."""
@@ -105,52 +104,6 @@ def _between(first: float, last: float) -> float:
     return _below(last) - _below(first)
 
 
-@dataclass(frozen=True, slots=True)
-class _Sum:
-    """A sum of uncertain numbers and of certain terms.
-
-    Args:
-        factors: of the uncertain numbers.
-        rest: the certain terms with their factors.
-    """
-
-    factors: Mapping[Uncertain, float]
-    rest: tuple[tuple[float, Callable[[Values], Any]], ...]
-
-    def plus(self, other: _Sum, factor: float) -> _Sum:
-        """Return the sum with a multiple of another."""
-        factors = dict(self.factors)
-        for number, each in other.factors.items():
-            factors[number] = factors.get(number, 0.0) + factor * each
-        rest = (*self.rest, *((factor * each, read) for each, read in other.rest))
-        return _Sum({number: each for number, each in factors.items() if each}, rest)
-
-
-_NOTHING: Final = _Sum({}, ())
-
-
-def _sum_of(term: Term, kinds: Kinds) -> _Sum | None:  # noqa: PLR0911 - one for each kind
-    """Return a term as a sum; None if it is not linear in its uncertain numbers."""
-    if isinstance(term, Uncertain):
-        return _Sum({term: 1.0}, ())
-    if not any(isinstance(each, Uncertain) for each in walk(term)):
-        return _Sum({}, ((1.0, term_reader(term, kinds)),))
-    match term:
-        case Arithmetic('+' | '-' as operator, left, right):
-            sides = _sum_of(left, kinds), _sum_of(right, kinds)
-            if sides[0] is None or sides[1] is None:
-                return None
-            return sides[0].plus(sides[1], 1.0 if operator == '+' else -1.0)
-        case Arithmetic('*', Number(factor), body) | Arithmetic('*', body, Number(factor)):
-            found = _sum_of(body, kinds)
-            return found and _NOTHING.plus(found, factor)
-        case Arithmetic('/', body, Number(factor)) if factor:
-            found = _sum_of(body, kinds)
-            return found and _NOTHING.plus(found, 1 / factor)
-        case _:
-            return None
-
-
 class _UncertainAtom:
     """A comparison of a sum with zero.
 
@@ -160,7 +113,7 @@ class _UncertainAtom:
         order: the index of each uncertain number.
     """
 
-    def __init__(self, atom: Comparison, difference: _Sum, order: Sequence[Uncertain]) -> None:
+    def __init__(self, atom: Comparison, difference: Sum, order: Sequence[Uncertain]) -> None:
         factors = sorted((order.index(each), f) for each, f in difference.factors.items())
         self._scale = factors[0][1]
         # Atoms with equal directions compare one sum.
@@ -230,6 +183,7 @@ class StateDistribution:
         is_joint: True if their errors at one state have a known joint distribution, whatever their
             time constants are.
         is_linear: True if each atom compares a sum of uncertain numbers.
+        has_bounds: True if each compares a sum, or a distance with a known joint distribution.
         has_covariances: True if covariances of numbers are given.
         has_cells: True if `cells` are defined.
     """
@@ -237,7 +191,8 @@ class StateDistribution:
     def __init__(self, atoms: Sequence[Atom], kinds: Kinds, mask: int) -> None:
         self._certain: dict[int, Callable[[Values], bool]] = {}
         self._uncertain: dict[int, _UncertainAtom] = {}
-        self.is_linear = True
+        self._distances: dict[int, DistanceAtom] = {}
+        self.is_linear = self.has_bounds = True
         self.numbers: list[Uncertain] = []
         self._readers: list[tuple[Callable[[Values], Any], Callable[[Values], Any]]] = []
         for slot in slots(mask):
@@ -249,6 +204,7 @@ class StateDistribution:
         self._groups = _groups(self.numbers, self._covariances)
         for each in self._uncertain.values() if self._covariances else ():
             each.group(self._groups)
+        self.has_bounds &= all(map(self._is_known, self._distances.values()))
         self.is_joint = len(set(self._groups)) == 1 and not self.is_bounded
         self._components: dict[int, list[_Component]] = {}
         all_have_one_sum = all(each.has_one_sum for each in self._components_of(mask))
@@ -266,12 +222,39 @@ class StateDistribution:
         if not found or not isinstance(atom, Comparison):
             self._certain[slot] = predicate(atom, kinds)
             return
-        left, right = _sum_of(atom.left, kinds), _sum_of(atom.right, kinds)
+        left, right = sum_of(atom.left, kinds), sum_of(atom.right, kinds)
         difference = None if left is None or right is None else left.plus(right, -1.0)
-        if difference is None or not difference.factors:
-            self.is_linear = False
-        else:
+        if difference is not None and difference.factors:
             self._uncertain[slot] = _UncertainAtom(atom, difference, self.numbers)
+            return
+        self.is_linear = False
+        distance = distance_of(atom, kinds)
+        if distance is None:
+            self.has_bounds = False
+        else:
+            self._distances[slot] = distance
+
+    def _is_known(self, distance: DistanceAtom) -> bool:
+        """Return True if the joint distribution of the numbers of a distance is known."""
+        numbers = distance.numbers
+        groups = {self._groups[self.numbers.index(each)] for each in numbers}
+        is_independent = all(each.time_constant is not None for each in numbers)
+        is_normal = all(type(each) is Uncertain for each in numbers)
+        return is_normal and (is_independent or len(groups) == 1)
+
+    def _chance_of_distance(
+        self, distance: DistanceAtom, values: Values, moments: Moments
+    ) -> Chance:
+        numbers = list(map(self.numbers.index, distance.numbers))
+        means = [moments[each][0] for each in numbers]
+        covariances = [
+            [self._covariance(first, second, values, moments) for second in numbers]
+            for first in numbers
+        ]
+        found = distance.chance(values, means, covariances)
+        if found is None:
+            raise no_distribution(distance.numbers)
+        return found
 
     def _components_of(self, mask: int) -> list[_Component]:
         """Return the components of the uncertain atoms in a mask."""
@@ -336,13 +319,17 @@ class StateDistribution:
         if self.is_independent and self.has_cells:
             return _known(self._total(node, self.cells(node.mask, values, moments)))
         components = self._components_of(node.mask)
-        if not components or (len(components) == 1 and components[0].is_known):
+        has_sums = not any(node.mask >> slot & 1 for slot in self._distances)
+        if has_sums and (not components or (len(components) == 1 and components[0].is_known)):
             if components and self._is_bounded(components[0]):
                 return self._possible(node, components[0], values, moments)
             return _known(self._total(node, self.cells(node.mask, values, moments)))
         match node:
             case Literal(slot, positive):
-                found = self._marginal(self._uncertain[slot], values, moments)
+                if slot in self._distances:
+                    found = self._chance_of_distance(self._distances[slot], values, moments)
+                else:
+                    found = self._marginal(self._uncertain[slot], values, moments)
                 return found if positive else complement(found)
             case Junction(universal, parts):
                 count = len(parts) if universal else 1
@@ -434,7 +421,10 @@ class StateDistribution:
         largest = moments[first][1] * moments[second][1]
         if first == second:
             return largest
-        found: float = self._covariances[min(first, second), max(first, second)](values)
+        read = self._covariances.get((min(first, second), max(first, second)))
+        if read is None:
+            return 0.0
+        found: float = read(values)
         if not abs(found) <= largest * (1 + TOLERANCE):
             raise ReasoningError(
                 f"the covariance of '{self.numbers[first].mean}' and "
@@ -453,9 +443,7 @@ class StateDistribution:
             return found
         variance, largest = found * found, sum(map(abs, spreads))
         for (first, one), (second, other) in combinations(direction, 2):
-            if (first, second) in self._covariances:
-                covariance = self._covariance(first, second, values, moments)
-                variance += 2 * one * other * covariance
+            variance += 2 * one * other * self._covariance(first, second, values, moments)
         if variance < -TOLERANCE * largest * largest:
             raise no_distribution([self.numbers[number] for number, _ in direction])
         return sqrt(max(0.0, variance))

@@ -9,9 +9,10 @@ The time constants of the uncertain numbers decide how it is computed:
 
 Samples of a particle filter are counted, for an interval with a confidence.
 
-Functions of numbers whose joint distribution at one state is known, by their covariances, are
-simulated at that state. Where independent errors enter one atom in different sums, `x - y < 2`
-beside `x < 1`, the distribution is not exact, and runs are simulated, too.
+Distances, `abs(x)` and `hypot(x, y)`, have bounds if their joint distribution is known, by their
+covariances or as errors are independent (`distances`). Other functions of such numbers, and several
+atoms, are simulated at one state. Where independent errors enter one atom in different sums,
+`x - y < 2` beside `x < 1`, the distribution is not exact, and runs are simulated, too.
 
 The exact probability of a formula where the errors of all states are independent.
 
@@ -46,7 +47,7 @@ from dyknow_reasoning.language.type_checking import Kinds, check_types
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains, ground, past_operands
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import Chronology, Node
+from dyknow_reasoning.progression.nodes import Chronology, Literal, Node
 from dyknow_reasoning.progression.residual import holds_at_the_end
 
 NOTHING_KNOWN: Final = 'assuming nothing about correlation'
@@ -93,6 +94,7 @@ class FormulaProbability:
 
     Attributes:
         assumption: what the probability depends on, in words.
+        is_of_state: True if later states do not matter, as there are no temporal operators.
 
     Raises:
         ReasoningError: if it has no probability.
@@ -105,38 +107,10 @@ class FormulaProbability:
                 'normal(x, DEVIATION) or within(x, ERROR)'
             )
         distribution = StateDistribution(atoms, kinds, node.mask)
-        constants = {each.time_constant for each in distribution.numbers}
-        self.assumption = NOTHING_KNOWN
-        self._model: _Model
-        if any(isinstance(each, Sampled) for each in distribution.numbers):
-            if has_windows(node) or not all(isinstance(n, Sampled) for n in distribution.numbers):
-                raise ReasoningError(
-                    'samples are those of one state; ask for the probability at each state, of a '
-                    'formula without temporal operators, and of numbers with samples alone'
-                )
-            self._model = CountedSamples(node, atoms, kinds, distribution)
-            self.assumption = SAMPLED
-        elif distribution.has_cells and constants <= {0}:
-            self._model, self.assumption = RemainderChain(node, distribution), INDEPENDENT
-        elif (None not in constants and (has_windows(node) or not distribution.has_cells)) or (
-            distribution.is_joint and not (distribution.is_linear or has_windows(node))
-        ):
-            self._model = SimulatedRuns(node, atoms, kinds, distribution)
-            self.assumption = SIMULATED
-        elif distribution.is_linear:
-            self._model = _BoundsModel(node, distribution)
-            if None not in constants:
-                self.assumption = INDEPENDENT
-            elif distribution.is_bounded:
-                self.assumption = BOUNDED
-        else:
-            raise ReasoningError(
-                'an operand is no sum of uncertain numbers and multiples of these; give each a '
-                'normal error with a time constant, such as normal(x, s, 0 s), or at one state all '
-                'their covariances, then runs are simulated'
-            )
+        self._model, self.assumption = _model_of(node, atoms, kinds, distribution)
         if distribution.has_covariances and self.assumption != SIMULATED:
             self.assumption += COVARIANCES
+        self.is_of_state = not has_windows(node)
         self._is_lost = False
 
     @property
@@ -152,6 +126,16 @@ class FormulaProbability:
         """
         if not self._is_lost:
             self._model.step(time, values)
+
+    def at_state(self, time: int, values: Values) -> FormulaProbability:
+        """Take a state; return the probability then, of this state alone if it is of a state.
+
+        Raises:
+            ReasoningError: if a value is unusable.
+        """
+        found = self.copied() if self.is_of_state else self
+        found.step(time, values)
+        return found
 
     def gap(self) -> None:
         """Record that states are missing: what is open stays undecided."""
@@ -177,6 +161,39 @@ class FormulaProbability:
         found = copy(self)
         found._model = self._model.copied()  # noqa: SLF001 - of the same class
         return found
+
+
+def _model_of(
+    node: Node, atoms: Sequence[Atom], kinds: Kinds, distribution: StateDistribution
+) -> tuple[_Model, str]:
+    """Return how the probability is computed, and what that assumes."""
+    constants = {each.time_constant for each in distribution.numbers}
+    is_of_state = not has_windows(node)
+    if any(isinstance(each, Sampled) for each in distribution.numbers):
+        if not (is_of_state and all(isinstance(each, Sampled) for each in distribution.numbers)):
+            raise ReasoningError(
+                'samples are those of one state; ask for the probability at each state, of a '
+                'formula without temporal operators, and of numbers with samples alone'
+            )
+        return CountedSamples(node, atoms, kinds, distribution), SAMPLED
+    if distribution.has_cells and constants <= {0}:
+        return RemainderChain(node, distribution), INDEPENDENT
+    is_single = isinstance(node, Literal) and distribution.has_bounds
+    is_known = is_of_state and (distribution.has_cells or is_single)
+    is_joint = distribution.is_joint and is_of_state and not distribution.is_linear
+    if not is_known and (None not in constants or is_joint):
+        return SimulatedRuns(node, atoms, kinds, distribution), SIMULATED
+    if not distribution.has_bounds:
+        raise ReasoningError(
+            'an operand is no sum of uncertain numbers and multiples of these, and no abs or '
+            'hypot of two such sums with all covariances; give each a normal error with a time '
+            'constant, such as normal(x, s, 0 s), or at one state all their covariances, then runs '
+            'are simulated'
+        )
+    if None not in constants:
+        return _BoundsModel(node, distribution), INDEPENDENT
+    assumption = BOUNDED if distribution.is_bounded else NOTHING_KNOWN
+    return _BoundsModel(node, distribution), assumption
 
 
 class _BoundsModel:

@@ -22,8 +22,8 @@ import numpy.typing as npt
 from dyknow_common import COMPARISONS, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
+from dyknow_reasoning.execution.probability.distances import TOLERANCE, special_functions
 from dyknow_reasoning.execution.probability.distributions import (
-    TOLERANCE,
     Chance,
     StateDistribution,
     no_distribution,
@@ -322,13 +322,7 @@ def _is_uncertain(node: Any) -> bool:
 
 def _clopper_pearson() -> Callable[..., Chance]:
     """Return a function of the least and the greatest number of true runs, and of all runs."""
-    try:
-        from scipy.special import betaincinv  # noqa: PLC0415 - an optional library
-    except ImportError:
-        raise ReasoningError(
-            'correlated errors and samples need scipy, which is not installed; install '
-            'dyknow[probability], or python3-scipy'
-        ) from None
+    betaincinv = special_functions().betaincinv
     tail = (1.0 - CONFIDENCE) / 2
 
     @lru_cache(1)  # It rarely changes from one state to the next.

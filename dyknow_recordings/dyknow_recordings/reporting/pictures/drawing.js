@@ -37,7 +37,30 @@ function tracesOf(panel) {
     return {
       x: signal.t, y: signal.v, text: words, mode: 'lines', name: signal.name, showlegend: false,
       line: {color: COLOURS[number % 3], width: 1.6, shape: words ? 'hv' : 'linear'},
-      hovertemplate: (words ? '%{text}' : '%{y}') + ' at %{x}<extra></extra>',
+      customdata: signal.t.map((_, index) => [signal.low[index], signal.high[index]]),
+      hovertemplate: (words ? '%{text}' : '%{y}') + ' at %{x}'
+        + (signal.low.length ? ', from %{customdata[0]} to %{customdata[1]}' : '') + '<extra></extra>',
+    };
+  });
+}
+
+// The interval in which a signal is possible, one area for each of its lines without gaps.
+function bandsOf(panel) {
+  return panel.signals.map((signal, number) => {
+    const x = [], y = [];
+    let start = 0;
+    signal.low.concat(null).forEach((low, end) => {
+      if (low !== null && signal.high[end] !== null) return;
+      const [t, lows, highs] = [signal.t, signal.low, signal.high].map((each) => each.slice(start, end));
+      if (t.length) {
+        x.push(...t, ...t.reverse(), null);
+        y.push(...highs, ...lows.reverse(), null);
+      }
+      start = end + 1;
+    });
+    return {
+      x, y, mode: 'lines', fill: 'toself', fillcolor: COLOURS[number % 3] + '48', showlegend: false,
+      hoverinfo: 'skip', line: {width: 0},
     };
   });
 }
@@ -111,6 +134,7 @@ function layoutOf(panel, drawing) {
 function drawPanel(element, panel, drawing) {
   const traces = [
     ...tracesOf(panel), statesOf(panel, drawing.marks), unknownOf(panel, drawing.marks),
+    ...bandsOf(panel),
   ];
   return Plotly.react(element, traces, layoutOf(panel, drawing),
     {responsive: true, displayModeBar: false});

@@ -90,7 +90,7 @@ class PageFigures:
                 {
                     'name': escape(signal.name),
                     't': [self._time(int(each)) for each in signal.times],
-                    'v': [_number(float(each)) for each in signal.values],
+                    **lines(signal),
                     'words': [escape(each) for each in signal.words],
                 }
             )
@@ -101,6 +101,13 @@ class PageFigures:
 
     def _time(self, time: int) -> float:
         return round(self._whole.since_start(time), 6)
+
+
+def lines(signal: Signal, first: int = 0) -> dict[str, list[float | None]]:
+    """Return the values of a signal and the ends of its band from a point on, for scripts."""
+    low, high = signal.band or ((), ())
+    named = {'v': signal.values, 'low': low, 'high': high}
+    return {name: [_number(float(each)) for each in line[first:]] for name, line in named.items()}
 
 
 def _number(value: float) -> float | None:

@@ -106,6 +106,8 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
         times = (signal.times - whole.start) / NANOSECONDS[whole.unit]
         style = 'steps-post' if signal.words else 'default'
         axes.plot(times, signal.values, color=color, linewidth=1.2, drawstyle=style)
+        if signal.band is not None:
+            axes.fill_between(times, *signal.band, color=color, alpha=0.25, linewidth=0.6)
         if signal.words:
             axes.set_yticks(range(len(signal.words)), [_plain(each) for each in signal.words])
     for threshold in panel.thresholds:
@@ -119,7 +121,7 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
         axes.axvspan(*_ends(window, whole), color=_WINDOW, alpha=0.25, linewidth=0)
     for gap in found.gaps:
         axes.axvspan(*_ends(gap, whole), color='grey', alpha=0.35, linewidth=0)
-    for span in (span for each in panel.signals for span in found.unknown[each.name]):
+    for span in (span for each in panel.signals for span in found.unknown.get(each.name, ())):
         axes.axvspan(
             *_ends(span, whole), facecolor='none', hatch='///', edgecolor='grey', linewidth=0
         )

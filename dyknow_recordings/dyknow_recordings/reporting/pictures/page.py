@@ -85,6 +85,7 @@ _PAGE: Final = """\
 <span><span class="key threshold"></span>threshold</span>
 <span><span class="key deciding"></span>deciding state</span>
 <span><span class="key window"></span>window of an obligation</span>
+<span><span class="key band"></span>interval: 95 % of errors, or of a probability</span>
 <span><span class="key gap"></span>gap: states may be missing</span>
 <span><span class="key unknown"></span>no value</span>
 <span><span class="key violation"></span>violation of a constraint</span>

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -17,11 +17,22 @@ from dyknow_reasoning import (
     Number,
     Term,
     as_written,
+    best_estimate,
     ground_atoms,
     objects_text,
     parse_formula,
 )
-from dyknow_recordings.evaluation.observation import Signal, StateSignals, sides_of
+from dyknow_recordings.evaluation.bands import forecast_bands
+from dyknow_recordings.evaluation.observation import (
+    MAX_POINTS,
+    MAX_SPANS,
+    Signal,
+    StateSignals,
+    extremes,
+    sides_of,
+    signal_name,
+    with_inner_atoms,
+)
 from dyknow_recordings.evaluation.results import FormulaReport
 from dyknow_recordings.reporting.pictures.timeline import (
     MAX_MARKS,
@@ -38,6 +49,10 @@ MAX_PANELS: Final = 24
 
 _FEATURE: Final = re.compile(r'(?:abs\()?(\w+)(\[[^\]]*\])?\)?')
 """The text of a feature, such as `Power[uav1]`, or of its absolute value."""
+
+
+_FEW_MARGINS: Final = 2
+"""The number of margins that are drawn; the table has a single one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +139,8 @@ def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
         is_decisive = objects == deciding_objects
         found += _panels_of(objects, atoms, formula.signals, is_decisive=is_decisive)
     found = [_with_unit(each, formula.units) for each in found]
+    found += _probability_panel(formula.asked_probability, formula.signals)
+    found += _margin_panel(formula)
     found.sort(key=lambda each: not each.is_decisive)
     return found[:MAX_PANELS], max(len(found) - MAX_PANELS, 0)
 
@@ -179,13 +196,15 @@ def _panels_of(
     texts: dict[tuple[str, ...], list[str]] = {}
     thresholds: dict[tuple[str, ...], dict[float, dict[str, None]]] = {}
     units: dict[tuple[str, ...], str] = {}
-    for atom in atoms:
+    shown = list(with_inner_atoms(atoms))
+    bands = forecast_bands(side for atom in shown for side in sides_of(atom))
+    for atom in shown:
         sides = sides_of(atom)
-        named = dict.fromkeys(map(str, sides))
+        named = dict.fromkeys(signal_name(bands.get(str(each), each)) for each in sides)
         # A feature that the formula does not depend on after its simplification has no values.
         names = tuple(name for name in named if _has_values(known.signals.get(name)))
         if names:
-            texts.setdefault(names, []).append(str(as_written(atom)))
+            texts.setdefault(names, []).append(str(as_written(best_estimate(atom))))
             found = thresholds.setdefault(names, {})
             for each in sides:
                 if isinstance(each, Number) and each.unit:
@@ -214,6 +233,39 @@ def _with_unit(panel: Panel, units: Mapping[str, str]) -> Panel:
     (unit,) = found
     limits = tuple(replace(each, text=f'{each.text} {unit}') for each in panel.thresholds)
     return replace(panel, unit=unit, thresholds=limits)
+
+
+def _probability_panel(asked: str, known: StateSignals) -> Iterator[Panel]:
+    """Yield the panel of the probability of a whole formula, if it was asked for."""
+    for _, atoms in ground_atoms(parse_formula(asked), known.domains) if asked else ():
+        for name in map(signal_name, sides_of(atoms[0])):
+            signal = known.signals.get(name)
+            if signal is not None and _has_values(signal):
+                signals = (replace(signal, name='probability'),)
+                yield Panel('', ('probability',), signals, (), is_decisive=False)
+
+
+def _margin_panel(formula: FormulaReport) -> list[Panel]:
+    """Return the panel of the margins from each state on, if they are known of several."""
+    known = [
+        (each.begin, each.margin)
+        for each in formula.episodes
+        if each.begin is not None and each.margin is not None
+    ]
+    ends = np.array([(margin.lower, margin.upper) for _, margin in known]).reshape(-1, 2)
+    ends[~np.isfinite(ends)] = np.nan
+    if len(known) < _FEW_MARGINS or np.isnan(ends).all():
+        return []
+    kept = np.arange(len(known))
+    if len(known) > MAX_POINTS:
+        spans = kept * MAX_SPANS // len(known)
+        kept = np.unique(np.concatenate([extremes(spans, each) for each in ends.T]))
+    times = np.array([begin for begin, _ in known], np.int64)[kept]
+    low, high = ends[kept].T
+    least = Signal('margin: at least', times, low, band=(low, high))
+    signals = least, Signal('margin: at most', times, high)
+    unit = known[0][1].unit
+    return [Panel('', ('margin',), signals, (Threshold(0.0, '0'),), is_decisive=False, unit=unit)]
 
 
 def _has_values(signal: Signal | None) -> bool:
