@@ -272,6 +272,7 @@ def test_the_probability_at_each_state_is_a_band_and_that_of_the_future_is_not_d
     signals = signals_of(replace(UNDECIDED, formula=formula), 3, 3)
     drawing = signals.drawing()
     assert panel_names(drawing) == [[f'P({number} > 3)'], ['Power[uav2]']]
+    assert signals.count == 3 * 6, 'a band needs memory'
     signals.add(signals.latest + SECOND_NS, {'Power[uav1]': 1.0, 'Power[uav2]': 300.0})
     (probability, power) = signals.points(signals.latest - 1)['signals']
     assert probability['low'] == probability['high'] == [1]

@@ -15,7 +15,6 @@ from dyknow_dashboard.model.live_reports import WINDOW_NS, live_report
 from dyknow_reasoning import parse_formula, symbols_of
 from dyknow_recordings import FormulaReport
 from dyknow_recordings.evaluation.observation import (
-    MAX_SIGNALS,
     Signal,
     SignalRecorder,
     StateSignals,
@@ -28,7 +27,7 @@ from dyknow_recordings.reporting.pictures.timeline import Span
 _BLOCK: Final = 256
 """The number of states that are collected before they are added to the signals.
 
-With MAX_POINTS, a signal takes at most 50 KB.
+With MAX_POINTS, a signal without a band takes at most 50 KB.
 """
 
 _MARGIN: Final = 0.01
@@ -96,8 +95,8 @@ class LiveSignals:
 
     @property
     def count(self) -> int:
-        """The number of signals."""
-        return min(len(self._terms), MAX_SIGNALS)
+        """The number of signals; one with a band counts as the six that need its memory."""
+        return self._recorder.size
 
     @property
     def is_complete(self) -> bool:

@@ -222,6 +222,11 @@ class SignalRecorder:
         self._latest: tuple[Times, dict[str, Numbers]] | None = None
         self._deciding: dict[int, dict[str, float]] = {}
 
+    @property
+    def size(self) -> int:
+        """The number of signals without a band that need as much memory: one with a band, 6."""
+        return sum(each.lines * (each.lines + 1) // 2 for each in self._signals.values())
+
     def states(self, valid_times: Sequence[int] | Times, columns: Mapping[str, Column]) -> None:
         """Add states; single ones are collected first."""
         if len(valid_times) > 1:
