@@ -156,6 +156,10 @@ def test_parameters_and_engines(tmp_path: Path) -> None:
         for node in ('stream_manager', 'stream_processing_engine', 'stream_processing_engine_2'):
             assert value(node, 'hang_limit') == 33.0
         assert value('stream_reasoning_coordinator', 'silence_limit') == 7.0
+        second = output_of(command('dyknow', 'up'), environment)
+        assert second.returncode == 2, second.stdout
+        assert 'is already running (started at ' in second.stderr
+        assert 'DyKnow runs' not in second.stdout
 
 
 @pytest.mark.parametrize(

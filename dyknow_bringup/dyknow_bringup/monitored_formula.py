@@ -111,7 +111,8 @@ def _formula_row(monitored: MonitoredFormula, start: int) -> list[Cell]:
     reason = Text(monitored.waits_for or monitored.formula.description, 'dim')
     style = 'dim'
     if monitored.is_decided:
-        text = with_readable_times(monitored.explanation, start)
+        # Without the line and the caret of an error, which a column would fold.
+        text = with_readable_times(monitored.explanation.partition('\n  ')[0], start)
         reason = Text(text or monitored.formula.description)
         style = STYLES.get(monitored.outcome, FAILED)
     if monitored.margin is not None:

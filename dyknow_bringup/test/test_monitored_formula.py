@@ -27,3 +27,12 @@ def test_the_table_says_since_when_times_count() -> None:
     assert max(map(len, lines)) <= 80
     shown = ' '.join(output.getvalue().replace('│', ' ').split())
     assert 'speed false 3.000 s Speed[r1] = 3.0 at 2.500 s is not < 2 m/s' in shown
+
+
+def test_no_caret_is_folded() -> None:
+    fault = "formula:1:3: unknown unit 'warp'\n  x < 3 warp\n        ^"
+    wrong = MonitoredFormula(RequestedFormula('x'), outcome='INVALID_ARGUMENT', explanation=fault)
+    output = io.StringIO()
+    Terminal(file=output, width=80).print(formula_table([wrong], START, 0))
+    assert "unknown unit 'warp'" in output.getvalue()
+    assert '^' not in output.getvalue()

@@ -255,6 +255,21 @@ def test_expected_topics_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFi
     assert 'error: /uav2' not in shown
 
 
+def test_an_element_that_no_message_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot = tmp_path / 'robot.yaml'
+    robot.write_text(
+        'objects: {Rover: [rover]}\n'
+        'features:\n'
+        "  Ahead: {of: {r: Rover}, from: {topic: /scan, field: 'ranges[400]'}}\n"
+        "formulas: [{name: distance, formula: 'always Ahead[rover] > 0.3'}]\n"
+    )
+    recording = ROOT / 'examples' / 'rover' / 'recordings' / 'clean'
+    code, shown = lint(capsys, robot, '--recording', recording)
+    assert code == 1
+    message = "no message of /scan has ranges[400]: 'ranges' has 90 elements, not one at [400]"
+    assert f'{robot}:3:56: error: {message}\n' in shown
+
+
 @pytest.mark.parametrize('expires', [True, False])
 def test_a_gap_after_which_a_value_expires_is_no_fault(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], *, expires: bool

@@ -352,6 +352,7 @@ def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str
         ),
         ('X a', "there is no 'next': write 'eventually[0 s, 1 s] p'"),
         ('always {a}', 'use round brackets'),
+        ('flags % 2 = 1', "write a remainder as 'x mod 2'"),
         ('[] a', "did you mean 'always' instead of '[]'?"),
     ],
 )

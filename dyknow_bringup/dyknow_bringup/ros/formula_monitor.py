@@ -120,7 +120,9 @@ class MonitorNode(DyKnowNode):
             self._follow(monitored, answer.episodes)
         if answer.error is not None:
             hint = OTHER_FILE if answer.error.code in WRONG else ''
-            self.set_outcome(monitored, answer.error.code.name, f'{answer.error.message}{hint}')
+            reason, *place = answer.error.message.split('\n', 1)
+            text = '\n'.join([f'{reason}{hint}', *place])
+            self.set_outcome(monitored, answer.error.code.name, text)
             return
         monitored.has_states = True
         self.set_outcome(

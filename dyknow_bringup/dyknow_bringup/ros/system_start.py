@@ -15,7 +15,7 @@ from rclpy.node import Node
 from dyknow_bringup.errors import BringupError
 from dyknow_common import SECOND_NS, ExitCode, round_duration
 from dyknow_common.executables import interruptible
-from dyknow_common.ros import STATUS, TICK_PERIOD_S, start_ros
+from dyknow_common.ros import STARTED_AT, STATUS, TICK_PERIOD_S, start_ros
 from dyknow_coordinator import has_loaded
 
 _NAME = 'dyknow_up'
@@ -27,11 +27,13 @@ class SystemStart:
     Args:
         namespace: of the system, absolute.
         nodes: the names of its nodes.
+        since: when it starts, in nanoseconds: nodes that are older belong to another system.
     """
 
-    def __init__(self, namespace: str, nodes: Collection[str]) -> None:
+    def __init__(self, namespace: str, nodes: Collection[str], since: int = 0) -> None:
         self._namespace = namespace
         self._nodes = nodes
+        self._since = since
         self._values: dict[str, dict[str, str]] = {}
 
     def __enter__(self) -> Self:
@@ -104,7 +106,10 @@ class SystemStart:
         )
 
     def _on_status(self, name: str, status: Any) -> None:
-        self._values[name] = {each.key: each.value for each in status.values}
+        values = {each.key: each.value for each in status.values}
+        started_at = values.get(STARTED_AT, '')
+        if started_at.isdecimal() and int(started_at) >= self._since:
+            self._values[name] = values
 
 
 def wait_for_start(namespace: str, nodes: Collection[str], timeout: int) -> str:

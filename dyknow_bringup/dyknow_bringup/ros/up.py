@@ -92,7 +92,7 @@ def up(chosen: argparse.Namespace) -> int:
     namespace = _absolute(chosen.namespace)
     if chosen.wait:
         return _wait(namespace, chosen)
-    stop = threading.Event()
+    stop, begin = threading.Event(), time.time_ns()
     handle(TERMINAL_SIGNALS, lambda *_: stop.set())
     nodes, processes, formulas = _processes(chosen)
     with (
@@ -119,7 +119,7 @@ def up(chosen: argparse.Namespace) -> int:
             monitor.update(now)
             supervisor.update(now)
 
-        with SystemStart(namespace, [each.name for each in nodes]) as start:
+        with SystemStart(namespace, [each.name for each in nodes], begin) as start:
             _await_start(start, chosen.timeout, stop, update)
         if not stop.is_set():
             print(_greeting(start, formulas, logs), flush=True)  # noqa: T201

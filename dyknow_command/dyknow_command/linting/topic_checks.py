@@ -78,16 +78,26 @@ def topic_findings(
             yield warning_at(use.place, text)
         else:
             yield from _observed_findings(use, topic)
-    for formula in inputs.formulas:
-        for name, field in references_of(formula):
-            if name in topics and (reason := topics[name].absent.get(field)):
-                message = f'no message of {name} has {field}: {reason}'
-                yield error_at(formula.place_of(field), message)
+    for name, field, place in _named_fields(inputs):
+        if name in topics and (reason := topics[name].absent.get(field)):
+            yield error_at(place, f'no message of {name} has {field}: {reason}')
 
 
 def named_fields(inputs: LintInputs) -> set[str]:
-    """Return the fields of topics that formulas name."""
-    return {field for each in inputs.formulas for _, field in references_of(each)}
+    """Return the fields of topics that formulas and annotations name."""
+    return {field for _, field, _ in _named_fields(inputs)}
+
+
+def _named_fields(inputs: LintInputs) -> Iterator[tuple[str, str, FilePlace]]:
+    """Yield the topics that files read, with the fields and their places."""
+    for formula in inputs.formulas:
+        for name, field in references_of(formula):
+            yield name, field, formula.place_of(field)
+    for source, annotation in annotations_of(inputs):
+        # The fields of elements are relative to these.
+        if annotation.is_topic and annotation.elements is None:
+            for content in annotation.contents:
+                yield absolute_topic(annotation.stream), content.field, inputs.place_of(source)
 
 
 def _observed_findings(use: TopicUse, topic: ObservedTopic) -> Iterator[Finding]:

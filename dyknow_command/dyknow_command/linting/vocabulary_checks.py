@@ -58,8 +58,6 @@ from dyknow_stream_processing import (
 
 _QUOTED = re.compile(r"'([A-Za-z_][\w:]*)|\b([A-Za-z_]\w*)\[")
 
-_IN_CONCEPT = re.compile(r'concept:\d+:\d+: (?P<reason>.*)')
-
 Contents = Mapping[str, TopicContent]
 
 
@@ -316,14 +314,10 @@ def _ontology_findings(inputs: LintInputs) -> Iterator[Finding]:
 
 
 def _reason(error: DyKnowError) -> str:
-    """Return an error in a line, without the text that matching was asked for."""
+    """Return an error in a line."""
     if isinstance(error, LanguageError):
         return error.reason
-    first, *others = error.message.split('\n')
-    found = _IN_CONCEPT.match(others[0]) if others else None
-    if found is None:
-        return '; '.join([first, *others[:1]])
-    return found['reason'].rpartition(' and no object: ')[2]
+    return '; '.join(error.message.split('\n')[:2])
 
 
 def _mentioned(message: str, text: str) -> int:

@@ -71,6 +71,7 @@ _ADVICE: Final = {
     ),
     r'\bin\s*[\[(]': "write an interval of values as '0 <= x and x <= 5'",
     r'\*\s*\*': "write a power as 'x^2'",
+    r'%': "write a remainder as 'x mod 2'",
     r'[-+*/<>=≤≥≠]\s*previous\b|\bprev\s+(?=[\w"])': "write the value before as 'prev(x)'",
     r'\[\s*\]': "did you mean 'always' instead of '[]'?",
     r'[{}]': 'use round brackets',
