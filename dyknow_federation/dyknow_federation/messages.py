@@ -122,7 +122,13 @@ class Request:
     def __post_init__(self) -> None:
         if len(self.missing) > MAX_RANGES:
             raise FederationError(f'{len(self.missing)} ranges are missing; name {MAX_RANGES}')
-        check_constants(self.constants)
+        are_small = all(abs(each) < _MAX_CONSTANT for each in self.constants)
+        do_increase = all(less < greater for less, greater in pairwise(self.constants))
+        if len(self.constants) > MAX_CONSTANTS or not (are_small and do_increase):
+            raise FederationError(
+                f'{shortened(str(self.constants))} are not at most {MAX_CONSTANTS} ascending '
+                'numbers, each less than 2**53'
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,21 +305,6 @@ class Packet:
 def is_urgent(message: Message) -> bool:
     """Return True if a message measures a clock, so each wait makes it worse."""
     return isinstance(message, Probe | ProbeReply)
-
-
-def check_constants(constants: tuple[float, ...]) -> None:
-    """Check the constants of a request.
-
-    Raises:
-        FederationError: if they are not as they must be.
-    """
-    are_small = all(abs(each) < _MAX_CONSTANT for each in constants)
-    do_increase = all(less < greater for less, greater in pairwise(constants))
-    if len(constants) > MAX_CONSTANTS or not (are_small and do_increase):
-        raise FederationError(
-            f'{shortened(str(constants))} are not at most {MAX_CONSTANTS} ascending numbers, each '
-            'less than 2**53'
-        )
 
 
 def _check_numbers(epoch: int, number: int) -> None:

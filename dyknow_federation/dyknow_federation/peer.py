@@ -44,7 +44,6 @@ from dyknow_federation.messages import (
     Shares,
     SharesRequest,
     StreamFault,
-    check_constants,
     is_urgent,
 )
 from dyknow_federation.remote import RemotePeer, hello_period
@@ -196,7 +195,7 @@ class Peer:
         Raises:
             FederationError: if too many peers are known, or constants are not as they must be.
         """
-        check_constants(constants)
+        Request(stream, constants=constants)  # Checks them.
         self._remote(peer, at).request(stream, at, min(after, at), constants)
 
     def release(self, peer: str, stream: str) -> None:

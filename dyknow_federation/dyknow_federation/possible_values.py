@@ -45,8 +45,9 @@ class Precision(NamedTuple):
     """How exactly the value of a stream is known while no sample is sent.
 
     Args:
-        error: by how much it may differ from that of the last sample.
-        constants: or, compared with each of them, it is less, equal or greater as that is.
+        error: by how much it may differ from the last sample.
+        constants: if there are any, it may be any other number, too, that compares with each of
+            them as some number within the error does.
         reason: why it is not known better.
     """
 
@@ -55,16 +56,17 @@ class Precision(NamedTuple):
     reason: str = ''
 
     def ends(self, value: float) -> tuple[float, float]:
-        """Return the least and the greatest value that is not sent after a value."""
+        """Return the least and the greatest value that is possible after a sample."""
         if not isfinite(value):
             return value, value
         least = most = value
         if self.error:  # Outwards, as sums are rounded.
             least, most = nextafter(value - self.error, -inf), nextafter(value + self.error, inf)
-        if self.constants and value not in self.constants:
-            place, bounds = bisect(self.constants, value), (-inf, *self.constants, inf)
-            least = min(least, nextafter(bounds[place], inf))
-            most = max(most, nextafter(bounds[place + 1], -inf))
+        bounds = (-inf, *self.constants, inf)
+        if self.constants and least not in bounds:
+            least = nextafter(bounds[bisect(bounds, least) - 1], inf)
+        if self.constants and most not in bounds:
+            most = nextafter(bounds[bisect(bounds, most)], -inf)
         return least, most
 
 

@@ -62,6 +62,9 @@ class Thinning:
         self._is_unknown = False
         self._passed = BEGINNING
         self._value: Value | None = None
+        """The last one that was outside the deadband."""
+        self._told: object = None
+        """What peers know of the last one that was sent, if they compare it."""
 
     def passes(self, valid_time: int, value: Value) -> bool:
         """Return False for a sample that follows too soon, or says too little."""
@@ -70,14 +73,23 @@ class Thinning:
         if is_soon and (self._is_unknown or not is_unknown):
             return False
         self._seen, self._is_unknown = valid_time, is_unknown
-        if valid_time - self._passed < REFRESH and self._is_near(value):
+        is_near, told = self._is_near(value), self._tells(value)
+        is_known = is_near or (told is not None and told == self._told)
+        if not is_near:
+            self._value = value
+        if is_known and valid_time - self._passed < REFRESH:
             return False
-        self._passed, self._value = valid_time, value
+        self._passed, self._value, self._told = valid_time, value, told
         return True
 
     def forget(self) -> None:
         """Have the next sample sent that is looked at: the last one may hold no more."""
-        self._value = None
+        self._value = self._told = None
+
+    def _tells(self, value: Value) -> object:
+        if self._precision is None or not self._precision.constants:
+            return None
+        return value if isinstance(value, bool | str) else self._precision.ends(value)
 
     def _is_near(self, value: Value) -> bool:
         former = self._value
@@ -85,8 +97,9 @@ class Thinning:
             return False
         if isinstance(value, bool | str) or isinstance(former, bool | str):
             return value == former
-        least, most = self._precision.ends(former)
-        return least <= value <= most  # False of what is not a number.
+        error = self._precision.error
+        # The bounds that peers calculate, rounded alike; False of what is not a number.
+        return former - error <= value <= former + error
 
 
 class _Kept(NamedTuple):
