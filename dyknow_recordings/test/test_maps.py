@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from recorded import at, recording, sample
@@ -12,8 +14,10 @@ from dyknow_common import Verdict
 from dyknow_configuration import RobotMap
 from dyknow_coordinator import Grounding, SymbolGrounding
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, recorded_map
-from dyknow_recordings.evaluation.results import Episode, FormulaReport
-from dyknow_recordings.reporting.pictures.maps import map_image
+from dyknow_recordings.evaluation.results import Episode, FormulaReport, RecordingReport
+from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.pictures.files import PictureFiles
+from dyknow_recordings.reporting.pictures.maps import map_features, map_image
 from dyknow_recordings.reporting.pictures.timeline import Span
 from dyknow_space import Region, geometry_of
 
@@ -74,6 +78,36 @@ def test_regions_have_the_worst_outcome_of_the_formulas_about_them() -> None:
 def region_class(*formulas: FormulaReport) -> str | None:
     (region,) = drawn(map_image(recorded(), formulas, Span(at(0), at(1)))).findall('path')
     return region.get('class')
+
+
+def test_a_map_for_other_tools() -> None:
+    episode = Episode(at(0), Verdict.FALSE, at(0.34), objects='r = r1, z = dock')
+    out = FormulaReport('out', 'true', (episode,))
+    report = RecordingReport('bag', at(0), at(1), (out,), map=recorded())
+    found = json.loads(json.dumps([*map_features(report)]))
+    about = [{**each['properties'], 'type': each['geometry']['type']} for each in found]
+    assert {each.pop('recording') for each in about} == {'bag'}
+    assert about == [
+        {'kind': 'region', 'name': 'dock', 'frame': 'map', 'outcome': 'false', 'type': 'Polygon'},
+        {'kind': 'region', 'name': 'far', 'frame': 'odom', 'outcome': None, 'type': 'Polygon'},
+        {'kind': 'track', 'name': 'r1', 'frame': 'map', 'type': 'LineString'},
+        {'kind': 'failure', 'name': 'out: r1 at 0.340 s', 'frame': 'map', 'type': 'Point'},
+    ]
+    assert found[0]['geometry']['coordinates'][1][0] == [1, 1], 'the hole'
+    assert found[3]['geometry']['coordinates'] == [3, 2]
+    assert [*map_features(replace(report, map=None))] == []
+
+
+def test_the_file_for_other_tools(tmp_path: Path) -> None:
+    report = RecordingReport('bag', at(0), at(1), (), map=recorded())
+    files = PictureFiles(None, None, Judgement.AUTO, tmp_path / 'map.geojson')
+    files.add(report)
+    files.close(())
+    written = json.loads((tmp_path / 'map.geojson').read_text(encoding='utf-8'))
+    assert written == {
+        'type': 'FeatureCollection',
+        'features': json.loads(json.dumps([*map_features(report)])),
+    }
 
 
 def test_tracks_end_at_their_last_place() -> None:

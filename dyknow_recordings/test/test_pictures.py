@@ -518,7 +518,7 @@ def test_a_missing_library_is_named_before_the_work(
 
 def test_topics_are_not_drawn(trace: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(trace), '--topics', '--png', 'x.png']) == 2
-    assert 'leave out --html and --png' in capsys.readouterr().err
+    assert 'leave out --html, --png and --geojson' in capsys.readouterr().err
 
 
 def test_files_that_cannot_be_written(tmp_path: Path) -> None:

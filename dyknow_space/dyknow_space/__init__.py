@@ -8,6 +8,7 @@ from dyknow_space.regions.documents import (
     read_zone_set,
 )
 from dyknow_space.regions.geographic import WGS84, LocalPlane
+from dyknow_space.regions.library import shapely
 from dyknow_space.regions.region import (
     ALL_HEIGHTS,
     ALL_TIMES,
@@ -72,4 +73,5 @@ __all__ = [
     'read_mask',
     'read_zone_set',
     'relation_of',
+    'shapely',
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,23 +14,35 @@ from dyknow_recordings.reporting.pictures.libraries import optional_library
 
 
 class PictureFiles:
-    """A page and an image with the results of recordings. They are written at the end.
+    """A page, an image and maps with the results of recordings. They are written at the end.
 
     Args:
         html: the file of the page; None for none.
         png: the file of the image; None for none.
         judgement: of undecided formulas.
+        geojson: the file of the maps; None for none.
 
     Raises:
         RecordingError: if a file could not be written, or a library is missing; before the
             recordings are read.
     """
 
-    def __init__(self, html: Path | None, png: Path | None, judgement: Judgement) -> None:
-        for option, path, library in (('--html', html, 'plotly'), ('--png', png, 'matplotlib')):
+    def __init__(
+        self,
+        html: Path | None,
+        png: Path | None,
+        judgement: Judgement,
+        geojson: Path | None = None,
+    ) -> None:
+        for option, path, library in (
+            ('--html', html, 'plotly'),
+            ('--png', png, 'matplotlib'),
+            ('--geojson', geojson, 'shapely'),
+        ):
             if path is not None:
                 optional_library(library, option)
                 check_place(option, path)
+        self._geojson = geojson
         self._html = html
         self._png = png
         self._judgement = judgement
@@ -64,3 +77,9 @@ class PictureFiles:
             from dyknow_recordings.reporting.pictures.image import report_image  # noqa: PLC0415
 
             write_report(self._png, report_image(self._reports, self._judgement))
+        if self._geojson is not None:
+            from dyknow_recordings.reporting.pictures.maps import map_features  # noqa: PLC0415
+
+            features = [each for report in self._reports for each in map_features(report)]
+            document = {'type': 'FeatureCollection', 'features': features}
+            write_report(self._geojson, json.dumps(document, allow_nan=False).encode())

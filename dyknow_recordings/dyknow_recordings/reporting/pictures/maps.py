@@ -9,11 +9,11 @@ from typing import Any, Final
 import numpy as np
 
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, Track
-from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome
+from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.markers import objects_of
-from dyknow_recordings.reporting.pictures.timeline import Span
+from dyknow_recordings.reporting.pictures.timeline import Span, extent
 from dyknow_recordings.reporting.reasons import decisive_episode
-from dyknow_space import WGS84, LocalPlane
+from dyknow_space import WGS84, LocalPlane, shapely
 
 _HEIGHT: Final = 26.0
 """Of the image, in em; its width is at most twice that."""
@@ -61,6 +61,36 @@ def map_image(
     )
 
 
+def map_features(report: RecordingReport) -> Iterator[dict[str, Any]]:
+    """Yield the regions, tracks and places of failures of a recording, as features of GeoJSON.
+
+    Coordinates are in metres of the frame that each names, or in degrees in `wgs84`.
+    """
+    found = report.map or RecordedMap()
+    outcomes, whole = _outcomes(report.formulas), extent(report)
+    tracks = {name: _finite(each) for name, each in found.tracks.items()}
+    for region in found.regions:
+        name, shape = region.name, shapely().geometry.mapping(region.geometry)
+        about = {'kind': 'region', 'name': name, 'frame': region.frame}
+        yield _feature(shape, report, {**about, 'outcome': outcomes.get(name)})
+    frame = found.regions[0].frame if found.regions else ''
+    for name, (times, x, y) in tracks.items():
+        if len(times) > 1:
+            line = {'type': 'LineString', 'coordinates': np.column_stack((x, y)).tolist()}
+            yield _feature(line, report, {'kind': 'track', 'name': name, 'frame': frame})
+    for formula in report.formulas:
+        for place, text in _failures(tracks, formula, whole):
+            point = {'type': 'Point', 'coordinates': place}
+            yield _feature(point, report, {'kind': 'failure', 'name': text, 'frame': frame})
+
+
+def _feature(
+    geometry: Mapping[str, Any], report: RecordingReport, about: dict[str, Any]
+) -> dict[str, Any]:
+    properties = {'recording': report.recording, **about}
+    return {'type': 'Feature', 'geometry': geometry, 'properties': properties}
+
+
 def _finite(track: Track) -> Track:
     """Return the points of a track whose coordinates are numbers."""
     times, x, y = track
@@ -74,9 +104,9 @@ def _extent(geometries: Iterable[Any], tracks: Iterable[Track]) -> tuple[str, fl
     everything = np.concatenate([*corners, *(np.column_stack(each[1:]) for each in tracks)])
     low, high = everything.min(axis=0), everything.max(axis=0)
     size = float(max(high[1] - low[1], (high[0] - low[0]) / 2, 1e-3))
-    low, extent = low - 0.05 * size, high - low + 0.1 * size
+    low, sides = low - 0.05 * size, high - low + 0.1 * size
     # North is up: the y axis of SVG points down.
-    box = f'{low[0]:.6g} {-(low[1] + extent[1]):.6g} {extent[0]:.6g} {extent[1]:.6g}'
+    box = f'{low[0]:.6g} {-(low[1] + sides[1]):.6g} {sides[0]:.6g} {sides[1]:.6g}'
     return box, size
 
 
