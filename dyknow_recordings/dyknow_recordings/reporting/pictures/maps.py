@@ -52,7 +52,7 @@ def map_image(
         *(_track(name, each, size / 160, points) for name, each in tracks.items()),
         *(_place_mark(*place, size / 80, text) for place, text in failures),
         *(_label(*place, size / 40, text.rpartition(': ')[2]) for place, text in failures),
-        *(_label(*_middle(shown[name]), size / 30, name) for name in outcomes if name in shown),
+        *(_label(*_inside(shown[name]), size / 30, name) for name in outcomes if name in shown),
     ]
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="map" viewBox="{box}" '
@@ -155,10 +155,10 @@ def _region(name: str, geometry: Any, outcome: Outcome | None) -> str:
     return f'<path{kind} d="{path}"><title>{text}</title></path>'
 
 
-def _middle(geometry: Any) -> tuple[float, float]:
-    """Return the middle of the box of a region."""
-    left, bottom, right, top = geometry.bounds
-    return (left + right) / 2, (bottom + top) / 2
+def _inside(geometry: Any) -> tuple[float, float]:
+    """Return a place in a region, in one of its parts."""
+    found = geometry.representative_point()
+    return found.x, found.y
 
 
 def _label(x: float, y: float, height: float, text: str) -> str:
