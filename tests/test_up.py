@@ -16,6 +16,7 @@ from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import Float64
 
 from commands import command, output_of
+from dyknow_bringup.processes.processes import MONITOR
 from dyknow_common.ros import LATCHED
 from system import Client, private_environment
 from terminals import ROVER, faulty, up
@@ -115,13 +116,15 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
         node.create_subscription(EvaluationStatusArray, topic, reports.append, LATCHED)
         publisher = node.create_publisher(Float64, '/level', 10)
         node.create_timer(0.1, lambda: publisher.publish(Float64(data=levels[-1])))
-        client.spin_until(lambda: bool(reports and reports[-1].evaluations), 'an evaluation')
+        # Perhaps before it has asked for its formulas.
+        client.spin_until(lambda: MONITOR in node.get_node_names(), MONITOR)
         line = command('dyknow', 'monitor', str(robot), '--json')
         other = threads.submit(output_of, line, environment)
         client.spin_until(
             lambda: any(each.startswith('dyknow_monitor_') for each in node.get_node_names()),
             'the other monitor',
         )
+        client.spin_until(lambda: bool(reports and reports[-1].evaluations), 'an evaluation')
         levels.append(7.0)
         alarm = 'ERROR formula_monitor: calm: false at '
         client.spin_until(

@@ -94,6 +94,7 @@ def _findings(
     if not inputs.is_complete:
         return
     # The libraries for ontologies take a second to load.
+    from dyknow_command.linting.frame_checks import frame_findings  # noqa: PLC0415
     from dyknow_command.linting.topic_checks import (  # noqa: PLC0415
         contents_of,
         topic_findings,
@@ -104,6 +105,7 @@ def _findings(
     yield from VocabularyChecks(inputs, contents_of(observed)).findings()
     if topics is not None:
         yield from topic_findings(inputs, observed, where)
+        yield from frame_findings(inputs, observed)
 
 
 def _notes(inputs: LintInputs) -> Iterator[Finding]:
@@ -157,9 +159,10 @@ def _success(files: Iterable[Path], inputs: LintInputs) -> str:
 def _observed(options: argparse.Namespace, inputs: LintInputs) -> tuple[ObservedTopic, ...] | None:
     if options.recording is None and not options.live:
         return None
+    from dyknow_command.linting.frame_checks import FRAME  # noqa: PLC0415 - as above
     from dyknow_command.linting.topic_checks import named_fields  # noqa: PLC0415 - as above
 
-    named = named_fields(inputs)
+    named = named_fields(inputs) | {FRAME}
 
     def named_in(_: str, fields: Mapping[str, ValueType] | None) -> list[str]:
         return [each for each in named if listed_as(fields or (), each)]

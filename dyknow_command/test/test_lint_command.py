@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 import dyknow_command
 from dyknow_command.linting.findings import FilePlace
@@ -18,6 +20,9 @@ from dyknow_semantics import parse_annotations
 LINTED = Path(__file__).parent / 'linted'
 ROOT = Path(__file__).parent.parent.parent
 ROVER = ROOT / 'docs' / 'examples'
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+POINT = 'geometry_msgs/msg/PointStamped'
 
 LIMIT_S = 30
 """Seconds of the processor: far more than each takes, and less than one without a limit would."""
@@ -210,6 +215,47 @@ formulas:
     ]
     expected = (LINTED / 'recording.expected').read_text(encoding='utf-8')
     assert '\n'.join(lines) + '\n' == expected
+
+
+@pytest.mark.parametrize(('frame', 'places'), [('map', []), ('b/odom', ['9:46', '11:22', '13:3'])])
+def test_positions_in_several_frames(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], frame: str, places: list[str]
+) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        """\
+objects: {Uav: [a, b]}
+features:
+  X: {of: {u: Uav}, from: {topic: '/{u}/position', field: point.x}}
+  Gap: {from: {stream: gap, field: x}}
+formulas:
+  - name: a
+    formula: 'forall u in Uav: always X[u] < 9'
+  - name: b
+    formula: 'forall u, v in Uav: always abs(X[u] - X[v]) < 9'
+  - name: c
+    formula: 'always "/a/position".point.x < "/b/position".point.x'
+streams: |
+  stream gap = merge(
+    select point.x as x from "/a/position", select point.x as x from "/b/position");
+  sink gap;
+"""
+    )
+    recording = tmp_path / 'recording'
+    with Writer(recording, version=9) as writer:
+        for topic, its_frame in (('/a/position', 'map'), ('/b/position', frame)):
+            connection = writer.add_connection(topic, POINT, typestore=STORE)
+            for time in range(1, 4):
+                header = STORE.types['std_msgs/msg/Header'](
+                    STORE.types['builtin_interfaces/msg/Time'](time, 0), its_frame
+                )
+                point = STORE.types['geometry_msgs/msg/Point'](1.0, 2.0, 3.0)
+                message = STORE.types[POINT](header, point)
+                writer.write(connection, time * 10**9, STORE.serialize_cdr(message, POINT))
+    _, shown = lint(capsys, path, '--recording', recording)
+    found = [line for line in shown.splitlines() if 'several frames' in line]
+    assert [line.removeprefix(f'{path}:').partition(': ')[0] for line in found] == places
+    assert all('/a/position is in map; /b/position is in b/odom' in line for line in found)
 
 
 def test_an_open_text_ends_the_statements() -> None:

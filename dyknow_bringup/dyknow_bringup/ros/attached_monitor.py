@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from collections.abc import Set as AbstractSet
 from typing import Any, Final
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import EvaluationStatusArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -19,7 +20,8 @@ from rclpy.node import Node
 from dyknow_bringup.monitored_formula import NOT_CONNECTED, WAITING, MonitoredFormula
 from dyknow_bringup.processes.processes import MONITOR
 from dyknow_bringup.ros.formula_monitor import MonitorNode
-from dyknow_common.ros import LATCHED, TICK_PERIOD_S, only_owner
+from dyknow_common import SECOND_NS
+from dyknow_common.ros import LATCHED, STARTED_AT, STATUS, TICK_PERIOD_S, only_owner
 from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import Answer, EvaluationPhase, EvaluationStatus, Progress, StandingVerdicts
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
@@ -29,6 +31,9 @@ REPORT_S: Final = 3.0
 
 SEARCH_S: Final = 10.0
 """The longest search for the node that evaluates formulas; it ends as soon as it is found."""
+
+STARTING_NS: Final = 30 * SECOND_NS
+"""The age up to which a system may not have begun with its formulas."""
 
 NOT_MONITORED: Final = (
     f'{MONITOR} does not evaluate it: it had its verdict some time ago, which its log has, or it '
@@ -40,14 +45,33 @@ def is_monitored(formulas: AbstractSet[str], coordinator: str) -> bool:
     """Return True if a coordinator evaluates formulas of these names for a running monitor.
 
     A process discovers one node after the other: where formulas are evaluated, it waits until the
-    monitor is found that may have asked for them. ROS must be initialised.
+    monitor is found that may have asked for them; and where a monitor starts with the system, until
+    it has asked. ROS must be initialised.
     """
-    reports: list[Any] = []
     node = Node(f'dyknow_monitor_search_{os.getpid()}', start_parameter_services=False)
-    topic = node.resolve_topic_name(f'{coordinator}/evaluations')
-    node.create_subscription(EvaluationStatusArray, topic, reports.append, LATCHED)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    try:
+        return _finds_monitor(node, executor, formulas, coordinator)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+
+
+def _finds_monitor(
+    node: Node, executor: SingleThreadedExecutor, formulas: AbstractSet[str], coordinator: str
+) -> bool:
+    reports: list[Any] = []
+    starts: list[int] = []
+    topic = node.resolve_topic_name(f'{coordinator}/evaluations')
+    sought = MONITOR, topic.rsplit('/', 2)[0] or '/'
+    node.create_subscription(EvaluationStatusArray, topic, reports.append, LATCHED)
+    node.create_subscription(
+        DiagnosticStatus,
+        f'{coordinator}/_status',
+        lambda status: starts.append(_started_at(status)),
+        STATUS,
+    )
 
     def waits_until(condition: Callable[[], bool], limit_s: float) -> bool:
         end = time.monotonic() + limit_s
@@ -55,17 +79,22 @@ def is_monitored(formulas: AbstractSet[str], coordinator: str) -> bool:
             executor.spin_once(timeout_sec=TICK_PERIOD_S)
         return condition()
 
-    waits_until(lambda: bool(reports), REPORT_S)
-    named = [each for report in reports for each in report.evaluations if each.name in formulas]
-    is_running = any(each.phase != EvaluationPhase.ENDED for each in named)
-    sought = MONITOR, topic.rsplit('/', 2)[0] or '/'
-    found = bool(named) and waits_until(
-        lambda: sought in node.get_node_names_and_namespaces(),
-        SEARCH_S if is_running else REPORT_S,
-    )
-    executor.shutdown()
-    node.destroy_node()
-    return found
+    def named() -> list[Any]:
+        return [each for report in reports for each in report.evaluations if each.name in formulas]
+
+    def is_there() -> bool:
+        return sought in node.get_node_names_and_namespaces()
+
+    waits_until(lambda: bool(reports and starts), REPORT_S)
+    is_new = time.time_ns() - max(starts, default=0) < STARTING_NS
+    if is_new and not named() and waits_until(is_there, REPORT_S):
+        waits_until(lambda: bool(named()), SEARCH_S)
+    is_running = any(each.phase != EvaluationPhase.ENDED for each in named())
+    return bool(named()) and waits_until(is_there, SEARCH_S if is_running else REPORT_S)
+
+
+def _started_at(status: DiagnosticStatus) -> int:
+    return next((int(each.value) for each in status.values if each.key == STARTED_AT), 0)
 
 
 class AttachedMonitor(MonitorNode):
