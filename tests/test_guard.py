@@ -133,7 +133,7 @@ def test_a_guard_that_is_stopped_passes_nothing_stale(system: System, base: Guar
         ('stream_reasoning_coordinator', 'stream_reasoning_coordinator: the latest sign of life'),
         ('stream_reasoning_engine', 'stream_reasoning_engine: the latest sign of life'),
         ('stream_manager', 'stream_manager: the latest sign of life'),
-        ('stream_processing_engine', 'Power[uav1] < 150: the latest state'),
+        ('stream_processing_engine', 'Power[uav1] < 150 W: the latest state'),
     ],
 )
 @pytest.mark.parametrize('end', ['SIGSTOP', 'SIGKILL'])
