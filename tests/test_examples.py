@@ -117,6 +117,13 @@ def test_each_fault_changes_its_outcomes(example: Example, fault: str, tmp_path:
         if each.outcome is not Outcome.UNDECIDED
     }
     assert decided == example.outcomes([fault])
+    wants = {
+        each.name: name
+        for each in report.formulas
+        for episode in each.episodes
+        for name, _ in episode.wants
+    }
+    assert wants == example.expected.get('wants', {}).get(fault, {})
 
 
 @pytest.mark.parametrize('example', EXAMPLES, ids=name_of)

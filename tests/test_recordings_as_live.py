@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,12 +17,14 @@ from dyknow_bringup.processes.processes import SystemConfiguration
 from dyknow_bringup.processes.robot import with_robot
 from dyknow_bringup.resources import scenario_path
 from dyknow_bringup.simulation.recording import record
-from dyknow_bringup.simulation.scenario import load_scenario
+from dyknow_bringup.simulation.scenario import Disturbance, load_scenario
 from dyknow_common import SECOND_NS
 from replayed import compare
 from system import System
 
 START = 1_700_000_000 * SECOND_NS
+# Its altitude is unknown while it takes off.
+GPS_LOSS = Disturbance('uav3', 3 * SECOND_NS, 7 * SECOND_NS)
 SURGE = (
     'forall u in UAV: always (Power[u] > 150 -> '
     'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)'
@@ -30,10 +33,11 @@ LIFT = (
     'forall u in UAV: always[0 s, 8 s] '
     '(Altitude[u] > 1 -> Power[u] > 10 until[0 s, 2 s] Speed[u] > 0.5)'
 )
+TAKEOFF = 'forall u in UAV: eventually[0 s, 15 s] Altitude[u] > 5'
 DECIDED = (
     SURGE,
     LIFT,
-    'forall u in UAV: eventually[0 s, 15 s] Altitude[u] > 5',
+    TAKEOFF,
     'always[0 s, 10 s] Altitude[uav1] < 30',
     'forall x in UAV: x != uav1 -> eventually[2 s, 9 s] XYDist[x, uav1] < 5',
     'eventually "/uav2/battery".current < -12',
@@ -46,7 +50,7 @@ BROKEN = (
     'forall x in UAV: x != uav1 -> always XYDist[x, uav1] > 10',
     'forall u in UAV: always (East[u] > -30 and East[u] < 60 and North[u] > -30)',
     'forall u in UAV: always Altitude[u] < 30',
-    'forall u in UAV: eventually[0 s, 15 s] Altitude[u] > 5',
+    TAKEOFF,
 )
 
 DATA = Path(__file__).parent.parent.parent / 'shared' / 'data'
@@ -84,9 +88,12 @@ def test_the_answers_are_those_of_the_running_system(
     scenario: str, formulas: Sequence[str], tmp_path: Path
 ) -> None:
     bag = tmp_path / 'recording'
+    flight = replace(load_scenario(scenario_path(scenario)), gps_losses=(GPS_LOSS,))
     with System(tmp_path, vehicles=3, use_sim_time=True) as system:
-        record(load_scenario(scenario_path(scenario)), system.vehicles, START, bag)
-        surge, *_ = compare(system, bag, formulas)
+        record(flight, system.vehicles, START, bag)
+        answers = compare(system, bag, formulas)
+    takeoff, surge = answers[formulas.index(TAKEOFF)], answers[0]
+    assert 'whatever Altitude[uav3] since' in takeoff.explanation
     if scenario == 'power_surge':
         assert surge.verdict == FormulaResult.FALSE
         assert 'Power[uav2]' in surge.explanation

@@ -14,6 +14,7 @@ def test_the_scenarios(scenarios: dict[str, Scenario]) -> None:
     assert list(scenarios) == [
         'delivery',
         'geofence',
+        'gps_loss',
         'near_miss',
         'nominal',
         'power_surge',
@@ -66,8 +67,8 @@ def test_a_scenario_that_is_not_there(share: Path) -> None:
     assert error.value.code == ExitCode.NOT_FOUND
     assert str(error.value).endswith(
         'nominall.yaml: no such file '
-        '(there are: delivery, geofence, near_miss, nominal, power_surge, '
-        'telemetry_loss, windy_delivery)'
+        '(there are: delivery, geofence, gps_loss, near_miss, nominal, '
+        'power_surge, telemetry_loss, windy_delivery)'
     )
 
 

@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import dist, inf
+from math import dist, inf, isnan
 
 import pytest
 
@@ -19,7 +19,7 @@ from dyknow_bringup.simulation.telemetry import Battery, Channel, Odometry, Tele
 from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import NANOSECONDS
 from dyknow_configuration import RequestedFormula
-from dyknow_reasoning import FormulaGroup
+from dyknow_reasoning import FormulaGroup, UnknownFeatures
 
 pytestmark = pytest.mark.long
 
@@ -70,8 +70,13 @@ def features(messages: list[Telemetry]) -> dict[str, Ground]:
 
 
 def broken(ground: Ground, is_good: Callable[[float], bool]) -> Ending:
-    """Return the outcome of `always` with a comparison, for all arguments."""
-    bad = [time for series in ground.values() for time, value in series if not is_good(value)]
+    """Return the outcome of `always` with a comparison, for all arguments; NaN is not bad."""
+    bad = [
+        time
+        for series in ground.values()
+        for time, value in series
+        if not (isnan(value) or is_good(value))
+    ]
     return Ending('false', min(bad)) if bad else UNDECIDED
 
 
@@ -119,7 +124,7 @@ def surge_lost(series: Series) -> int | None:
 
 
 def takeoff(ground: Ground) -> Ending:
-    """Return true when the last vehicle has been above 5 m."""
+    """Return true when the last vehicle has been above 5 m, as far as is known."""
     up = [
         min((time for time, height in series if height > 5), default=inf)
         for series in ground.values()
@@ -186,7 +191,7 @@ SURGES: dict[str, tuple[list[int], float]] = {
     'strong twice': ([210, 210, 120, 120, 120, 120, 120], 1),
 }
 
-NAMES = ['geofence', 'near_miss', 'nominal', 'power_surge', 'telemetry_loss']
+NAMES = ['geofence', 'gps_loss', 'near_miss', 'nominal', 'power_surge', 'telemetry_loss']
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -200,12 +205,18 @@ def test_the_outcomes_of_a_scenario(
         assert_as_expected(scenario, endings(messages, scenario.duration))
 
 
-def progressed(formula: str, messages: list[Telemetry]) -> Ending:
-    """Return the outcome of a formula by progression."""
+def asked(formula: str, messages: list[Telemetry]) -> FormulaGroup:
+    """Return a group with one formula, for the vehicles of the messages."""
     vehicles = sorted({message.vehicle for message in messages})
     group = FormulaGroup()
     group.add_formula('formula', formula)
-    group.begin({'UAV': vehicles})
+    group.begin({'UAV': vehicles}, UnknownFeatures({'Altitude': (-10, 120)}))
+    return group
+
+
+def progressed(formula: str, messages: list[Telemetry]) -> Ending:
+    """Return the outcome of a formula by progression."""
+    group = asked(formula, messages)
     for time, state in states(formula, features(messages)):
         for result in group.progress(time, state):
             assert result.decided_at == time
@@ -242,6 +253,26 @@ def test_progression_says_the_same(
         assert progressed(formulas[formula].text, messages) == verdict
 
 
+@pytest.mark.parametrize(
+    ('formula', 'wants'), [('takeoff', ['uav1']), ('ceiling', ['uav1', 'uav3'])]
+)
+def test_what_is_wanting_while_an_altitude_is_unknown(
+    scenarios: dict[str, Scenario],
+    formulas: dict[str, RequestedFormula],
+    formula: str,
+    wants: list[str],
+) -> None:
+    scenario = scenarios['gps_loss']
+    begin, end = scenario.gps_losses[0].begin, scenario.gps_losses[0].end
+    messages = flight(scenario, 3, 0)
+    group = asked(formulas[formula].text, messages)
+    for time, state in states(formulas[formula].text, features(messages)):
+        assert group.progress(time, state) == [] or time >= end
+        if begin <= time < end:
+            assert group.wants(1) == {f'Altitude[{vehicle}]': begin for vehicle in wants}
+    assert not group.undecided
+
+
 @pytest.mark.parametrize('name', SURGES)
 def test_progression_of_the_power_formula_says_the_same(
     formulas: dict[str, RequestedFormula], name: str
@@ -258,9 +289,11 @@ def test_progression_of_the_power_formula_says_the_same(
     assert found == ([] if false_at == inf else [false_at * SECOND])
 
 
-@pytest.mark.parametrize('name', ['geofence', 'near_miss', 'power_surge', 'telemetry_loss'])
+@pytest.mark.parametrize(
+    'name', ['geofence', 'gps_loss', 'near_miss', 'power_surge', 'telemetry_loss']
+)
 def test_the_check_can_fail(scenarios: dict[str, Scenario], name: str) -> None:
-    scenario = replace(scenarios[name], plans={}, gusts=(), telemetry_losses=())
+    scenario = replace(scenarios[name], plans={}, gusts=(), telemetry_losses=(), gps_losses=())
     with pytest.raises(AssertionError):
         assert_as_expected(scenario, endings(flight(scenario, 3, 0), scenario.duration))
 

@@ -1,6 +1,7 @@
 from collections import defaultdict
 from dataclasses import replace
 from itertools import pairwise
+from math import isnan
 
 import pytest
 from hypothesis import given
@@ -139,6 +140,23 @@ def test_lost_telemetry_is_missing_and_nothing_else(scenarios: dict[str, Scenari
         ('uav3', Channel.ODOMETRY): (10_000 * ms, 19_950 * ms),
         ('uav1', Channel.BATTERY): (14_000 * ms, 15_800 * ms),
     }
+
+
+def test_an_altitude_is_unknown_and_nothing_else(scenarios: dict[str, Scenario]) -> None:
+    scenario = scenarios['gps_loss']
+    complete = fly(replace(scenario, gps_losses=()), count=3, seconds=20)
+    heard = fly(scenario, count=3, seconds=20)
+    lost = [
+        (full, message) for full, message in zip(complete, heard, strict=True) if message != full
+    ]
+    assert len(lost) == 2 * 4 * 20
+    for full, message in lost:
+        assert isinstance(full, Odometry)
+        assert isinstance(message, Odometry)
+        assert message.vehicle in {'uav1', 'uav3'}
+        assert 3 * SECOND <= message.stamp - START < 7 * SECOND
+        assert isnan(message.position[2])
+        assert replace(message, position=full.position) == full
 
 
 def test_a_gust_rises_and_falls(scenarios: dict[str, Scenario]) -> None:

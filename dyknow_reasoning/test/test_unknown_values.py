@@ -87,6 +87,53 @@ def test_verdicts_are_those_of_all_completions(formula: Formula, trace: PartialT
     assert found == expected, (str(formula), trace)
 
 
+@given(formulas(), partial_traces((False, True), NAMES, 7))
+def test_a_verdict_that_is_no_longer_possible_is_named(
+    formula: Formula, trace: PartialTrace
+) -> None:
+    """It is one that some completion excludes, as it has the other verdict already."""
+    alone = [decided(started(str(formula)), each) for each in completions(trace, (False, True))]
+    group = started(str(formula))
+    for number, (time, values) in enumerate(trace):
+        if group.progress(time, values):
+            return
+        found = {each[1] for each in alone if each and each[0] <= number}
+        assert outlook(group) == OUTLOOKS[frozenset(found)], (str(formula), trace)
+
+
+OUTLOOKS = {
+    frozenset[Verdict](): '',
+    frozenset({Verdict.FALSE}): 'it cannot become true',
+    frozenset({Verdict.TRUE}): 'it cannot become false',
+    frozenset({Verdict.FALSE, Verdict.TRUE}): 'no later state decides it',
+}
+"""What is said, by the verdicts that some completions have already."""
+
+
+def outlook(group: FormulaGroup) -> str:
+    """Which verdict is no longer possible, as an undecided formula says it."""
+    text = group.residual(1)
+    return next((each for each in OUTLOOKS.values() if each and each in text), '')
+
+
+@pytest.mark.parametrize(
+    ('text', 'states', 'expected'),
+    [
+        ('always C[u] > 1', [(None, 2)], 'it cannot become true'),
+        ('eventually[0, 1 s] C[u] > 1', [(None, 0)], ''),
+        ('eventually[0, 1 s] C[u] > 1', [(None, None)], 'it cannot become false'),
+        ('eventually[0, 1 s] C[u] > 1', [(None, 0), (0, 2), (0, 0)], 'no later state decides it'),
+    ],
+)
+def test_what_several_objects_make_possible(
+    text: str, states: Sequence[tuple[Value | None, Value | None]], expected: str
+) -> None:
+    group = started(f'forall u in S: {text}', ('a', 'b'))
+    for number, (a, b) in enumerate(states):
+        assert not group.progress(number * 10**9, {'C[a]': a, 'C[b]': b})
+    assert outlook(group) == expected
+
+
 X, Y = Feature('x'), Feature('y')
 ORDERS = tuple(COMPARISONS)
 EXACT = st.one_of(
@@ -224,7 +271,7 @@ def test_an_undecided_formula_names_what_is_unknown() -> None:
     assert group.residual(1) == 'always (x > 1)'
     group.progress(10**9, {'x': None})
     group.progress(2 * 10**9, {'x': 2})
-    want = 'undecided for want of x since 1.000 s'
+    want = 'undecided for want of x since 1.000 s; it cannot become true'
     assert group.residual(1) == f'always (x > 1) (in one of 2 cases; {want})'
     assert group.presumably_false(1)
 

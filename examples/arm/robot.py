@@ -3,6 +3,8 @@
 Its commands come every 4 s on /joint_commands. It reaches the next posture within 1 s.
 """
 
+import math
+
 from sensor_msgs.msg import JointState
 
 STEP_S = 0.02
@@ -33,6 +35,7 @@ class FakeRobot:
         'joint_limit': 'its elbow moves beyond 2 rad',
         'slow_wrist': 'its wrist needs more than 2 s to settle',
         'overload': 'its shoulder needs 50 N m, for 1 s in every 10 s',
+        'lost_torque': 'the torque of its elbow is unknown (NaN), for 2 s in every 10 s',
         'lost_joint': 'its wrist is not reported, for 2 s in every 10 s',
     }
     TOPICS = {'/joint_states': JointState, '/joint_commands': JointState}
@@ -77,6 +80,8 @@ class FakeRobot:
         efforts = {'shoulder': 20.0, 'elbow': 12.0, 'wrist': 3.0}
         if self._happens('overload'):
             efforts['shoulder'] = 50.0
+        if self._happens('lost_torque', 2.0):
+            efforts['elbow'] = math.nan
         reported = list(self._angles)
         if self._happens('lost_joint', 2.0):
             reported.remove('wrist')

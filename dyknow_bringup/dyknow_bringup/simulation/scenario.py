@@ -46,6 +46,10 @@ class Disturbance:
     begin: int
     end: int
 
+    def befalls(self, vehicle: str, elapsed: int) -> bool:
+        """Return True for its vehicle within its time, in nanoseconds after the start."""
+        return self.vehicle == vehicle and self.begin <= elapsed < self.end
+
 
 @dataclass(frozen=True, slots=True)
 class Gust(Disturbance):
@@ -92,6 +96,7 @@ class Scenario:
         plans: of some vehicles; the others fly along their lanes.
         gusts: of wind.
         telemetry_losses: lost messages.
+        gps_losses: failures of the receiver that gives a vehicle its altitude.
         expected: the outcomes of formulas, by their names.
     """
 
@@ -102,13 +107,14 @@ class Scenario:
     plans: Mapping[str, FlightPlan]
     gusts: tuple[Gust, ...]
     telemetry_losses: tuple[TelemetryLoss, ...]
+    gps_losses: tuple[Disturbance, ...]
     expected: Mapping[str, Expectation]
 
     @property
     def vehicles(self) -> frozenset[str]:
         """The vehicles that the scenario needs."""
-        disturbed = {each.vehicle for each in (*self.gusts, *self.telemetry_losses)}
-        return frozenset(self.plans) | disturbed
+        disturbances = (*self.gusts, *self.telemetry_losses, *self.gps_losses)
+        return frozenset(self.plans) | {each.vehicle for each in disturbances}
 
     def check_fleet(self, vehicles: Sequence[str]) -> None:
         """Check that a fleet can fly the scenario.
@@ -141,9 +147,13 @@ class Scenario:
     def is_lost(self, vehicle: str, channel: Channel, elapsed: int) -> bool:
         """Return True if a message is lost whose stamp is `elapsed` nanoseconds after the start."""
         return any(
-            loss.vehicle == vehicle and loss.channel == channel and loss.begin <= elapsed < loss.end
+            loss.channel == channel and loss.befalls(vehicle, elapsed)
             for loss in self.telemetry_losses
         )
+
+    def has_altitude(self, vehicle: str, elapsed: int) -> bool:
+        """Return True if a vehicle knows its altitude, given nanoseconds after the start."""
+        return not any(loss.befalls(vehicle, elapsed) for loss in self.gps_losses)
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -154,7 +164,7 @@ def load_scenario(path: Path) -> Scenario:
     """
     entries = read_document(path).record(
         required=('description', 'duration', 'seed', 'expected'),
-        optional={'vehicles': {}, 'gusts': [], 'telemetry_losses': []},
+        optional={'vehicles': {}, 'gusts': [], 'telemetry_losses': [], 'gps_losses': []},
     )
     return Scenario(
         name=path.stem,
@@ -166,6 +176,7 @@ def load_scenario(path: Path) -> Scenario:
         telemetry_losses=tuple(
             _telemetry_loss(entry) for entry in entries['telemetry_losses'].items()
         ),
+        gps_losses=tuple(_gps_loss(entry) for entry in entries['gps_losses'].items()),
         expected={
             name: _expectation(entry) for name, entry in entries['expected'].mapping().items()
         },
@@ -199,6 +210,11 @@ def _telemetry_loss(entry: YamlEntry) -> TelemetryLoss:
     if channel.text() not in tuple(Channel):
         raise channel.error(f'no channel {channel.value!r}; the channels are {", ".join(Channel)}')
     return TelemetryLoss(entries['vehicle'].text(), begin, end, Channel(channel.text()))
+
+
+def _gps_loss(entry: YamlEntry) -> Disturbance:
+    entries = entry.record(('vehicle', 'between'))
+    return Disturbance(entries['vehicle'].text(), *entries['between'].interval())
 
 
 def _expectation(entry: YamlEntry) -> Expectation:

@@ -74,7 +74,11 @@ class Simulation:
             if self._elapsed % transport.period == 0:
                 for name, sensors in self._sensors.items():
                     # Lost messages are measured too, so that they do not change the noise.
-                    message = sensors.measure(channel, self._start + self._elapsed)
+                    message = sensors.measure(
+                        channel,
+                        self._start + self._elapsed,
+                        has_altitude=self._scenario.has_altitude(name, self._elapsed),
+                    )
                     if not self._scenario.is_lost(name, channel, self._elapsed):
                         self._sent += 1
                         heappush(self._under_way, (message.delivery_time, self._sent, message))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import ClassVar, Final
@@ -73,7 +74,7 @@ class Measurement:
 class Odometry(Measurement):
     """Position in m and velocity in m/s of a vehicle in the map frame (east, north, up).
 
-    The yaw is the heading in rad, counter-clockwise from east.
+    The yaw is the heading in rad, counter-clockwise from east. An unknown altitude is NaN.
     """
 
     channel: ClassVar = Channel.ODOMETRY
@@ -122,17 +123,20 @@ class Sensors:
         self._vehicle = vehicle
         self._noise = noise
 
-    def measure(self, channel: Channel, stamp: int) -> Telemetry:
+    def measure(self, channel: Channel, stamp: int, *, has_altitude: bool) -> Telemetry:
         """Return a measurement of the present state.
 
         Args:
             channel: the channel that carries it.
             stamp: the present time, nanoseconds.
+            has_altitude: False if the altitude is unknown.
         """
         transport = TRANSPORT[channel]
         delivery = stamp + transport.delay + int(self._noise.integers(transport.jitter))
         if channel is Channel.ODOMETRY:
             position = self._noise.normal(self._vehicle.position, POSITION_NOISE)
+            if not has_altitude:
+                position[2] = math.nan
             velocity = self._noise.normal(self._vehicle.velocity, VELOCITY_NOISE)
             return Odometry(
                 self._name,

@@ -108,6 +108,8 @@ def text_of(states: Sequence[InstanceState], latest: int) -> str:
 def possible_text(formula: PossibleFormula, latest: int) -> str:
     """Return what remains in one case, and for want of which values there are others.
 
+    It says which verdict is no longer possible: what remains decides on the other one.
+
     Args:
         formula: has met open values.
         latest: the valid time of the latest state, in nanoseconds.
@@ -117,6 +119,7 @@ def possible_text(formula: PossibleFormula, latest: int) -> str:
     if not (wants := formula.wants):
         return text
     want = want_text(wants) + (f': {formula.reason}' if formula.reason else '')
+    want += f'; {formula.outlook}' if formula.outlook else ''
     return f'{text} (in one of {amount(formula.cases)} cases; {want})' if text else want
 
 

@@ -199,12 +199,14 @@ class _OpenState:
         errors: of those that are unknown, or within an interval.
         either: those that are one of several.
         reasons: of those with alternatives.
+        bounded: what the bounds of values say about atoms, if that is the same in all cases.
     """
 
     known: Mapping[str, Any]
     errors: Mapping[str, UnknownValueError]
     either: Mapping[str, Sequence[Any]]
     reasons: Mapping[str, str]
+    bounded: dict[Atom, bool | UnknownValueError]
 
     @classmethod
     def of(cls, part: FormulaPart, values: Values, opened: Collection[str]) -> _OpenState:
@@ -216,7 +218,7 @@ class _OpenState:
         errors = {x: UnknownValueError(x, bounds.get(x)) for x in own if x not in either}
         named = (name for name in part.features if name in values and name not in own)
         reasons = {name: each.reason for name, each in given.items()}
-        return cls({name: values[name] for name in named}, errors, either, reasons)
+        return cls({name: values[name] for name in named}, errors, either, reasons, {})
 
     def reason(self, names: Collection[str] | None = None) -> str:
         """Return why some values have alternatives; empty if they have none."""
@@ -310,14 +312,22 @@ class _Run:
         return self._truths[atom]
 
     def _read(self, atom: Atom) -> bool:
-        holds = self._of.truth(atom)
         if self._of.is_exact(atom):
-            return holds(self._values)
+            return self._of.truth(atom)(self._values)
+        # Truths of past operators and alternatives differ from case to case.
+        known = {} if self._of.registers or self._state.either else self._state.bounded
+        if atom not in known:
+            known[atom] = self._bounded(atom)
+        found = known[atom]
+        return self._either(found) if isinstance(found, UnknownValueError) else found
+
+    def _bounded(self, atom: Atom) -> bool | UnknownValueError:
+        """Return the truth of an atom, or the error of a value that makes a difference to it."""
         try:
-            return holds(self._incomplete)
+            return self._of.truth(atom)(self._incomplete)
         except UnknownValueError as error:
             known = self._of.bounded(atom, self._incomplete)
-            return self._either(error) if known is None else known
+            return error if known is None else known
 
     def _either(self, error: UnknownValueError) -> bool:
         self.asked.add(error.name)

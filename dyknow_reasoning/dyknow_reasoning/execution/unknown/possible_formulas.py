@@ -149,6 +149,14 @@ class PossibleFormula:
         return any(each.may_fail for each in self._parts)
 
     @property
+    def outlook(self) -> str:
+        """Which verdict no state to come can lead to, for people; empty if both are possible."""
+        may_become_false = any(each.is_open and not each.may_hold for each in self._parts)
+        if not self.may_fail:
+            return '' if may_become_false else 'it cannot become false'
+        return 'it cannot become true' if may_become_false else 'no later state decides it'
+
+    @property
     def looks_back(self) -> bool:
         """True if it depends on past operators."""
         return any(each.part.registers for each in self._parts)
