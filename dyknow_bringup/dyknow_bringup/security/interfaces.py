@@ -294,14 +294,14 @@ def monitor_interfaces(triggers: Collection[Trigger]) -> Interfaces:
 
 
 def dashboard_interfaces(
-    engines: Collection[str], guards: Collection[str], topics: Collection[str]
+    engines: Collection[str], guards: Collection[str], positions: Collection[str]
 ) -> Interfaces:
     """Return the interfaces of the live page, with its buttons.
 
     Args:
         engines: the absolute names of the engines.
         guards: the names of the guards.
-        topics: that the engines read, of which maps show positions.
+        positions: the topics whose positions maps show.
     """
     nodes = SERVICES.keys() - {ENGINE}
     used = Interfaces(
@@ -309,7 +309,7 @@ def dashboard_interfaces(
         | SHOW_FEDERATION.subscribes
         | frozenset(f'{each}/status' for each in guards)
         | frozenset(map(streams_of, engines))
-        | {'/diagnostics', *topics},
+        | {'/diagnostics', *positions},
         requests=_services(COORDINATOR, 'cancel_evaluation')
         | _services(RECORDER, *RECORDER_SERVICES),
     )

@@ -71,6 +71,7 @@ class SecuredSystem:
         guards: of the robot.
         triggers: that the monitors of formulas run.
         has_peers: True if the host is part of a federation.
+        positions: the topics of positions that the live page draws on maps, likewise.
 
     Raises:
         BringupError: for what is no name: in a policy, `*` would permit any.
@@ -84,11 +85,19 @@ class SecuredSystem:
     guards: tuple[RequestedGuard, ...] = ()
     triggers: tuple[Trigger, ...] = ()
     has_peers: bool = False
+    positions: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check the names."""
         targets = [each.target for each in self.triggers if each.kind is not TriggerKind.RUN]
-        given = (*self.topics, *self.engines, *self.clients, *self.outputs, *targets)
+        given = (
+            *self.topics,
+            *self.positions,
+            *self.engines,
+            *self.clients,
+            *self.outputs,
+            *targets,
+        )
         for name in (self.namespace, *given):
             if name.strip('/') and not _NAME.fullmatch(name):
                 raise BringupError(f"'{name}' is no name of a topic, a node or a namespace")
@@ -97,7 +106,7 @@ class SecuredSystem:
         """Return an enclave for each node, client and guard, administrators and commands."""
         engines = [self._absolute(each) for each in self.engines]
         monitor = monitor_interfaces(self.triggers)
-        page = dashboard_interfaces(engines, [each.name for each in self.guards], self.topics)
+        page = dashboard_interfaces(engines, [each.name for each in self.guards], self.positions)
         commands, start, topics = (
             dict.fromkeys(_COMMAND_NODES, PLAIN_NODE | COMMANDS),
             START,
