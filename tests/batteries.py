@@ -65,6 +65,10 @@ class Batteries:
         used = self.power[vehicle] if power is None else power
         self._request(once=[vehicle, delay, used], after_latest=True)
 
+    def overtake(self, vehicle: str, power: float) -> int:
+        """Publish the next sample but one, of some power, before the next; return its stamp."""
+        return self._request(overtaking={vehicle: power})[0] + 2 * self.PERIOD
+
     def reset(self) -> None:
         """Publish 100 W everywhere, regularly, and wait until what was before is past."""
         calm = dict.fromkeys(self.power, battery_publishers.CALM)

@@ -5,7 +5,9 @@ Each line of standard input is a request in JSON, an object that may have
 - `power`: the power of some vehicles from the next sample on, in watts,
 - `silent`: the vehicles that publish nothing from now on,
 - `once`: a vehicle, a stamp and a power, of which one sample is published at once,
-- `after_latest`: true if that stamp is a delay after the latest one.
+- `after_latest`: true if that stamp is a delay after the latest one,
+- `overtaking`: the power of the next sample but one of some vehicles, which is published before the
+  next one.
 
 Each request is answered by a line with two stamps: of the latest samples, and of those that were
 published too late, 0 if there were none. The process ends with its standard input.
@@ -61,6 +63,8 @@ class RegularTelemetry:
         self._publishers = publishers
         self._power = dict.fromkeys(vehicles, CALM)
         self._silent: set[str] = set()
+        self._overtaking: dict[str, float] = {}
+        self._held: set[str] = set()
 
     def publish_due(self) -> float:
         """Publish the samples that are due, and return the seconds until the next ones are."""
@@ -69,14 +73,19 @@ class RegularTelemetry:
             self.stamp += PERIOD
             if now >= self.stamp + LATE:
                 self.late = self.stamp
-            for vehicle in self._power.keys() - self._silent:
+            for vehicle in self._power.keys() - self._silent - self._overtaking.keys():
                 self._publishers.publish(vehicle, self.stamp, self._power[vehicle])
+            for vehicle in self._held:
+                self._publishers.publish(vehicle, self.stamp, self._overtaking.pop(vehicle))
+                self._publishers.publish(vehicle, self.stamp - PERIOD, self._power[vehicle])
+            self._held = set(self._overtaking)
         return (self.stamp + PERIOD - now) / 1e9
 
     def answer(self, request: dict[str, Any]) -> str:
         """Change what is published, and return the stamps."""
         self._power.update(request.get('power', {}))
         self._silent = set(request.get('silent', self._silent))
+        self._overtaking.update(request.get('overtaking', {}))
         if 'once' in request:
             vehicle, stamp, power = request['once']
             latest = self.stamp if request.get('after_latest') else 0

@@ -336,18 +336,11 @@ def test_samples_that_overtake_each_other_within_the_delay(
         grounding=EvaluateFormula.Request.SYNTACTIC,
     )
     evaluations.wait_for_state()
-    batteries.silent.add('uav1')
-    first = batteries.stamp + Batteries.PERIOD
-    system.client.spin_until(lambda: batteries.stamp >= first + 3 * Batteries.PERIOD, 'its time')
-    for number, power in ((1, 240.0), (0, 100.0), (2, 100.0)):
-        batteries.power['uav1'] = power
-        batteries.publish('uav1', first + number * Batteries.PERIOD)
-    batteries.publish('uav1', first + 3 * Batteries.PERIOD)
-    batteries.silent.clear()
+    surged_at = batteries.overtake('uav1', 240.0)
     answer = system.client.result(future, 'the verdict')
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
     assert answer.verdict == FALSE
-    assert nanoseconds(answer.decided_at) > first + Batteries.PERIOD
+    assert nanoseconds(answer.decided_at) > surged_at
 
 
 class Levels:

@@ -111,8 +111,14 @@ def test_topics_and_their_formulas(shared_system: Any) -> None:
     system.client.spin_until(lambda: battery()['rate_hz'] > 1.0, 'the rate of the topic', pause=0.5)
     assert battery()['formulas'] == [formula]
     assert battery()['samples'] > 0
-    lines = [' '.join(line.split()) for line in shown('--all').splitlines()]
-    assert any(line.startswith(f'states of {formula} flowing') for line in lines), lines
+    lines: list[str] = []
+
+    def are_named() -> bool:
+        """Return True if the command has heard of the evaluations, for which it waits briefly."""
+        lines[:] = [' '.join(line.split()) for line in shown('--all').splitlines()]
+        return any(line.startswith(f'states of {formula} flowing') for line in lines)
+
+    system.client.spin_until(are_named, 'states by their formula', instead=lambda: lines, pause=0.5)
     assert any(line.startswith('/uav1/battery ') and formula in line for line in lines), lines
     assert '_states_' not in ''.join(lines)
     cancel = 'stream_reasoning_coordinator/cancel_evaluation'

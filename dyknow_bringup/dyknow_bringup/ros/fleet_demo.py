@@ -101,6 +101,8 @@ class FleetDemonstration(SystemRun):
     def _work(self) -> bool:
         self._node.create_subscription(String, f'{FEDERATION}/federation', self._on_report, LATCHED)
         port = free_port()
+        for each in host_path(BASE).parent.glob('*.json5'):  # All hosts read them.
+            (self._folder / each.name).write_bytes(each.read_bytes())
         with ExitStack() as stack:
             link = stack.enter_context(FailingLink(port))
             for name, launcher in self._hosts.items():
@@ -123,8 +125,6 @@ class FleetDemonstration(SystemRun):
         path = host_path(name)
         robot = self._folder / path.name
         robot.write_text(path.read_text(encoding='utf-8').replace(BASE_PORT, str(port)), 'utf-8')
-        for each in path.parent.glob('*.json5'):
-            (self._folder / each.name).write_bytes(each.read_bytes())
         configuration = with_robot(SystemConfiguration(), robot, monitor=False)
         yield from composed(dyknow_processes(configuration), os.environ)
         if name != BASE:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
@@ -27,6 +29,9 @@ from dyknow_stream_processing import (
     references,
     subterms,
 )
+
+_PLAIN: Final = re.compile(r'[\w.]+(?:\[-?\d+\][\w.]*)*')
+"""A path without conditions and functions, for which later messages may have elements."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +85,8 @@ def topic_findings(
             yield from _observed_findings(use, topic)
     for name, field, place in _named_fields(inputs):
         if name in topics and (reason := topics[name].absent.get(field)):
-            yield error_at(place, f'no message of {name} has {field}: {reason}')
+            finding = error_at if _PLAIN.fullmatch(field) else warning_at
+            yield finding(place, f'no message of {name} has {field}: {reason}')
 
 
 def named_fields(inputs: LintInputs) -> set[str]:
