@@ -128,7 +128,7 @@ def chance_within(mean: Any, matrix: Any, radius: float) -> float:
     return total
 
 
-@given(SEEDS, st.sampled_from(['<', '>=']))
+@given(SEEDS, st.sampled_from(['<', '<=', '>', '>=', '=', '!=']))
 def test_a_distance_has_certain_bounds(seed: int, operator: str) -> None:
     generator = np.random.default_rng(seed)
     # Of any scales, also where the error is along a line.

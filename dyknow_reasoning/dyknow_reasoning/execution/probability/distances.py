@@ -87,8 +87,8 @@ def chance_of_distance(
     if not deviations[-1]:
         holds = float(COMPARISONS[operator](hypot(*mean), distance))
         return holds, holds
-    if operator == '=' or distance <= 0:  # A distance is no single number, and above zero.
-        holds = float(operator in {'>', '>='})
+    if operator in {'=', '!='} or distance <= 0:  # A distance is no single number, and above zero.
+        holds = float(operator in {'>', '>=', '!='})
         return holds, holds
     lower, upper = _chance_within(axes.T @ mean, deviations, distance)
     return (lower, upper) if operator in {'<', '<='} else (1 - upper, 1 - lower)
