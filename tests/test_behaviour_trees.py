@@ -218,7 +218,7 @@ def test_a_tree_without_a_node_says_so() -> None:
 def test_formulas_of_a_robot_by_name() -> None:
     formulas = named_formulas(Example('rover').configuration)
     assert formulas['distance'] == 'forall r in Rover: always Ahead[r] > 0.3 m'
-    assert formulas['distance'].startswith('let ')
+    assert formulas['aisle'].startswith('let ')
 
 
 @pytest.mark.parametrize(
