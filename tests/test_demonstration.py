@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from dyknow_interfaces.msg import EvaluationStatusArray
 
 from commands import command, output_of
 from domains import reserve_domains
 from dyknow_bringup.ros.uav_demo import main
+from dyknow_common.ros import LATCHED
 from dyknow_configuration import PACKAGES
-from system import LIMIT, private_environment
+from system import LIMIT, Client, private_environment
 
 
 def test_every_verdict_of_a_scenario(tmp_path: Path) -> None:
@@ -38,8 +42,18 @@ def test_each_node_in_a_process_of_its_own(tmp_path: Path) -> None:
 def test_a_verdict_waits_for_a_link() -> None:
     """Four hosts; what was missed while the link was cut is asked for again, in order."""
     environment = {**private_environment(), 'ROS_DOMAIN_ID': str(reserve_domains(4))}
-    done = output_of(command('dyknow', 'demo', '--scenario', 'fleet'), environment, LIMIT * 2)
-    assert done.returncode == 0, done.stdout + done.stderr
+    told: dict[str, list[str]] = {}
+    with closing(Client(environment)) as client, ThreadPoolExecutor() as threads:
+        client.node.create_subscription(
+            EvaluationStatusArray,
+            'stream_reasoning_coordinator/evaluations',
+            lambda report: told.update({each.name: each.events for each in report.evaluations}),
+            LATCHED,
+        )
+        line = command('dyknow', 'demo', '--scenario', 'fleet')
+        demonstration = threads.submit(output_of, line, environment, LIMIT * 2)
+        done = client.result(demonstration, 'the end of the demonstration', LIMIT * 2)
+    assert done.returncode == 0, f'{done.stdout}{done.stderr}{told}'
     events = ('the link to carrier1 is cut', 'the verdict waits', 'the link is back', 'true: for')
     places = [done.stdout.index(each) for each in events]
     assert places == sorted(places), done.stdout
