@@ -219,6 +219,10 @@ class Language:
         # Who is told the mend needs no list of what else may stand there.
         unexpected = f'unexpected {found}'
         message = f'{hint} ({unexpected})' if hint else unexpected + self._expected(terminals)
+        if (
+            text[offset - 1 : offset + 1] in self._corrections
+        ):  # The mistake is both, as in `x =< 1`.
+            return PositionedError(message, position_at(text, offset - 1))
         return PositionedError(message, TextPosition.of(place))
 
     def _missing_brackets(self, text: str, offset: int) -> str:
