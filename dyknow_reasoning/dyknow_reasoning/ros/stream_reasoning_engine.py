@@ -131,7 +131,7 @@ class StreamReasoningEngine(DyKnowNode):
         )
         response.canonical_formula = str(evaluation.group.formulas[response.formula_id])
         for note in notes_on(request.formula):
-            self.get_logger().warning(f"formula '{request.formula_name}': {note}")
+            self.get_logger().warning(f"{note}; it is in '{shortened(request.formula)}'")
 
     async def _remove_formula(self, request: Any, _response: Any) -> None:
         await self._find(request.formula_group_id).remove_formula(request.formula_id)
