@@ -21,7 +21,7 @@ from dyknow_bringup.monitored_formula import NOT_CONNECTED, WAITING, MonitoredFo
 from dyknow_bringup.processes.processes import MONITOR
 from dyknow_bringup.ros.formula_monitor import MonitorNode
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import LATCHED, STARTED_AT, STATUS, TICK_PERIOD_S, only_owner
+from dyknow_common.ros import LATCHED, STATUS, TICK_PERIOD_S, only_owner, started_at
 from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import Answer, EvaluationPhase, EvaluationStatus, Progress, StandingVerdicts
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
@@ -69,7 +69,7 @@ def _finds_monitor(
     node.create_subscription(
         DiagnosticStatus,
         f'{coordinator}/_status',
-        lambda status: starts.append(_started_at(status)),
+        lambda status: starts.append(started_at(status)),
         STATUS,
     )
 
@@ -91,10 +91,6 @@ def _finds_monitor(
         waits_until(lambda: bool(named()), SEARCH_S)
     is_running = any(each.phase != EvaluationPhase.ENDED for each in named())
     return bool(named()) and waits_until(is_there, SEARCH_S if is_running else REPORT_S)
-
-
-def _started_at(status: DiagnosticStatus) -> int:
-    return next((int(each.value) for each in status.values if each.key == STARTED_AT), 0)
 
 
 class AttachedMonitor(MonitorNode):

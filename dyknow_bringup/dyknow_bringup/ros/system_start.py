@@ -15,7 +15,7 @@ from rclpy.node import Node
 from dyknow_bringup.errors import BringupError
 from dyknow_common import SECOND_NS, ExitCode, round_duration
 from dyknow_common.executables import interruptible
-from dyknow_common.ros import STARTED_AT, STATUS, TICK_PERIOD_S, start_ros
+from dyknow_common.ros import STATUS, TICK_PERIOD_S, start_ros, started_at
 from dyknow_coordinator import has_loaded
 
 _NAME = 'dyknow_up'
@@ -106,10 +106,8 @@ class SystemStart:
         )
 
     def _on_status(self, name: str, status: Any) -> None:
-        values = {each.key: each.value for each in status.values}
-        started_at = values.get(STARTED_AT, '')
-        if started_at.isdecimal() and int(started_at) >= self._since:
-            self._values[name] = values
+        if started_at(status) >= self._since:
+            self._values[name] = {each.key: each.value for each in status.values}
 
 
 def wait_for_start(namespace: str, nodes: Collection[str], timeout: int) -> str:

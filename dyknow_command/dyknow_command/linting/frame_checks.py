@@ -14,10 +14,10 @@ from typing import Final
 
 from dyknow_command.linting.findings import Finding, warning_at
 from dyknow_command.linting.inputs import LintInputs
-from dyknow_command.linting.vocabulary_checks import annotations_of
+from dyknow_command.linting.vocabulary_checks import annotations_of, streams_of
 from dyknow_command.observing import absolute_topic
-from dyknow_common import listed, read_text
-from dyknow_configuration import ConfigurationError, ObservedTopic
+from dyknow_common import listed
+from dyknow_configuration import ObservedTopic
 from dyknow_reasoning import (
     Comparison,
     Feature,
@@ -31,7 +31,6 @@ from dyknow_stream_processing import (
     Select,
     StreamDeclaration,
     StreamReference,
-    parse_specification,
     subterms,
 )
 
@@ -60,11 +59,9 @@ def frame_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> I
         for first, used in _compared(parse_formula(formula.requested.text), features):
             if text := _difference(used, frames):
                 yield warning_at(formula.place_of(first), text)
-    for source in inputs.files.streams:
-        text = read_text(source, 'streams', ConfigurationError)
-        for declaration in parse_specification(text).declared(StreamDeclaration):
-            if fault := _difference(_selected(declaration), frames):
-                yield warning_at(inputs.place_of(source), f'{declaration.name}: {fault}')
+    for place, declaration in streams_of(inputs):
+        if text := _difference(_selected(declaration), frames):
+            yield warning_at(place, f'{declaration.name}: {text}')
 
 
 def _position_features(inputs: LintInputs) -> Mapping[str, Topics]:

@@ -9,23 +9,24 @@ from typing import Final
 
 from dyknow_command.linting.findings import FilePlace, Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
-from dyknow_command.linting.vocabulary_checks import annotations_of, references_of, sources_of
+from dyknow_command.linting.vocabulary_checks import (
+    annotations_of,
+    references_of,
+    sources_of,
+    streams_of,
+)
 from dyknow_command.observing import absolute_topic
-from dyknow_common import NO_CONSTRAINTS, InlineText, StreamConstraints, read_text
+from dyknow_common import NO_CONSTRAINTS, InlineText, StreamConstraints
 from dyknow_configuration import (
-    ConfigurationError,
     ObservedTopic,
-    TextSource,
     broken_constraints,
 )
 from dyknow_recordings import TopicContent
 from dyknow_stream_processing import (
     BuiltInSource,
     Select,
-    StreamDeclaration,
     StreamReference,
     nearest_topics,
-    parse_specification,
     references,
     subterms,
 )
@@ -126,8 +127,7 @@ def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
             # The samples of one object, among those of several, have a timing of their own.
             stated = NO_CONSTRAINTS if is_shared else annotation.constraints
             yield TopicUse(absolute_topic(annotation.stream), place, stated, is_shared)
-    for source in inputs.files.streams:
-        yield from _stream_uses(inputs, source)
+    yield from _stream_uses(inputs)
     yield from _expected_uses(inputs)
     for formula in inputs.formulas:
         for named, _ in sources_of(formula):
@@ -147,12 +147,9 @@ def _expected_uses(inputs: LintInputs) -> Iterator[TopicUse]:
         yield TopicUse(each.topic, place, each.constraints, is_shared=True)
 
 
-def _stream_uses(inputs: LintInputs, source: TextSource) -> Iterator[TopicUse]:
+def _stream_uses(inputs: LintInputs) -> Iterator[TopicUse]:
     """Yield the topics that streams are made from, with the constraints on all their samples."""
-    text = read_text(source, 'streams', ConfigurationError)
-    begin = inputs.place_of(source)
-    for declaration in parse_specification(text).declared(StreamDeclaration):
-        place = begin if isinstance(source, InlineText) else begin.moved(declaration.position)
+    for place, declaration in streams_of(inputs):
         for term in subterms(declaration.stream):
             if isinstance(term, StreamReference) and term.is_topic:
                 yield TopicUse(absolute_topic(term.name), place, term.constraints)

@@ -47,6 +47,7 @@ from dyknow_stream_processing import (
     BuiltInSource,
     Dataflow,
     SourceType,
+    StreamDeclaration,
     StreamReference,
     Term,
     built_in_fields,
@@ -232,6 +233,15 @@ def annotations_of(inputs: LintInputs) -> Iterator[tuple[TextSource, Annotation]
     for source in inputs.files.annotations:
         for each in parse_annotations(read_text(source, 'annotations', ConfigurationError)):
             yield source, each
+
+
+def streams_of(inputs: LintInputs) -> Iterator[tuple[FilePlace, StreamDeclaration]]:
+    """Yield the declarations of streams with their places."""
+    for source in inputs.files.streams:
+        begin = inputs.place_of(source)
+        text = read_text(source, 'streams', ConfigurationError)
+        for each in parse_specification(text).declared(StreamDeclaration):
+            yield begin if isinstance(source, InlineText) else begin.moved(each.position), each
 
 
 def symbols_of(formula: PlacedFormula) -> tuple[Symbol, ...]:

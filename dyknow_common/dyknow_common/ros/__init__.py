@@ -34,6 +34,7 @@ from dyknow_common.ros.node import (
     fill_exit_status,
     is_time_simulated,
     snake_case,
+    started_at,
 )
 from dyknow_common.ros.parameter_limits import ParameterLimits
 from dyknow_common.ros.process import run
@@ -129,6 +130,7 @@ __all__ = [
     'set_period',
     'snake_case',
     'start_ros',
+    'started_at',
     'supports_node_executor',
     'time_to_nanoseconds',
     'topic_fault',

@@ -52,6 +52,12 @@ _QUALITY_OF_SERVICE = 'qos_overrides.'
 _USE_SIM_TIME = 'use_sim_time'
 
 
+def started_at(status: DiagnosticStatus) -> int:
+    """Return when a node started, in nanoseconds, given its status; -1 if that does not tell."""
+    values = (each.value for each in status.values if each.key == STARTED_AT)
+    return next((int(each) for each in values if each.isdecimal()), -1)
+
+
 class DyKnowNode(Node):
     """A node whose services always respond, and whose heartbeats show that it is alive."""
 
