@@ -3,7 +3,12 @@
 from dyknow_configuration.errors import ConfigurationError, write_errors
 from dyknow_configuration.expectations import TopicExpectation
 from dyknow_configuration.faults import RobotFaults, find_faults
-from dyknow_configuration.federation import RequestedFederation, RequestedShare
+from dyknow_configuration.federation import (
+    MAX_COMPARED,
+    MAX_COMPARED_NUMBER,
+    RequestedFederation,
+    RequestedShare,
+)
 from dyknow_configuration.forecasts import table_text
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES, is_parameter_file, parameter_faults
@@ -56,6 +61,8 @@ from dyknow_configuration.yaml_values import YamlValue, add_quotes, read_yaml
 
 __all__ = [
     'ACTION_KEYS',
+    'MAX_COMPARED',
+    'MAX_COMPARED_NUMBER',
     'MAX_MESSAGES',
     'NO_MAP',
     'PACKAGES',

@@ -33,11 +33,11 @@ FEDERATION_KEYS: Final = (
 )
 SHARE_KEYS: Final = ('feature', 'every', 'deadband')
 
-_MAX_COMPARED: Final = 20
-"""The numbers for one feature, as in a request to a peer."""
+MAX_COMPARED: Final = 20
+"""The numbers that one feature may be compared with."""
 
-_MAX_NUMBER: Final = 2**53
-"""Below it, each integer is a float."""
+MAX_COMPARED_NUMBER: Final = 2**53
+"""They are below it, where each integer is a float."""
 
 _NAME: Final = re.compile('[A-Za-z_][A-Za-z0-9_]{0,63}')
 _ENDPOINT: Final = re.compile(r'[a-z][a-z0-9_-]*/\S+')
@@ -141,9 +141,9 @@ def _compared(value: YamlValue) -> dict[str, tuple[float, ...]]:
     found: dict[str, tuple[float, ...]] = {}
     for feature, given in value.entries('a mapping of features to numbers'):
         numbers = sorted({each.number() for each in given.one_or_more()})
-        if not 0 < len(numbers) <= _MAX_COMPARED:
-            raise feature.error(f'write 1 to {_MAX_COMPARED} numbers')
-        if not all(abs(each) < _MAX_NUMBER for each in numbers):
+        if not 0 < len(numbers) <= MAX_COMPARED:
+            raise feature.error(f'write 1 to {MAX_COMPARED} numbers')
+        if not all(abs(each) < MAX_COMPARED_NUMBER for each in numbers):
             raise feature.error('write numbers of less than 2**53')
         found[feature.word()] = tuple(numbers)
     return found

@@ -8,6 +8,7 @@ from math import inf
 from typing import Annotated, Final
 
 from dyknow_common import Value, check_name, shortened
+from dyknow_configuration import MAX_COMPARED, MAX_COMPARED_NUMBER
 from dyknow_federation.errors import FederationError
 
 MAX_BATCH: Final = 500
@@ -18,12 +19,6 @@ MAX_REASON: Final = 1_000
 
 MAX_RANGES: Final = 20
 """The number of ranges of missing samples that a request names; later requests name others."""
-
-MAX_CONSTANTS: Final = 20
-"""The number of constants that a request compares values with."""
-
-_MAX_CONSTANT: Final = 2**53
-"""Below it, each integer is a float."""
 
 Time = Annotated[int, 'nanoseconds']
 """A time of the clock of the sender."""
@@ -122,11 +117,11 @@ class Request:
     def __post_init__(self) -> None:
         if len(self.missing) > MAX_RANGES:
             raise FederationError(f'{len(self.missing)} ranges are missing; name {MAX_RANGES}')
-        are_small = all(abs(each) < _MAX_CONSTANT for each in self.constants)
+        are_small = all(abs(each) < MAX_COMPARED_NUMBER for each in self.constants)
         do_increase = all(less < greater for less, greater in pairwise(self.constants))
-        if len(self.constants) > MAX_CONSTANTS or not (are_small and do_increase):
+        if len(self.constants) > MAX_COMPARED or not (are_small and do_increase):
             raise FederationError(
-                f'{shortened(str(self.constants))} are not at most {MAX_CONSTANTS} ascending '
+                f'{shortened(str(self.constants))} are not at most {MAX_COMPARED} ascending '
                 'numbers, each less than 2**53'
             )
 

@@ -47,6 +47,8 @@ class LiveMap:
 
     def follow(self, evaluations: Mapping[str, EvaluationStatus]) -> None:
         """Keep the tracks that the maps of some evaluations show, by their keys, and no others."""
+        if not self._known.regions:
+            return
         self._ended = {key: each for key, each in self._ended.items() if key in evaluations}
         running: list[EvaluationStatus] = []
         for key, status in evaluations.items():
