@@ -223,7 +223,9 @@ def check_missed(system: System, once: Any, ever: Any, verdicts: tuple[int, int]
     for answer in (once.result(), ever.result()):
         if answer.verdict == UNDECIDED:
             assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
-            assert 'missing' in answer.exit_status.message
+            missed, cause = answer.exit_status.message.split('; the streams were replaced: ')
+            assert 'missing' in missed
+            assert 'uav1' in cause
         else:
             assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
 

@@ -25,6 +25,7 @@ from dyknow_stream_processing import (
 )
 from dyknow_stream_processing.dataflow.received_watermarks import (
     PATIENCE,
+    SPACING,
     ReceivedWatermarks,
     SampleOrigin,
 )
@@ -144,9 +145,7 @@ class Reader:
             arrived = Sample(content.valid_time, now, content.fields, content.watermark)
             flow.push('far', arrived, is_checked=True)
         else:
-            # Nothing is lost here, so no watermark overtakes a sample for long.
             self._watermarks.note_watermark(ID, message.number, content)
-            self._watermarks._overtaken = 0
         watermark = self._watermarks.due()
         if watermark is not None:
             flow.vouch('far', watermark, now)
@@ -275,7 +274,7 @@ def test_the_clock_reports_the_silence_of_an_engine(flow: Flow) -> None:
 def test_watermarks_wait_for_the_samples_before_them() -> None:
     received = ReceivedWatermarks()
     assert received.note_sample(ID, 1) is SampleOrigin.SAME
-    assert received.note_watermark(ID, 2, 20) == 0
+    assert received.note_watermark(ID, 2, 20)
     assert received.due() is None
     received.note_sample(ID, 2)
     assert (received.due(), received.due()) == (20, None)
@@ -284,15 +283,30 @@ def test_watermarks_wait_for_the_samples_before_them() -> None:
 def test_samples_that_never_come_are_lost() -> None:
     received = ReceivedWatermarks()
     received.note_sample(ID, 1)
-    lost = [received.note_watermark(ID, 4, 20 + n) for n in range(PATIENCE)]
-    assert lost == [0] * (PATIENCE - 1) + [3]
-    assert received.due() == 20 + PATIENCE - 1
+    assert lost_before(received, SPACING) == [0] * (PATIENCE - 1) + [3]
+    assert received.due() == 20
+
+
+def test_watermarks_that_come_all_at_once() -> None:
+    """The samples before them may be the next messages that are taken."""
+    received = ReceivedWatermarks()
+    received.note_sample(ID, 1)
+    assert not any(lost_before(received, SPACING // PATIENCE))
+    assert received.due() is None
+    received.note_sample(ID, 4)
+    assert received.due() == 20
 
 
 def test_samples_from_before_the_subscription_are_not_lost() -> None:
     received = ReceivedWatermarks()
-    assert not any(received.note_watermark(ID, 4, n) for n in range(PATIENCE))
-    assert received.due() == PATIENCE - 1
+    assert not any(lost_before(received, SPACING))
+    assert received.due() == 20
+
+
+def lost_before(received: ReceivedWatermarks, spacing: int) -> list[int]:
+    """Return what is lost at each of some watermarks after the fourth sample."""
+    assert received.note_watermark(ID, 4, 20)
+    return [received.lost(number * spacing) for number in range(PATIENCE)]
 
 
 def test_a_stream_that_was_replaced_is_heard_no_more() -> None:

@@ -16,8 +16,13 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final, NamedTuple
 
+from dyknow_common import NANOSECONDS
+
 PATIENCE: Final = 20
-"""The number of watermarks in a row after which a sample before them is taken for lost."""
+"""The number of looks in a row after which a sample before a watermark is taken for lost."""
+
+SPACING: Final = 50 * NANOSECONDS['ms']
+"""The least time between two looks: watermarks that have waited come all at once."""
 
 
 class SampleOrigin(Enum):
@@ -49,6 +54,7 @@ class ReceivedWatermarks:
         self._number: int | None = None
         self._held: _Watermark | None = None
         self._overtaken = 0
+        self._looked_at = -SPACING
 
     def expect(self, stream_id: int) -> SampleOrigin:
         """Record the stream that a reader of the topic has chosen; samples of others follow it.
@@ -81,30 +87,46 @@ class ReceivedWatermarks:
         self._number, self._overtaken, self._is_expected = number, 0, False
         return origin
 
-    def note_watermark(self, stream_id: int, number: int, watermark: int) -> int:
+    def note_watermark(self, stream_id: int, number: int, watermark: int) -> bool:
         """Record the receipt of a watermark, which `due` returns from some time on.
 
         Returns:
-            The number of samples that are lost.
+            True if a sample before it has not been received.
         """
         if self._stream_id == 0 and stream_id not in self._former:
             self._stream_id = stream_id
         if stream_id != self._stream_id:
-            return 0
+            return False
         self._held, self._is_expected = _Watermark(number, watermark), False
-        if number <= (self._number or 0):
+        return self._is_overtaking
+
+    def lost(self, now: int) -> int:
+        """Return the number of samples before the watermark that are lost; 0 while they may come.
+
+        To be asked after a watermark, once all samples are taken that wait.
+
+        Args:
+            now: the time of a steady clock, in nanoseconds.
+        """
+        held = self._held
+        if held is None or not self._is_overtaking or now < self._looked_at + SPACING:
             return 0
+        self._looked_at = now
         self._overtaken += 1
         if self._overtaken < PATIENCE:
             return 0
         # Without any sample so far, those that are missing were sent before the subscription.
-        lost = 0 if self._number is None else number - self._number
-        self._number, self._overtaken = number, 0
+        lost = 0 if self._number is None else held.number - self._number
+        self._number, self._overtaken = held.number, 0
         return lost
 
     def due(self) -> int | None:
         """Return the watermark whose samples have all been received, once; `None` without one."""
-        if self._held is None or self._held.number > (self._number or 0):
+        if self._held is None or self._is_overtaking:
             return None
         watermark, self._held = self._held.time, None
         return watermark
+
+    @property
+    def _is_overtaking(self) -> bool:
+        return self._held is not None and self._held.number > (self._number or 0)

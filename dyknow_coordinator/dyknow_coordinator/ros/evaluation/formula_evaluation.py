@@ -200,7 +200,11 @@ class FormulaEvaluation(Evaluation):
         self._receive_margin(result.margin)
         status = result.exit_status
         if status.code != ExitCode.SUCCESS:
-            self.fail(CoordinationError(status.message, ExitCode(status.code)))
+            code, text = ExitCode(status.code), status.message
+            fault = self._group.states.fault if self._group else ''
+            if fault and code is ExitCode.CONSTRAINT_VIOLATION:
+                text = f'{text}; the streams were replaced: {fault}'
+            self.fail(CoordinationError(text, code))
         else:
             self.decide(
                 Verdict(result.verdict),

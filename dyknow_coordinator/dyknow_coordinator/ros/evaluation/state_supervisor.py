@@ -114,6 +114,8 @@ class StateSupervisor:
         self.stream = self._new_stream(name)
         self.used_since = context.node.now()
         """The time since which the streams in use are."""
+        self.fault = ''
+        """Why streams were replaced the last time that states may be missing; empty if never."""
         self._next: StateStream | None = None
         # Streams that were used, and that the reasoning engine has not unsubscribed from.
         self._left: list[StateStream] = []
@@ -281,6 +283,7 @@ class StateSupervisor:
             if standby is None and await self._settle():
                 continue
             fault, count, now = worst_fault(faults), len(faults), self._context.wall_time()
+            self.fault = fault.error.message
             chosen = session.replacements(now)
             if not standby and not fault.transient and session.have_failed(chosen, now):
                 self._give_up()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from time import monotonic_ns
 from typing import Any, NamedTuple, Protocol, cast
 
 from rclpy.callback_groups import CallbackGroup
@@ -52,6 +53,9 @@ class TopicsOfNode(Protocol):
 
     def process(self, message: ReceivedMessage, now: int) -> None:
         """Process a message, after all messages of all topics that were received before it."""
+
+    def catch_up(self, now: int) -> bool:
+        """Process all messages that wait; return False if some are processed later."""
 
 
 class ReceivedMessage(NamedTuple):
@@ -194,7 +198,11 @@ class TopicFeed:
     def vouch(self, watermark: Any, now: int) -> None:
         """Process a `StreamWatermark`."""
         time_ns = time_to_nanoseconds(watermark.watermark)
-        lost = self.watermarks.note_watermark(watermark.stream_id, watermark.number, time_ns)
+        is_early = self.watermarks.note_watermark(watermark.stream_id, watermark.number, time_ns)
+        # A busy node may have received the samples, and not processed them yet.
+        lost = 0
+        if is_early and self.topics.catch_up(now):
+            lost = self.watermarks.lost(monotonic_ns())
         if lost:
             self._on_gap(lost)
         self._pass_watermark_on(now)
