@@ -9,13 +9,6 @@ from dyknow_federation.messages import Shares
 
 
 @dataclass(frozen=True, slots=True)
-class PeerJoined:
-    """A peer is heard for the first time, again after it had left, or in a new run."""
-
-    peer: str
-
-
-@dataclass(frozen=True, slots=True)
 class PeerLeft:
     """A peer has not been heard for `peer_timeout`. Requests to it stay, in case it returns."""
 
@@ -37,20 +30,6 @@ class SharesChanged:
 
     peer: str
     shares: Shares
-
-
-@dataclass(frozen=True, slots=True)
-class StreamWanted:
-    """A peer has asked for an own stream that nobody asked for: `publish` its samples."""
-
-    stream: str
-
-
-@dataclass(frozen=True, slots=True)
-class StreamUnwanted:
-    """Nobody has asked for an own stream for the time of the history."""
-
-    stream: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,12 +89,9 @@ class ClockJumped:
 
 
 Event = (
-    PeerJoined
-    | PeerLeft
+    PeerLeft
     | PeerFault
     | SharesChanged
-    | StreamWanted
-    | StreamUnwanted
     | ValueKnown
     | SamplesLost
     | StreamViolated

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -74,19 +74,13 @@ class FederationReport:
     shares: Sequence[str] = ()
     faults: Sequence[str] = ()
 
-    def document(self) -> dict[str, Any]:
-        """Return the report as JSON has it."""
-        return asdict(self)
-
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> FederationReport:
-        """Return the report in a document."""
-
-        def peer(values: dict[str, Any]) -> PeerReport:
-            return PeerReport(**{**values, 'state': LinkState(values['state'])})
-
-        peers = tuple(map(peer, document['peers']))
-        return cls(document['name'], peers, document['shares'], document['faults'])
+        """Return the report that `asdict` has made a document of."""
+        peers = (
+            PeerReport(**each | {'state': LinkState(each['state'])}) for each in document['peers']
+        )
+        return cls(document['name'], tuple(peers), document['shares'], document['faults'])
 
 
 _STYLES = {LinkState.LINKED: 'green', LinkState.STALE: 'yellow', LinkState.LEFT: 'bold red'}
