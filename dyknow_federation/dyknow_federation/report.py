@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from dyknow_common import round_duration
+from dyknow_common import listed, round_duration
 from dyknow_common.tables import Cell, ReportTable, figure, fixed, named
 from dyknow_federation.clocks import Offset
 
@@ -90,7 +90,7 @@ _COLUMNS = (
     fixed('link'),
     *map(figure, ('silent', 'delay', 'clock', 'sent', 'received', 'lost')),
 )
-_BELOW = ('asked for', 'given', 'fault')
+_BELOW = ('shares', 'asked for', 'given', 'fault')
 """What has a line of its own below the table, which would not fit into 80 columns with it."""
 
 
@@ -128,6 +128,7 @@ def peer_texts(report: PeerReport) -> dict[str, str]:
         'sent': f'{report.bytes_sent / 1e3:,.1f} kB',
         'received': f'{report.bytes_received / 1e3:,.1f} kB',
         'lost': str(report.lost),
+        'shares': listed(report.shares),
         'asked for': ', '.join(report.asked),
         'given': ', '.join(report.given),
         'fault': report.fault,
