@@ -43,27 +43,23 @@ class ValueKnown:
 
 
 @dataclass(frozen=True, slots=True)
-class SamplesLost:
-    """Samples between the last one that arrived and the next one cannot be had any more."""
-
-    peer: str
-    stream: str
-    count: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class StreamViolated:
     """A violation of a stream, after all values that are known.
 
-    Its host has noticed it, or refuses the request, or the times of samples are too uncertain.
+    Its host has noticed it, or refuses the request, or the times of samples are too uncertain, or
+    samples between the last one that arrived and the next one cannot be had any more.
+
+    Args:
+        valid_time: from which on samples are in doubt; None: from the latest one.
+        lost: the number of samples that are lost, as far as it is known.
     """
 
     peer: str
     stream: str
     constraint: str
     reason: str
-    valid_time: int
+    valid_time: int | None = None
+    lost: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +89,6 @@ Event = (
     | PeerFault
     | SharesChanged
     | ValueKnown
-    | SamplesLost
     | StreamViolated
     | WatermarkArrived
     | ClockJumped

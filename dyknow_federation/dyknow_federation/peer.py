@@ -149,13 +149,9 @@ class Peer:
     ) -> None:
         """Ask a peer for a stream until it is released; the peer need not be there yet.
 
-        Args:
-            peer: its name.
-            stream: the name of the stream.
-            at: the time.
-            after: values are told after this time, or after `at` if that is earlier.
-            constants: in ascending order, if values are only compared with these: then it sends
-                only samples that compare otherwise, and values are intervals between constants.
+        Values are told after `after`, or after `at` if that is earlier. If they are only compared
+        with constants, in ascending order, the peer sends only samples that compare otherwise, and
+        values are intervals between constants.
 
         Raises:
             FederationError: if too many peers are known, or constants are not as they must be.

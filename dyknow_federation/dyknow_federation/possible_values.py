@@ -116,9 +116,7 @@ class PossibleValues:
     ) -> Iterator[tuple[int, Value]]:
         """Yield the values that have become known, each with the own time since which it holds.
 
-        Args:
-            reason: returns why several values are possible at a time.
-            precision: of the stream.
+        `reason` returns why several values are possible.
         """
         told, self._told = self._told, self.settled
         bounds = ((each.earliest, each.latest) for each in self._samples)

@@ -321,7 +321,8 @@ class RemotePeer:
     def _lose(self, name: str, count: int, reason: str) -> Event:
         self.requested[name].values.lose()
         text = f"samples of peer '{self.name}' are lost: {reason}"
-        return events.SamplesLost(self.name, name, count, text)
+        kind = str(ViolationKind.LOST)
+        return events.StreamViolated(self.name, name, kind, text, lost=count)
 
     def _violation(self, name: str, constraint: str, reason: str, time: int) -> Event:
         return events.StreamViolated(self.name, name, str(constraint), reason, time)

@@ -126,11 +126,10 @@ class Federation(DyKnowNode):
             case events.WatermarkArrived(peer, stream, time):
                 for each in self._remote.of(peer, stream):
                     each.promise(time)
-            case events.SamplesLost(peer, stream, count, reason):
-                self._lost[peer] += count
-                self._violate(peer, ViolationKind.LOST, reason, stream)
-            case events.StreamViolated(peer, stream, constraint, reason, time):
-                self._violate(peer, constraint, reason, stream, time)
+            case events.StreamViolated(peer, stream, constraint, reason, time, lost):
+                self._lost[peer] += lost
+                for each in self._remote.of(peer, stream):
+                    each.violate(constraint, reason, time)
             case _:
                 self._handle_peer(event)
 
@@ -151,12 +150,10 @@ class Federation(DyKnowNode):
                 self._faults[peer] = message
                 self._warn([message])
 
-    def _violate(
-        self, peer: str, kind: str, reason: str, stream: str = '', time: int | None = None
-    ) -> None:
-        """Report a violation of a stream of a peer, or of all that are read."""
-        for each in self._remote.of(peer, stream):
-            each.violate(kind, reason, time)
+    def _violate(self, peer: str, kind: str, reason: str) -> None:
+        """Report a violation of all streams of a peer that are read."""
+        for each in self._remote.of(peer):
+            each.violate(kind, reason)
 
     def _update(self) -> None:
         """Follow what is read here, and what has changed in the meaning."""

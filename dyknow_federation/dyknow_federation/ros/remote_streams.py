@@ -76,13 +76,7 @@ class RemoteStream:
         self._watermarks.publish(StreamWatermarks(streams=[message]))
 
     def violate(self, kind: str, reason: str, valid_time: int | None = None) -> None:
-        """Report that samples are missing, or have wrong times.
-
-        Args:
-            kind: of the violation.
-            reason: the description for users.
-            valid_time: from which on samples are in doubt; None: from the latest one.
-        """
+        """Report that samples are in doubt from a valid time on; None: from the latest one on."""
         now = self._node.now()
         self._writer.note_violation(now)
         valid_time = self._latest if valid_time is None else valid_time
