@@ -299,6 +299,28 @@ def test_a_peer_that_left_and_returns_sends_what_was_missed() -> None:
     assert net.values('b') == list(range(2, 42))
 
 
+def test_what_a_peer_shared_is_forgotten_once_nothing_of_it_is_asked_for() -> None:
+    """Formulas that look for another source name its objects until then."""
+    net = sharing()
+    net.drops = lambda _: True
+    net.run(60)
+    remote = net.peers['b'].remotes['a']
+    (left,) = net.take('b', PeerLeft)
+    assert remote.departure == left.reason
+    assert remote.shares.features == (LEVEL,)
+    net.peers['b'].release('a', 'level')
+    net.run(8)
+    assert not net.take('b', SharesChanged)
+    net.run(4)
+    (changed,) = net.take('b', SharesChanged)
+    assert (changed.peer, changed.shares.features) == ('a', ())
+    assert net.peers['b'].remotes == {}
+    net.drops = lambda _: False
+    net.run(2)
+    assert net.peers['b'].remotes['a'].departure == ''
+    assert net.take('b', SharesChanged)[-1].shares.features == (LEVEL,)
+
+
 def test_a_restart_loses_what_was_not_sent() -> None:
     net = sharing()
     net.publish('a', 1)
