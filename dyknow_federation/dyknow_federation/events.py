@@ -18,7 +18,7 @@ class PeerLeft:
 
 @dataclass(frozen=True, slots=True)
 class PeerFault:
-    """A message that is refused; the peer may be empty if it is not known."""
+    """A message of a peer, or of another sender, is refused."""
 
     peer: str
     message: str
@@ -48,10 +48,6 @@ class StreamViolated:
 
     Its host has noticed it, or refuses the request, or the times of samples are too uncertain, or
     samples between the last one that arrived and the next one cannot be had any more.
-
-    Args:
-        valid_time: from which on samples are in doubt; None: from the latest one.
-        lost: the number of samples that are lost, as far as it is known.
     """
 
     peer: str
@@ -59,7 +55,7 @@ class StreamViolated:
     constraint: str
     reason: str
     valid_time: int | None = None
-    lost: int = 0
+    """From which on samples are in doubt; None: from the latest one."""
 
 
 @dataclass(frozen=True, slots=True)

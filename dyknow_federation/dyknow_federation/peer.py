@@ -86,6 +86,7 @@ class Peer:
         self._unsent: dict[tuple[str, bool], list[Message]] = {}
         """By receivers; those that are urgent have packets of their own."""
         self._faults_at: dict[str, int] = {}
+        """By peers; those that are none have an empty name."""
 
     def given(self, peer: str) -> list[str]:
         """Return the names of the own streams that a peer receives."""
@@ -171,6 +172,8 @@ class Peer:
             self._take(decode(data), sender, at)
         except FederationError as error:
             self._report(sender, f'a message is refused: {error}', at)
+        if sender in self.remotes:
+            self.remotes[sender].received += len(data)
         return self._effects()
 
     def advance(self, at: int) -> Effects:
@@ -193,6 +196,7 @@ class Peer:
         """Notice an own clock that jumps back: no wait is longer for it, no measure holds."""
         if at < self._now:
             self._hello_at = at
+            self._faults_at.clear()
             for streams in self.sent.values():
                 for constants, stream in streams.items():
                     streams[constants] = stream.continued(next(self._epochs))
@@ -269,6 +273,7 @@ class Peer:
         for name, remote in list(self.remotes.items()):
             if remote.expire(at):
                 del self.remotes[name]
+                self._faults_at.pop(name, None)
                 self._events.append(events.SharesChanged(name, Shares(0)))
 
     def _remote(self, name: str, at: int) -> RemotePeer:
@@ -281,12 +286,12 @@ class Peer:
         return self.remotes[name]
 
     def _report(self, peer: str, message: str, at: int) -> None:
-        """Report a fault of a peer, once in a while."""
-        period = self._settings.peer_timeout
-        if at >= self._faults_at.get(peer, at - period) + period:
-            if len(self._faults_at) >= MAX_PEERS:
-                self._faults_at.clear()
-            self._faults_at[peer] = at
+        """Report a fault of a peer, or of any other sender, once in a while."""
+        name, period = '', self._settings.peer_timeout
+        if peer in self.remotes:
+            self.remotes[peer].fault, name = message, peer
+        if at >= self._faults_at.get(name, at - period) + period:
+            self._faults_at[name] = at
             self._events.append(events.PeerFault(peer, message))
 
     def _send(self, receiver: str, message: Message) -> None:

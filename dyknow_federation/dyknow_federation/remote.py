@@ -61,6 +61,9 @@ class RemotePeer:
         is_present: False if it has left, or was never heard.
         departure: why it has left; empty if it has not.
         heard_at: when it was last heard.
+        received: the number of bytes that have come from it.
+        lost: the number of its samples that cannot be had any more.
+        fault: why a message of it was refused last.
 
     Args:
         settings: of the own host.
@@ -78,7 +81,8 @@ class RemotePeer:
         self.clock = PairClock()
         self.shares = messages.Shares(0)
         self.is_present = self.is_stale = False
-        self.departure = ''
+        self.departure = self.fault = ''
+        self.received = self.lost = 0
         self.heard_at = self._needed_at = at
         self.send = send
         self._settings = settings
@@ -321,10 +325,10 @@ class RemotePeer:
     def _lose(self, name: str, count: int, reason: str) -> Event:
         self.requested[name].values.lose()
         text = f"samples of peer '{self.name}' are lost: {reason}"
-        kind = str(ViolationKind.LOST)
-        return events.StreamViolated(self.name, name, kind, text, lost=count)
+        self.lost += count
+        return self._violation(name, ViolationKind.LOST, text)
 
-    def _violation(self, name: str, constraint: str, reason: str, time: int) -> Event:
+    def _violation(self, name: str, constraint: str, reason: str, time: int | None = None) -> Event:
         return events.StreamViolated(self.name, name, str(constraint), reason, time)
 
     def _forget_values(self) -> None:

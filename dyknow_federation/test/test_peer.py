@@ -347,7 +347,7 @@ def test_a_restart_is_told_while_the_clock_is_not_known() -> None:
     net.start('a', 77)
     net.run(2)
     (lost,) = net.take('b', StreamViolated)
-    assert lost.constraint == 'lost'
+    assert (lost.constraint, lost.valid_time) == ('lost', None)
     assert lost.reason == "samples of peer 'a' are lost: the peer has started again"
 
 
@@ -369,6 +369,18 @@ def test_bad_packets_and_doubled_names_are_faults() -> None:
     assert 'give each host its own name' in fault.message
     with pytest.raises(FederationError, match='needs a name'):
         Peer(RequestedFederation(''), 1)
+
+
+def test_faults_of_senders_that_are_no_peers_are_reported_as_those_of_one() -> None:
+    net = sharing()
+    received = net.peers['b'].remotes['a'].received
+    assert received > 0
+    bad = [net.peers['b'].receive(b'?', net.time('b'), f'p{number}') for number in range(3000)]
+    bad += [net.peers['b'].receive(b'?', net.time('b'), 'a') for _ in range(2)]
+    assert [each.peer for effects in bad for each in effects.events] == ['p0', 'a']
+    assert 'version 63' in net.peers['b'].remotes['a'].fault
+    assert net.peers['b'].remotes['a'].received == received + 2
+    assert [*net.peers['b'].remotes] == ['a']
 
 
 def test_what_peers_make_us_keep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

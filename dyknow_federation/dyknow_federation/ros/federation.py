@@ -6,7 +6,6 @@ ros2 run dyknow_federation federation --ros-args -p robot:=robot.yaml
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -59,8 +58,6 @@ class Federation(DyKnowNode):
         """The version of the vocabulary that peers know; None if it is outdated."""
         self._is_working = False
         self._offer_faults: Sequence[str] = ()
-        self._faults: dict[str, str] = {}
-        self._lost: Counter[str] = Counter()
         self._log = LogOnce()
         group = ReentrantCallbackGroup()
         self._packets = self.create_guard_condition(self._take, group)
@@ -126,8 +123,7 @@ class Federation(DyKnowNode):
             case events.WatermarkArrived(peer, stream, time):
                 for each in self._remote.of(peer, stream):
                     each.promise(time)
-            case events.StreamViolated(peer, stream, constraint, reason, time, lost):
-                self._lost[peer] += lost
+            case events.StreamViolated(peer, stream, constraint, reason, time):
                 for each in self._remote.of(peer, stream):
                     each.violate(constraint, reason, time)
             case _:
@@ -135,11 +131,12 @@ class Federation(DyKnowNode):
 
     def _handle_peer(self, event: events.Event) -> None:
         match event:
-            case events.SharesChanged():
+            case events.SharesChanged(peer):
                 self._meaning_of = None
+                if peer not in self._peer.remotes:
+                    self._transport.forget(peer)
             case events.PeerLeft(peer, reason):
                 self._violate(peer, ViolationKind.MAX_DELAY, reason)
-                self._transport.forget(peer)
                 self._warn([reason])
             case events.ClockJumped(peer, since):
                 text = f"the clock of peer '{peer}' has jumped, or that of this host"
@@ -147,8 +144,7 @@ class Federation(DyKnowNode):
                     text += f'; samples may have wrong times since {format_time(since)}'
                 self._violate(peer, ViolationKind.CLOCK, text)
             case events.PeerFault(peer, message):
-                self._faults[peer] = message
-                self._warn([message])
+                self._warn([f"peer '{peer}': {message}"])
 
     def _violate(self, peer: str, kind: str, reason: str) -> None:
         """Report a violation of all streams of a peer that are read."""
@@ -230,12 +226,12 @@ class Federation(DyKnowNode):
             offset and offset.offset,
             offset and offset.uncertainty,
             self._transport.sent[name],
-            self._transport.received[name],
-            self._lost[name],
+            remote.received,
+            remote.lost,
             tuple(each.stream for each in remote.shares.features),
             tuple(sorted(remote.requested)),
             tuple(self._peer.given(name)),
-            self._faults.get(name, ''),
+            remote.fault,
         )
 
 

@@ -19,7 +19,6 @@ from dyknow_common import DyKnowError, ExitCode, one_line
 from dyknow_configuration import RequestedFederation
 from dyknow_federation.encoding import MAX_PACKET
 from dyknow_federation.errors import FederationError
-from dyknow_federation.peer import MAX_PEERS
 
 PREFIX: Final = 'dyknow/federation'
 
@@ -53,7 +52,6 @@ class ZenohTransport:
         self, federation: RequestedFederation, now: Callable[[], int], wake: Callable[[], None]
     ) -> None:
         self.sent: Counter[str] = Counter()
-        self.received: Counter[str] = Counter()
         """Numbers of bytes, by the names of peers; what is sent to all counts for an empty one."""
         self.dropped = 0
         """The number of packets that came while too many waited, or were too long."""
@@ -89,6 +87,7 @@ class ZenohTransport:
 
     def forget(self, peer: str) -> None:
         """Free what was needed to send to a peer."""
+        self.sent.pop(peer, None)
         for key in [key for key in self._publishers if key[0] == peer]:
             self._publishers.pop(key).undeclare()
 
@@ -126,13 +125,11 @@ class ZenohTransport:
         found = _KEY.fullmatch(str(sample.key_expr))
         if found is None:
             return
-        sender, data, received = found[1], sample.payload, self.received
-        is_one_too_many = sender not in received and len(received) > MAX_PEERS
-        if len(data) > MAX_PACKET or len(self._waiting) >= MAX_WAITING or is_one_too_many:
+        data = sample.payload
+        if len(data) > MAX_PACKET or len(self._waiting) >= MAX_WAITING:
             self.dropped += 1
             return
-        received[sender] += len(data)
-        self._waiting.append(ReceivedPacket(sender, bytes(data), now))
+        self._waiting.append(ReceivedPacket(found[1], bytes(data), now))
         self._wake()
 
 
