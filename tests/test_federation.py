@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,9 +16,12 @@ from dyknow_bringup.security.systems import SecuredSystem
 from dyknow_bringup.simulation.link import FailingLink, free_port
 from dyknow_common import Alternatives, Value
 from dyknow_common.ros import STREAM
+from dyknow_configuration import RequestedFederation
+from dyknow_federation.encoding import VERSION
 from dyknow_federation.report import LinkState
+from dyknow_federation.ros.transport import ZenohTransport
 from dyknow_stream_processing.ros import sample_fields
-from federations import BASE, CARRIER, Host, wait_for, wait_for_streams
+from federations import BASE, CARRIER, ZENOH, Host, wait_for, wait_for_streams
 from guards import guarded_base
 from policies import GraphRecorder, rules
 
@@ -121,6 +124,20 @@ def test_bridges_lead_from_the_words_of_a_peer_to_own_ones(fleet: Fleet) -> None
     answer = asked.result()
     assert answer.verdict == FormulaResult.TRUE, answer
     assert "'Level[carrier1] > 0.5' held" in answer.explanation, answer
+
+
+def test_a_host_of_another_version_is_reported(fleet: Fleet, tmp_path: Path) -> None:
+    file = tmp_path / 'zenoh.json5'
+    file.write_text(ZENOH)
+    settings = RequestedFederation('old', (f'tcp/127.0.0.1:{fleet.link.port}',), zenoh=file)
+    with closing(ZenohTransport(settings, time.time_ns, lambda: None)) as old:
+
+        def is_reported() -> bool:
+            old.send('', bytes([VERSION - 1]), is_urgent=False)
+            refusal = f"peer 'old': a message is refused: it is of version {VERSION - 1}"
+            return any(each.startswith(refusal) for each in fleet.base.reports[-1].faults)
+
+        fleet.wait(is_reported, 'the report')
 
 
 def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet) -> None:

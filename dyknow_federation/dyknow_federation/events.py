@@ -69,15 +69,11 @@ class WatermarkArrived:
 
 @dataclass(frozen=True, slots=True)
 class ClockJumped:
-    """The clock of a peer, or the own one, has jumped.
-
-    Args:
-        peer: whose samples may have wrong times.
-        since: the last time at which the clocks agreed with what was known; None without one.
-    """
+    """The clock of a peer, whose samples may have wrong times, or the own one, has jumped."""
 
     peer: str
     since: int | None
+    """The last time at which the clocks agreed with what was known; None without one."""
 
 
 Event = (

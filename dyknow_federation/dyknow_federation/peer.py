@@ -247,7 +247,9 @@ class Peer:
                 reason = f'peers compare it with more than {MAX_COMPARISONS} lists of constants'
                 remote.send(messages.RequestRefusal(name, reason))
                 return
-            thinning = self._thinning(shared.name, constants)
+            thinned = (each for each in self._settings.share if each.name == shared.name)
+            share = next(thinned, RequestedShare(shared.name))
+            thinning = Thinning(share.every, share.deadband, constants)
             history = self._settings.history
             streams[constants] = SentStream(name, next(self._epochs), history, thinning)
         for each in streams.keys() - {constants}:
@@ -255,11 +257,6 @@ class Peer:
         expires = at + self._settings.peer_timeout
         for answer in streams[constants].renew(remote.name, request, expires):
             remote.send(answer)
-
-    def _thinning(self, feature: str, constants: _Constants) -> Thinning:
-        shares = (each for each in self._settings.share if each.name == feature)
-        share = next(shares, RequestedShare(feature))
-        return Thinning(share.every, share.deadband, constants)
 
     def _expire(self, at: int) -> None:
         """End what is not needed any more."""

@@ -58,6 +58,8 @@ class Federation(DyKnowNode):
         """The version of the vocabulary that peers know; None if it is outdated."""
         self._is_working = False
         self._offer_faults: Sequence[str] = ()
+        self._refused = 0, ''
+        """When a message of a sender that is no peer was refused last, and why."""
         self._log = LogOnce()
         group = ReentrantCallbackGroup()
         self._packets = self.create_guard_condition(self._take, group)
@@ -144,7 +146,10 @@ class Federation(DyKnowNode):
                     text += f'; samples may have wrong times since {format_time(since)}'
                 self._violate(peer, ViolationKind.CLOCK, text)
             case events.PeerFault(peer, message):
-                self._warn([f"peer '{peer}': {message}"])
+                text = f"peer '{peer}': {message}"
+                if peer not in self._peer.remotes:
+                    self._refused = self.now(), text
+                self._warn([text])
 
     def _violate(self, peer: str, kind: str, reason: str) -> None:
         """Report a violation of all streams of a peer that are read."""
@@ -208,6 +213,9 @@ class Federation(DyKnowNode):
         shared = tuple(each.stream for each in self._peer.shares.features)
         faults = (*self._vocabulary.faults, *self._own.faults, *self._offer_faults)
         self._warn(faults)
+        refused_at, refusal = self._refused
+        if refusal and now - refused_at < 2 * self._settings.peer_timeout:
+            faults += (refusal,)
         if transport.dropped:
             faults += (f'{transport.dropped} packets were dropped: too many waited',)
         report = FederationReport(self._settings.name, peers, shared, faults)

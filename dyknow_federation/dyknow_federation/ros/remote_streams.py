@@ -104,11 +104,7 @@ class StreamName(NamedTuple):
 
 
 class RemoteStreams:
-    """The streams of all peers.
-
-    Args:
-        node: the node that publishes them.
-    """
+    """The streams of all peers, which a node publishes."""
 
     def __init__(self, node: DyKnowNode) -> None:
         self._node = node
