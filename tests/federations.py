@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
-from dyknow_interfaces.srv import EvaluateFormula
+from dyknow_interfaces.srv import EvaluateFormula, ListSemanticSpecifications
 from rclpy.duration import Duration
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
@@ -43,6 +43,9 @@ federation:
 """
 
 BASE = """\
+sorts: {{Vehicle: }}
+features: {{Level: {{of: {{v: Vehicle}}}}}}
+bridges: base.bridges
 federation:
   name: base
   {ends}
@@ -52,6 +55,9 @@ federation:
   max_uncertainty: 2 s
   zenoh: zenoh.json5
 """
+
+BRIDGES = 'Carrier into Vehicle; Charge equivalent Level;'
+"""They lead from the words of the carriers, which the base knows once these have joined."""
 
 ZENOH = """\
 {
@@ -76,6 +82,7 @@ class Host:
         path = folder / 'robot.yaml'
         path.write_text(robot)
         (folder / 'zenoh.json5').write_text(zenoh)
+        (folder / 'base.bridges').write_text(BRIDGES)
         processes = dyknow_processes(with_robot(SystemConfiguration(), path))
         self.processes = {each.executable: each for each in composed(processes, {})}
         environment = private_environment()
@@ -144,3 +151,20 @@ def wait_for(asker: Host, *others: Host, until: Callable[[], bool], what: str) -
         return until()
 
     asker.client.spin_until(condition, what, 2 * LIMIT)
+
+
+def wait_for_streams(number: int, asker: Host, *others: Host) -> None:
+    """Wait until a host knows this number of streams of peers."""
+    service = '/stream_semantics_manager/list_semantic_specifications'
+    asked = asker.client.request(ListSemanticSpecifications, service)
+
+    def are_known() -> bool:
+        nonlocal asked
+        if not asked.done():
+            return False
+        if len(asked.result().ssl_statements) == number:
+            return True
+        asked = asker.client.request(ListSemanticSpecifications, service)
+        return False
+
+    wait_for(asker, *others, until=are_known, what=f'{number} streams of peers')

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from dyknow_interfaces.msg import ExitStatus, FormulaResult, Sample
-from dyknow_interfaces.srv import ListSemanticSpecifications
+from dyknow_interfaces.msg import ExitStatus, FormulaResult, GuardStatus, Sample
 
 from dyknow_bringup.security.policy import policy_text
 from dyknow_bringup.security.systems import SecuredSystem
 from dyknow_bringup.simulation.link import FailingLink, free_port
 from dyknow_common import Alternatives, Value
 from dyknow_common.ros import STREAM
+from dyknow_configuration import RequestedFederation
+from dyknow_federation.encoding import VERSION
 from dyknow_federation.report import LinkState
+from dyknow_federation.ros.transport import ZenohTransport
 from dyknow_stream_processing.ros import sample_fields
-from federations import BASE, CARRIER, Host, wait_for
+from federations import BASE, CARRIER, ZENOH, Host, wait_for, wait_for_streams
+from guards import guarded_base
 from policies import GraphRecorder, rules
 
 
@@ -46,23 +51,6 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
         yield Fleet(base, carrier, link)
 
 
-def wait_for_streams(fleet: Fleet, number: int) -> None:
-    """Wait until the base knows this number of streams of peers."""
-    service = '/stream_semantics_manager/list_semantic_specifications'
-    asked = fleet.base.client.request(ListSemanticSpecifications, service)
-
-    def are_known() -> bool:
-        nonlocal asked
-        if not asked.done():
-            return False
-        if len(asked.result().ssl_statements) == number:
-            return True
-        asked = fleet.base.client.request(ListSemanticSpecifications, service)
-        return False
-
-    fleet.wait(are_known, f'{number} streams of peers')
-
-
 @contextmanager
 def listening(host: Host, topic: str, values: list[Value]) -> Iterator[None]:
     """Note the values of a stream of a peer."""
@@ -88,7 +76,7 @@ def assert_permitted(recorders: list[GraphRecorder]) -> None:
 
 def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
     recorders = [GraphRecorder(each.client.node) for each in (fleet.base, fleet.carrier)]
-    wait_for_streams(fleet, 2)
+    wait_for_streams(2, fleet.base, fleet.carrier)
     asked = fleet.base.ask('forall c in Carrier: always[0 s, 1 s] Charge[c] > 0.5')
     fleet.wait(asked.done, 'the answer')
     answer = asked.result()
@@ -98,7 +86,7 @@ def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
 
 
 def test_of_a_feature_that_is_compared_only_the_comparison_is_known(fleet: Fleet) -> None:
-    wait_for_streams(fleet, 2)
+    wait_for_streams(2, fleet.base, fleet.carrier)
     values: list[Value] = []
     with listening(fleet.base, '/dyknow/federation/carrier1/Voltage_carrier1', values):
         asked = fleet.base.ask('always[0 s, 1 s] Voltage[carrier1] > 10')
@@ -111,7 +99,7 @@ def test_of_a_feature_that_is_compared_only_the_comparison_is_known(fleet: Fleet
 
 def test_a_change_is_seen_where_its_time_is_not_known(fleet: Fleet) -> None:
     """For a moment, the charge is one of two values; the verdict is that of the later one."""
-    wait_for_streams(fleet, 2)
+    wait_for_streams(2, fleet.base, fleet.carrier)
     values: list[Value] = []
     with listening(fleet.base, '/dyknow/federation/carrier1/Charge_carrier1', values):
         asked = fleet.base.ask('always Charge[carrier1] > 0.5')
@@ -129,8 +117,31 @@ def test_a_change_is_seen_where_its_time_is_not_known(fleet: Fleet) -> None:
     assert 'the clocks of base and carrier1 differ by' in found.reason
 
 
+def test_bridges_lead_from_the_words_of_a_peer_to_own_ones(fleet: Fleet) -> None:
+    wait_for_streams(2, fleet.base, fleet.carrier)
+    asked = fleet.base.ask('forall v in Vehicle: always[0 s, 1 s] Level[v] > 0.5')
+    fleet.wait(asked.done, 'the answer')
+    answer = asked.result()
+    assert answer.verdict == FormulaResult.TRUE, answer
+    assert "'Level[carrier1] > 0.5' held" in answer.explanation, answer
+
+
+def test_a_host_of_another_version_is_reported(fleet: Fleet, tmp_path: Path) -> None:
+    file = tmp_path / 'zenoh.json5'
+    file.write_text(ZENOH)
+    settings = RequestedFederation('old', (f'tcp/127.0.0.1:{fleet.link.port}',), zenoh=file)
+    with closing(ZenohTransport(settings, time.time_ns, lambda: None)) as old:
+
+        def is_reported() -> bool:
+            old.send('', bytes([VERSION - 1]), is_urgent=False)
+            refusal = f"peer 'old': a message is refused: it is of version {VERSION - 1}"
+            return any(each.startswith(refusal) for each in fleet.base.reports[-1].faults)
+
+        fleet.wait(is_reported, 'the report')
+
+
 def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet) -> None:
-    wait_for_streams(fleet, 2)
+    wait_for_streams(2, fleet.base, fleet.carrier)
     asked = fleet.base.ask('always Charge[carrier1] > 0.5')
     fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
     fleet.carrier.battery_age_s = 10
@@ -142,8 +153,27 @@ def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet) -> None:
     assert 'max_delay' in status.message, status
 
 
+def test_a_guard_closes_when_the_link_is_older_than_its_timeout(
+    fleet: Fleet, tmp_path: Path
+) -> None:
+    """Long before the peer has left; it opens again when the link is back."""
+    wait_for_streams(2, fleet.base, fleet.carrier)
+    node, carrier = fleet.base.client.node, fleet.carrier.client.executor
+    # The carrier publishes while others than it wait.
+    timer = node.create_timer(0.01, lambda: carrier.spin_once(timeout_sec=0.0))
+    with guarded_base(fleet.base, tmp_path, "['Charge[carrier1] > 0.5']", timeout='2 s') as base:
+        base.wait_until_open()
+        fleet.link.cut()
+        base.assert_safe_after(time.time(), 2.0)
+        base.wait_for(GuardStatus.CLOSED, 'the latest state')
+        assert fleet.base.link_to('carrier1') is not LinkState.LEFT
+        fleet.link.restore()
+        base.wait_until_open()
+    node.destroy_timer(timer)
+
+
 def test_a_peer_that_leaves_ends_a_formula(fleet: Fleet) -> None:
-    wait_for_streams(fleet, 2)
+    wait_for_streams(2, fleet.base, fleet.carrier)
     asked = fleet.base.ask('always Charge[carrier1] > 0.5')
     fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
     fleet.link.cut()

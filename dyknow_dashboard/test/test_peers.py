@@ -28,12 +28,13 @@ CARRIER = PeerReport(
     bytes_sent=1234,
     bytes_received=99,
     lost=2,
+    shares=('Charge_carrier1', 'X_carrier1'),
     asked=('Charge_carrier1',),
     fault='it has another version',
 )
 TEXTS = [
     'carrier1', 'stale', '4 s', '2 ms', '-1.2 s \u00b1 1 ms', '1.2 kB', '0.1 kB', '2',
-    'Charge_carrier1', '', 'it has another version',
+    'Charge_carrier1, X_carrier1', 'Charge_carrier1', '', 'it has another version',
 ]  # fmt: skip
 
 

@@ -29,16 +29,14 @@ MAX_MEASURES: Final = 64
 BEGINNING: Final = -(2**63)
 """A time before all others."""
 
+NEVER: Final = 2**63
+"""A time after all others."""
+
 _MILLION: Final = 1_000_000
 
 
 class Offset(NamedTuple):
-    """The offset of a clock, in nanoseconds: what it shows more than the own one.
-
-    Args:
-        offset: the middle of what is possible.
-        uncertainty: half the width of what is possible.
-    """
+    """What a clock shows more than the own one, in nanoseconds, and how far the truth may be."""
 
     offset: int
     uncertainty: int
@@ -52,12 +50,7 @@ class Offset(NamedTuple):
 
 
 class OwnTime(NamedTuple):
-    """A time of another clock, in nanoseconds of the own clock.
-
-    Args:
-        earliest: the first time that is possible.
-        latest: the last one.
-    """
+    """The first and the last time of the own clock that a time of another clock may be."""
 
     earliest: int
     latest: int
@@ -86,13 +79,8 @@ class PairClock:
         self._measures: deque[_Bounds] = deque(maxlen=MAX_MEASURES)
 
     @property
-    def is_known(self) -> bool:
-        """True if there was an exchange since the start or the last jump."""
-        return bool(self._measures)
-
-    @property
     def latest(self) -> int | None:
-        """The own time of the last exchange; None without one."""
+        """The own time of the last exchange since the last jump; None without one."""
         return self._measures[-1].at if self._measures else None
 
     def measure(self, sent: int, received: int, replied: int, arrived: int) -> int | None:
@@ -128,12 +116,7 @@ class PairClock:
         self.since = at
 
     def exceeds(self, stamp: int, at: int) -> bool:
-        """Return True if a stamp of a message is later than it can be.
-
-        Args:
-            stamp: a past time of the other clock.
-            at: the own time of the receipt.
-        """
+        """Return True if a stamp is later than it can be, given the own time of its receipt."""
         return bool(self._measures) and stamp - at > self._at(at).most
 
     def offset(self, at: int) -> Offset | None:
@@ -144,13 +127,11 @@ class PairClock:
         half = -(-(bounds.most - bounds.least) // 2)
         return Offset(bounds.least + half, half)
 
-    def own_time(self, time: int) -> OwnTime | None:
-        """Return the own time of a time of the other clock; None if the offset is not known.
+    def own_time(self, time: int) -> OwnTime:
+        """Return the own time of a time of the other clock, whose offset must be known.
 
         It may be before `since`: then it is no time of the clock as it has been measured.
         """
-        if not self._measures:
-            return None
         # The offset at the own time is needed to find the own time: it is taken at a guess, and
         # the bounds allow for the drift between the guess and all that is possible.
         latest = self._measures[-1]

@@ -18,8 +18,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
-from dataclasses import fields
-from functools import cache
+from functools import cache, partial
 from typing import Any, Final, get_args, get_origin, get_type_hints
 
 from dyknow_federation.errors import FederationError
@@ -51,6 +50,9 @@ _LONGEST: Final = 70
 _MESSAGES: Final[tuple[Any, ...]] = get_args(Message)
 _CONTENTS: Final = get_args(Content)
 _DOUBLE: Final = struct.Struct('<d')
+
+_hints = cache(partial(get_type_hints, include_extras=True))
+"""Returns the types of the fields of a dataclass, by their names, in order."""
 
 
 def encode(packet: Packet) -> bytes:
@@ -106,13 +108,6 @@ def _decompressed(data: bytes) -> bytes:
     if not decompressor.eof:
         raise FederationError(f'it is cut off, or has more than {MAX_PACKET} bytes')
     return plain
-
-
-@cache
-def _hints(kind: Any) -> dict[str, Any]:
-    """Return the types of the fields of a dataclass, in order."""
-    hints = get_type_hints(kind, include_extras=True)
-    return {each.name: hints[each.name] for each in fields(kind)}
 
 
 class _Writer:

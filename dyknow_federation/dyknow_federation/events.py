@@ -9,13 +9,6 @@ from dyknow_federation.messages import Shares
 
 
 @dataclass(frozen=True, slots=True)
-class PeerJoined:
-    """A peer is heard for the first time, again after it had left, or in a new run."""
-
-    peer: str
-
-
-@dataclass(frozen=True, slots=True)
 class PeerLeft:
     """A peer has not been heard for `peer_timeout`. Requests to it stay, in case it returns."""
 
@@ -25,7 +18,7 @@ class PeerLeft:
 
 @dataclass(frozen=True, slots=True)
 class PeerFault:
-    """A message that is refused; the peer may be empty if it is not known."""
+    """A message of a peer, or of another sender, is refused."""
 
     peer: str
     message: str
@@ -40,20 +33,6 @@ class SharesChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class StreamWanted:
-    """A peer has asked for an own stream that nobody asked for: `publish` its samples."""
-
-    stream: str
-
-
-@dataclass(frozen=True, slots=True)
-class StreamUnwanted:
-    """Nobody has asked for an own stream for the time of the history."""
-
-    stream: str
-
-
-@dataclass(frozen=True, slots=True)
 class ValueKnown:
     """The value of a stream since a time; it has alternatives where the clocks leave it open."""
 
@@ -64,27 +43,19 @@ class ValueKnown:
 
 
 @dataclass(frozen=True, slots=True)
-class SamplesLost:
-    """Samples between the last one that arrived and the next one cannot be had any more."""
-
-    peer: str
-    stream: str
-    count: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
 class StreamViolated:
     """A violation of a stream, after all values that are known.
 
-    Its host has noticed it, or refuses the request, or the times of samples are too uncertain.
+    Its host has noticed it, or refuses the request, or the times of samples are too uncertain, or
+    samples between the last one that arrived and the next one cannot be had any more.
     """
 
     peer: str
     stream: str
     constraint: str
     reason: str
-    valid_time: int
+    valid_time: int | None = None
+    """From which on samples are in doubt; None: from the latest one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,26 +69,18 @@ class WatermarkArrived:
 
 @dataclass(frozen=True, slots=True)
 class ClockJumped:
-    """The clock of a peer, or the own one, has jumped.
-
-    Args:
-        peer: whose samples may have wrong times.
-        since: the last time at which the clocks agreed with what was known; None without one.
-    """
+    """The clock of a peer, whose samples may have wrong times, or the own one, has jumped."""
 
     peer: str
     since: int | None
+    """The last time at which the clocks agreed with what was known; None without one."""
 
 
 Event = (
-    PeerJoined
-    | PeerLeft
+    PeerLeft
     | PeerFault
     | SharesChanged
-    | StreamWanted
-    | StreamUnwanted
     | ValueKnown
-    | SamplesLost
     | StreamViolated
     | WatermarkArrived
     | ClockJumped

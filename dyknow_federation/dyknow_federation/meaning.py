@@ -40,21 +40,12 @@ _OBJECT: Final = re.compile('[A-Za-z_][A-Za-z0-9_.-]{0,199}')
 
 @dataclass(frozen=True, slots=True)
 class ImportedStream:
-    """A stream of a peer, with its meaning here.
-
-    Args:
-        annotation: its contents in SSL, which names the topic here.
-        feature: that it carries.
-        sorts: of the arguments of the feature, as far as its objects tell.
-        value_type: of the feature.
-        unit: of its values; empty for none.
-    """
+    """A stream of a peer, with its contents in SSL, which names the topic here."""
 
     annotation: str
-    feature: str
+    feature: SharedFeature
     sorts: tuple[str, ...]
-    value_type: str
-    unit: str
+    """Of the arguments of the feature, as far as its objects tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,15 +126,14 @@ def _imported(
         raise FederationError('it cannot be a name here; use letters, digits and _')
     if unknown := [each for each in feature.objects if each not in known]:
         raise FederationError(f"the object '{shortened(unknown[0])}' is not shared")
-    term = FeatureTerm(
-        feature.name, tuple(FeatureArgument(names[each]) for each in feature.objects)
-    )
+    arguments = tuple(FeatureArgument(names[each]) for each in feature.objects)
+    term = FeatureTerm(feature.name, arguments)
     # Without constraints: watermarks say how far the samples are known, and its host tells more.
     annotation = Annotation(topic, (Content(term, VALUE, feature.unit or None),), is_topic=True)
     if _parsed(str(annotation)) != (annotation,):  # Whatever the peer says may be in it.
         raise FederationError(f"'{shortened(feature.unit)}' is no unit")
     sorts = tuple(known[each].sorts[0] for each in feature.objects)  # The most specific one.
-    return ImportedStream(str(annotation), feature.name, sorts, feature.value_type, feature.unit)
+    return ImportedStream(str(annotation), feature, sorts)
 
 
 @lru_cache(maxsize=2 * MAX_STREAMS)
@@ -154,20 +144,14 @@ def _parsed(text: str) -> tuple[Annotation, ...]:
     return parse_annotations(text)
 
 
-def argument_sorts(streams: Collection[ImportedStream]) -> tuple[str, ...]:
-    """Return the sorts of the arguments of a feature that all these streams carry."""
-    return tuple(
-        sorts.pop() if len(sorts) == 1 else ANY_SORT
-        for sorts in (set(each) for each in zip(*(each.sorts for each in streams), strict=False))
-    )
-
-
 def missing_features(
     streams: Collection[ImportedStream], known: Collection[str]
-) -> Iterator[tuple[str, list[ImportedStream]]]:
-    """Yield each feature that this host does not know, with the streams that carry it."""
+) -> Iterator[tuple[SharedFeature, list[str]]]:
+    """Yield each feature that this host does not know, with the sorts of its arguments."""
     carried: dict[str, list[ImportedStream]] = {}
     for each in streams:
-        if each.feature not in known:
-            carried.setdefault(each.feature, []).append(each)
-    yield from carried.items()
+        if each.feature.name not in known:
+            carried.setdefault(each.feature.name, []).append(each)
+    for found in carried.values():
+        sorts = [set(each) for each in zip(*(each.sorts for each in found), strict=False)]
+        yield found[0].feature, [each.pop() if len(each) == 1 else ANY_SORT for each in sorts]

@@ -26,13 +26,10 @@ Time = Annotated[int, 'nanoseconds']
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """A sign of life of a peer, sent to all.
-
-    Args:
-        shares_version: the version of its shares; a peer that has another one asks for them.
-    """
+    """A sign of life of a peer, sent to all."""
 
     shares_version: int
+    """A peer that knows an earlier version of its shares asks for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +39,7 @@ class SharesRequest:
 
 @dataclass(frozen=True, slots=True)
 class SharedObject:
-    """An object that a peer knows.
-
-    Args:
-        name: its name at that peer.
-        sorts: the sorts that it belongs to.
-    """
+    """An object that a peer knows, by its name there, with the sorts that it belongs to."""
 
     name: str
     sorts: tuple[str, ...]
@@ -80,13 +72,7 @@ class SharedFeature:
 
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """All that a peer shares.
-
-    Args:
-        version: increases with each change.
-        objects: the objects that it knows.
-        features: what others may ask for.
-    """
+    """All that a peer shares; the version increases with each change."""
 
     version: int
     objects: tuple[SharedObject, ...] = ()
@@ -135,12 +121,7 @@ class Release:
 
 @dataclass(frozen=True, slots=True)
 class RequestRefusal:
-    """The answer to a request that is not granted.
-
-    Args:
-        stream: the name of the stream.
-        reason: why, with the remedy.
-    """
+    """The answer to a request that is not granted, with the reason and the remedy."""
 
     stream: str
     reason: str
@@ -151,7 +132,7 @@ class Grant:
     """The answer to a request that does not know the epoch of the stream yet.
 
     Args:
-        stream: the name of the stream.
+        stream: its name.
         epoch: of the numbers from now on; numbers of different epochs have nothing to do with each
             other. No other stream of this run of the peer has it.
         constants: those of the request.
@@ -217,18 +198,12 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Watermark:
-    """A promise: all samples from a number on are valid later than a time.
-
-    Args:
-        epoch: of the numbers.
-        number: of the next sample.
-        oldest: the least number that can still be asked for; earlier ones are lost.
-        time: later samples are valid after it, in the clock of the sender.
-    """
+    """A promise: all samples from a number on are valid later than a time."""
 
     epoch: int
     number: int
     oldest: int
+    """The least number that can still be asked for; earlier ones are lost."""
     time: Time
 
     def __post_init__(self) -> None:
@@ -237,29 +212,23 @@ class Watermark:
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """The first half of an exchange that measures a clock.
-
-    Args:
-        sent_at: when the probe was sent.
-    """
+    """The first half of an exchange that measures a clock."""
 
     sent_at: Time
 
 
 @dataclass(frozen=True, slots=True)
 class ProbeReply:
-    """The second half of an exchange that measures a clock.
-
-    Args:
-        probe_sent_at: as in the probe, in the clock of its sender.
-        received_at: when the probe was received.
-        sent_at: when the reply was sent.
-    """
+    """The second half of an exchange that measures a clock."""
 
     probe_sent_at: Time
+    """As in the probe, in the clock of its sender."""
     received_at: Time
     sent_at: Time
 
+
+URGENT: Final = Probe | ProbeReply
+"""The messages that measure a clock, so each wait makes them worse."""
 
 StreamMessage = Samples | Watermark
 """What is told of a stream that is granted."""
@@ -281,25 +250,16 @@ Message = (
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """Messages of one peer to another one, or to all.
-
-    Args:
-        incarnation: the number of the run of the sender, unique among all its runs.
-        messages: the messages, in order.
-    """
+    """Messages of one peer to another one, or to all, in order."""
 
     incarnation: int
+    """The number of the run of the sender, unique among all its runs."""
     messages: tuple[Message, ...]
 
     @property
     def is_urgent(self) -> bool:
         """True if its messages are urgent."""
-        return is_urgent(self.messages[0])
-
-
-def is_urgent(message: Message) -> bool:
-    """Return True if a message measures a clock, so each wait makes it worse."""
-    return isinstance(message, Probe | ProbeReply)
+        return isinstance(self.messages[0], URGENT)
 
 
 def _check_numbers(epoch: int, number: int) -> None:

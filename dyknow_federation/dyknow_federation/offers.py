@@ -17,12 +17,7 @@ from itertools import chain, count
 from typing import Final
 
 from dyknow_federation.messages import SharedFeature, SharedObject, Shares
-from dyknow_semantics import (
-    FeatureSignature,
-    FeatureTerm,
-    Knowledge,
-    parse_concept,
-)
+from dyknow_semantics import FeatureSignature, FeatureTerm, Knowledge, parse_concept
 from dyknow_stream_processing import (
     Select,
     Specification,
@@ -54,13 +49,6 @@ class Offer:
     feature: FeatureSignature
     ground: FeatureTerm
     specification: str
-
-    def shared(self, name: str, deadband: float) -> SharedFeature:
-        """Return what peers are told of it, given the name of the stream and its deadband."""
-        objects = tuple(each.name for each in self.ground.arguments)
-        feature = self.feature
-        value_type = feature.value_type.value
-        return SharedFeature(feature.name, objects, name, value_type, feature.unit or '', deadband)
 
 
 def offers(feature: FeatureSignature, texts: Iterable[str], imported: str) -> Iterator[Offer]:
@@ -101,20 +89,24 @@ def shares(
     Args:
         version: of the shares.
         offered: all offers.
-        knowledge: the ontology, which knows the sorts of the objects.
+        knowledge: knows the sorts of the objects.
         deadbands: of the shared features; None for one whose samples all leave.
     """
     by_name: dict[str, Offer] = {}
+    features: list[SharedFeature] = []
     for each in offered:
-        name = re.sub('[^A-Za-z0-9]+', '_', str(each.ground)).strip('_')
-        numbered = chain([name], (f'{name}_{number}' for number in count(2)))
-        by_name[next(free for free in numbered if free not in by_name)] = each
-    names = sorted({each.name for offer in by_name.values() for each in offer.ground.arguments})
-    objects = tuple(SharedObject(name, _sorts(name, knowledge)) for name in names)
-    features = tuple(
-        each.shared(name, deadbands[each.feature.name] or 0) for name, each in by_name.items()
-    )
-    return Shares(version, objects, features), by_name
+        text = re.sub('[^A-Za-z0-9]+', '_', str(each.ground)).strip('_')
+        numbered = chain([text], (f'{text}_{number}' for number in count(2)))
+        name = next(free for free in numbered if free not in by_name)
+        by_name[name], feature = each, each.feature
+        objects = tuple(argument.name for argument in each.ground.arguments)
+        deadband, value_type = deadbands[feature.name] or 0, feature.value_type.value
+        features.append(
+            SharedFeature(feature.name, objects, name, value_type, feature.unit or '', deadband)
+        )
+    names = sorted({name for each in features for name in each.objects})
+    shared = tuple(SharedObject(name, _sorts(name, knowledge)) for name in names)
+    return Shares(version, shared, tuple(features)), by_name
 
 
 def _sorts(name: str, knowledge: Knowledge) -> tuple[str, ...]:

@@ -14,38 +14,19 @@ All times are in nanoseconds of the own clock.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from functools import partial
 from itertools import chain, count
 from typing import Final, NamedTuple
 
 from dyknow_common import NANOSECONDS, Value, check_name
 from dyknow_configuration import RequestedFederation, RequestedShare
-from dyknow_federation.clocks import BEGINNING
+from dyknow_federation import events, messages
+from dyknow_federation.clocks import BEGINNING, NEVER
 from dyknow_federation.encoding import MAX_MESSAGES, decode
 from dyknow_federation.errors import FederationError
-from dyknow_federation.events import (
-    Event,
-    PeerFault,
-    StreamUnwanted,
-    StreamWanted,
-)
-from dyknow_federation.messages import (
-    Hello,
-    Message,
-    Packet,
-    Probe,
-    ProbeReply,
-    Release,
-    Request,
-    RequestRefusal,
-    SharedFeature,
-    SharedObject,
-    Shares,
-    SharesRequest,
-    StreamFault,
-    is_urgent,
-)
+from dyknow_federation.events import Event
+from dyknow_federation.messages import Message, Packet, Request, Shares
 from dyknow_federation.remote import RemotePeer, hello_period
 from dyknow_federation.sending import SentStream, Thinning
 
@@ -61,19 +42,12 @@ WATERMARK_DELAY: Final = 50 * NANOSECONDS['ms']
 MAX_COMPARISONS: Final = 100
 """The number of lists of constants with which peers may ask for one stream."""
 
-_NEVER: Final = 2**63
-
 _Constants = tuple[float, ...]
 """With which peers compare the values of a stream; empty if they need all values."""
 
 
 class Effects(NamedTuple):
-    """What follows from a call.
-
-    Args:
-        packets: to send, in order, each with the name of its receiver; empty for all.
-        events: to act on, in order.
-    """
+    """The packets to send, each with its receiver, which is empty for all, and events to act on."""
 
     packets: list[tuple[str, Packet]]
     events: list[Event]
@@ -81,6 +55,12 @@ class Effects(NamedTuple):
 
 class Peer:
     """The own host among its peers.
+
+    Attributes:
+        remotes: the other peers that are known, by their names.
+        shares: what the own host shares.
+        sent: the own streams that others ask for, or did so for the time of the history, by their
+            names and constants: `publish` their samples.
 
     Args:
         settings: its settings.
@@ -96,60 +76,46 @@ class Peer:
         check_name(settings.name, FederationError)
         self._settings = settings
         self._incarnation = incarnation
-        self._now = -_NEVER
-        self._shares = Shares(1)
-        self._remotes: dict[str, RemotePeer] = {}
-        self._sent: dict[str, dict[_Constants, SentStream]] = {}
+        self._now = BEGINNING
+        self.shares = Shares(1)
+        self.remotes: dict[str, RemotePeer] = {}
+        self.sent: dict[str, dict[_Constants, SentStream]] = {}
         self._epochs = count(1)
-        self._hello_at = self._flush_at = -_NEVER
+        self._hello_at = self._flush_at = BEGINNING
         self._events: list[Event] = []
         self._unsent: dict[tuple[str, bool], list[Message]] = {}
         """By receivers; those that are urgent have packets of their own."""
         self._faults_at: dict[str, int] = {}
-
-    @property
-    def remotes(self) -> Mapping[str, RemotePeer]:
-        """The other peers that are known, by their names."""
-        return self._remotes
-
-    @property
-    def shares(self) -> Shares:
-        """What the own host shares."""
-        return self._shares
-
-    @property
-    def sent(self) -> Mapping[str, Mapping[_Constants, SentStream]]:
-        """The own streams that others have asked for, by their names and constants."""
-        return self._sent
+        """By peers; those that are none have an empty name."""
 
     def given(self, peer: str) -> list[str]:
         """Return the names of the own streams that a peer receives."""
         return sorted(
             name
-            for name, streams in self._sent.items()
+            for name, streams in self.sent.items()
             if any(peer in each.subscribers for each in streams.values())
         )
 
     def _named(self, stream: str) -> Iterable[SentStream]:
-        return self._sent.get(stream, {}).values()
+        return self.sent.get(stream, {}).values()
 
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
         if self._unsent:
             return self._now
-        deadlines = (each.next_deadline() for each in self._remotes.values())
-        known = (each for each in deadlines if each is not None)
-        return min(self._hello_at, self._flush_at, *known, _NEVER)
+        deadlines = (each.next_deadline() for each in self.remotes.values())
+        return min(self._hello_at, self._flush_at, *deadlines)
 
     def share(
-        self, objects: Iterable[SharedObject], features: Iterable[SharedFeature], at: int
+        self,
+        objects: Iterable[messages.SharedObject],
+        features: Iterable[messages.SharedFeature],
+        at: int,
     ) -> None:
         """Replace what the own host shares: nothing else is sent to anybody."""
-        version = self._shares.version + 1
-        self._shares = Shares(version, tuple(objects), tuple(features))
-        streams = {each.stream for each in self._shares.features}
-        for name in self._sent.keys() - streams:
-            self._remove(name)
+        self.shares = Shares(self.shares.version + 1, tuple(objects), tuple(features))
+        for name in self.sent.keys() - {each.stream for each in self.shares.features}:
+            del self.sent[name]
         self._hello_at = at
 
     def publish(self, stream: str, valid_time: int, value: Value, at: int) -> None:
@@ -162,7 +128,7 @@ class Peer:
             delay = BATCH_DELAY if each.publish(valid_time, value) else WATERMARK_DELAY
             self._flush_at = min(self._flush_at, at + delay)
 
-    def violate(self, stream: str, fault: StreamFault, at: int) -> None:
+    def violate(self, stream: str, fault: messages.StreamFault, at: int) -> None:
         """Tell all that have asked for an own stream that it has a violation."""
         for each in self._named(stream):
             each.violate(fault)
@@ -184,13 +150,9 @@ class Peer:
     ) -> None:
         """Ask a peer for a stream until it is released; the peer need not be there yet.
 
-        Args:
-            peer: its name.
-            stream: the name of the stream.
-            at: the time.
-            after: values are told after this time, or after `at` if that is earlier.
-            constants: in ascending order, if values are only compared with these: then it sends
-                only samples that compare otherwise, and values are intervals between constants.
+        Values are told after `after`, or after `at` if that is earlier. If they are only compared
+        with constants, in ascending order, the peer sends only samples that compare otherwise, and
+        values are intervals between constants.
 
         Raises:
             FederationError: if too many peers are known, or constants are not as they must be.
@@ -200,22 +162,18 @@ class Peer:
 
     def release(self, peer: str, stream: str) -> None:
         """Ask a peer for a stream no more."""
-        if peer in self._remotes:
-            self._remotes[peer].release(stream)
+        if peer in self.remotes:
+            self.remotes[peer].release(stream)
 
     def receive(self, data: bytes, at: int, sender: str) -> Effects:
-        """Take a packet; one that is not as it must be is an event.
-
-        Args:
-            data: the packet.
-            at: the time.
-            sender: who sent it, as the transport knows.
-        """
+        """Take a packet of a sender, as the transport knows it; a bad one is an event."""
         self._note_time(at)
         try:
             self._take(decode(data), sender, at)
         except FederationError as error:
             self._report(sender, f'a message is refused: {error}', at)
+        if sender in self.remotes:
+            self.remotes[sender].received += len(data)
         return self._effects()
 
     def advance(self, at: int) -> Effects:
@@ -223,13 +181,13 @@ class Peer:
         self._note_time(at)
         if at >= self._hello_at:
             self._hello_at = at + hello_period(self._settings)
-            self._send('', Hello(self._shares.version))
+            self._send('', messages.Hello(self.shares.version))
             self._expire(at)
-        for remote in self._remotes.values():
+        for remote in self.remotes.values():
             self._events += remote.advance(at)
         if at >= self._flush_at:
-            self._flush_at = _NEVER
-            for stream in chain.from_iterable(map(self._named, self._sent)):
+            self._flush_at = NEVER
+            for stream in chain.from_iterable(map(self._named, self.sent)):
                 for peer, message in stream.unsent():
                     self._send(peer, message)
         return self._effects()
@@ -238,10 +196,11 @@ class Peer:
         """Notice an own clock that jumps back: no wait is longer for it, no measure holds."""
         if at < self._now:
             self._hello_at = at
-            for streams in self._sent.values():
+            self._faults_at.clear()
+            for streams in self.sent.values():
                 for constants, stream in streams.items():
                     streams[constants] = stream.continued(next(self._epochs))
-            for remote in self._remotes.values():
+            for remote in self.remotes.values():
                 self._events += remote.restart_times(at)
         self._now = at
 
@@ -253,44 +212,44 @@ class Peer:
                 f"another host is called '{sender}', too; give each host its own name"
             )
         remote = self._remote(sender, at)
-        events = remote.hear(packet.incarnation, at)
-        if events is None:
+        heard = remote.hear(packet.incarnation, at)
+        if heard is None:
             return
-        self._events += events
+        self._events += heard
         for message in packet.messages:
             self._take_message(remote, message, at)
 
     def _take_message(self, remote: RemotePeer, message: Message, at: int) -> None:
         match message:
-            case SharesRequest():
-                remote.send(self._shares)
+            case messages.SharesRequest():
+                remote.send(self.shares)
             case Request():
                 self._take_request(remote, message, at)
-            case Release(stream):
+            case messages.Release(stream):
                 for each in self._named(stream):
                     each.release(remote.name)
-            case Probe(sent_at):
+            case messages.Probe(sent_at):
                 self._events += remote.check_stamp(sent_at, at)
-                remote.send(ProbeReply(sent_at, at, at))
+                remote.send(messages.ProbeReply(sent_at, at, at))
             case _:
                 self._events += remote.take(message, at)
 
     def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
         name, constants = request.stream, request.constants
-        shared = next((each for each in self._shares.features if each.stream == name), None)
+        shared = next((each for each in self.shares.features if each.stream == name), None)
         if shared is None:
             reason = 'it is not shared; name it in share there'
-            remote.send(RequestRefusal(name, reason))
+            remote.send(messages.RequestRefusal(name, reason))
             return
-        if name not in self._sent:
-            self._events.append(StreamWanted(name))
-        streams = self._sent.setdefault(name, {})
+        streams = self.sent.setdefault(name, {})
         if constants not in streams:
             if len(streams) >= MAX_COMPARISONS:
                 reason = f'peers compare it with more than {MAX_COMPARISONS} lists of constants'
-                remote.send(RequestRefusal(name, reason))
+                remote.send(messages.RequestRefusal(name, reason))
                 return
-            thinning = self._thinning(shared.name, constants)
+            thinned = (each for each in self._settings.share if each.name == shared.name)
+            share = next(thinned, RequestedShare(shared.name))
+            thinning = Thinning(share.every, share.deadband, constants)
             history = self._settings.history
             streams[constants] = SentStream(name, next(self._epochs), history, thinning)
         for each in streams.keys() - {constants}:
@@ -299,48 +258,41 @@ class Peer:
         for answer in streams[constants].renew(remote.name, request, expires):
             remote.send(answer)
 
-    def _thinning(self, feature: str, constants: _Constants) -> Thinning:
-        shares = (each for each in self._settings.share if each.name == feature)
-        share = next(shares, RequestedShare(feature))
-        return Thinning(share.every, share.deadband, constants)
-
     def _expire(self, at: int) -> None:
         """End what is not needed any more."""
-        for name, streams in list(self._sent.items()):
+        for name, streams in list(self.sent.items()):
             for constants, stream in list(streams.items()):
                 stream.expire(at)
                 if not stream.subscribers and at >= stream.used_until + self._settings.history:
                     del streams[constants]
             if not streams:
-                self._remove(name)
-        for name, remote in list(self._remotes.items()):
-            if not remote.is_present and not remote.requested:
-                del self._remotes[name]
-
-    def _remove(self, stream: str) -> None:
-        del self._sent[stream]
-        self._events.append(StreamUnwanted(stream))
+                del self.sent[name]
+        for name, remote in list(self.remotes.items()):
+            if remote.expire(at):
+                del self.remotes[name]
+                self._faults_at.pop(name, None)
+                self._events.append(events.SharesChanged(name, Shares(0)))
 
     def _remote(self, name: str, at: int) -> RemotePeer:
-        if name not in self._remotes:
-            if len(self._remotes) >= MAX_PEERS:
+        if name not in self.remotes:
+            if len(self.remotes) >= MAX_PEERS:
                 raise FederationError(f'there are more than {MAX_PEERS} peers; use several groups')
             check_name(name, FederationError)
             send = partial(self._send, name)
-            self._remotes[name] = RemotePeer(name, self._settings, send, at)
-        return self._remotes[name]
+            self.remotes[name] = RemotePeer(name, self._settings, send, at)
+        return self.remotes[name]
 
     def _report(self, peer: str, message: str, at: int) -> None:
-        """Report a fault of a peer, once in a while."""
-        period = self._settings.peer_timeout
-        if at >= self._faults_at.get(peer, at - period) + period:
-            if len(self._faults_at) >= MAX_PEERS:
-                self._faults_at.clear()
-            self._faults_at[peer] = at
-            self._events.append(PeerFault(peer, message))
+        """Report a fault of a peer, or of any other sender, once in a while."""
+        name, period = '', self._settings.peer_timeout
+        if peer in self.remotes:
+            self.remotes[peer].fault, name = message, peer
+        if at >= self._faults_at.get(name, at - period) + period:
+            self._faults_at[name] = at
+            self._events.append(events.PeerFault(peer, message))
 
     def _send(self, receiver: str, message: Message) -> None:
-        key = receiver, is_urgent(message)
+        key = receiver, isinstance(message, messages.URGENT)
         self._unsent.setdefault(key, []).append(message)
 
     def _effects(self) -> Effects:

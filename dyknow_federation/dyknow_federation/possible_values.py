@@ -89,15 +89,10 @@ class PossibleValues:
         self._samples: deque[_Dated] = deque()
 
     def put(self, earliest: int, latest: int, value: Value) -> bool:
-        """Take a sample; those of a stream come in the order of their true valid times.
+        """Take a sample and the times at which it may be valid, in the order of the true ones.
 
         Return False if too many may be valid at one time: then values are unknown until the last
         one is certain.
-
-        Args:
-            earliest: the first time at which it may be valid.
-            latest: the last one.
-            value: the value of the feature.
         """
         earliest = max(earliest, self.settled + 1)
         self._samples.append(_Dated(earliest, max(earliest, latest), value))
@@ -121,9 +116,7 @@ class PossibleValues:
     ) -> Iterator[tuple[int, Value]]:
         """Yield the values that have become known, each with the own time since which it holds.
 
-        Args:
-            reason: returns why several values are possible at a time.
-            precision: of the stream.
+        `reason` returns why several values are possible.
         """
         told, self._told = self._told, self.settled
         bounds = ((each.earliest, each.latest) for each in self._samples)

@@ -18,15 +18,9 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from dyknow_common import Value
+from dyknow_federation import messages
 from dyknow_federation.clocks import BEGINNING
-from dyknow_federation.messages import (
-    MAX_RANGES,
-    Request,
-    Samples,
-    StreamFault,
-    StreamMessage,
-    Watermark,
-)
+from dyknow_federation.messages import Request, Samples, StreamFault, StreamMessage, Watermark
 
 MAX_HELD: Final = 10_000
 """The number of samples of a stream that wait for earlier ones; later ones are asked for again."""
@@ -40,14 +34,10 @@ class Received(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """Samples between the last delivered one and the next one cannot be had any more.
-
-    Args:
-        number: how many; 0 if that is not known.
-        reason: why.
-    """
+    """Samples between the last delivered one and the next one cannot be had any more."""
 
     number: int
+    """How many; 0 if that is not known."""
     reason: str
 
 
@@ -90,11 +80,10 @@ class ReceivedStream:
 
     def take(self, message: StreamMessage) -> None:
         """Take an answer of the peer."""
-        match message:
-            case Samples():
-                self._take_batch(message)
-            case Watermark():
-                self._take_watermark(message)
+        if isinstance(message, Samples):
+            self._take_batch(message)
+        else:
+            self._take_watermark(message)
 
     def _take_batch(self, batch: Samples) -> None:
         self._begin(batch.first)
@@ -156,6 +145,6 @@ class ReceivedStream:
             if number < held:
                 yield number, held - 1
                 count += 1
-            if count == MAX_RANGES:
+            if count == messages.MAX_RANGES:
                 return
             number = held + 1

@@ -10,33 +10,9 @@ from typing import Final
 
 from dyknow_common import NANOSECONDS, SECOND_NS, format_duration, round_duration, round_time
 from dyknow_configuration import RequestedFederation
-from dyknow_federation.clocks import OwnTime, PairClock
-from dyknow_federation.events import (
-    ClockJumped,
-    Event,
-    PeerJoined,
-    PeerLeft,
-    SamplesLost,
-    SharesChanged,
-    StreamViolated,
-    ValueKnown,
-    WatermarkArrived,
-)
-from dyknow_federation.messages import (
-    Grant,
-    Hello,
-    Message,
-    Probe,
-    ProbeReply,
-    Release,
-    RequestRefusal,
-    Samples,
-    Shares,
-    SharesRequest,
-    StreamFault,
-    StreamMessage,
-    Watermark,
-)
+from dyknow_federation import events, messages
+from dyknow_federation.clocks import NEVER, PairClock
+from dyknow_federation.events import Event
 from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues, Precision
 from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
 from dyknow_stream_processing import ViolationKind
@@ -56,7 +32,6 @@ UNUSED: Final = 10
 MAX_PROBES: Final = 16
 """The number of probes that wait for a reply."""
 
-
 _STALE: Final = 3
 """A link over which nothing has been heard for this part of `peer_timeout` is stale."""
 
@@ -68,19 +43,12 @@ def hello_period(settings: RequestedFederation) -> int:
 
 @dataclass(slots=True)
 class _Requested:
-    """A stream that was requested.
-
-    Args:
-        stream: as it is received.
-        values: of it.
-        due: when the request is repeated.
-        is_refused: True if the peer does not grant it.
-        precision: of its values.
-    """
+    """A stream that was requested."""
 
     stream: ReceivedStream
     values: PossibleValues
     due: int
+    """When the request is repeated."""
     precision: Precision
     is_refused: bool = False
 
@@ -89,106 +57,100 @@ class RemotePeer:
     """One other peer.
 
     Attributes:
-        name: its name.
-        clock: its clock.
-        shares: what it shares; None if it is not known.
-        is_present: False if it has left.
+        shares: what it shares, as it has told last.
+        is_present: False if it has left, or was never heard.
+        departure: why it has left; empty if it has not.
         heard_at: when it was last heard.
+        received: the number of bytes that have come from it.
+        lost: the number of its samples that cannot be had any more.
+        fault: why a message of it was refused last.
 
     Args:
-        name: its name.
         settings: of the own host.
         send: sends a message to it.
-        at: the time.
     """
 
     def __init__(
-        self, name: str, settings: RequestedFederation, send: Callable[[Message], None], at: int
+        self,
+        name: str,
+        settings: RequestedFederation,
+        send: Callable[[messages.Message], None],
+        at: int,
     ) -> None:
         self.name = name
         self.clock = PairClock()
-        self.shares: Shares | None = None
+        self.shares = messages.Shares(0)
         self.is_present = self.is_stale = False
-        self.heard_at = at
+        self.departure = self.fault = ''
+        self.received = self.lost = 0
+        self.heard_at = self._needed_at = at
         self.send = send
         self._settings = settings
         self._incarnation: int | None = None
+        self._version = 0
+        """The version of the shares of this run; 0 if they are not known."""
         self._former: deque[int] = deque(maxlen=MAX_FORMER)
         self._probes: deque[int] = deque(maxlen=MAX_PROBES)
         self._probe_at = at
-        self._requested: dict[str, _Requested] = {}
+        self.requested: dict[str, _Requested] = {}
+        """The streams that were requested of it, by their names."""
         self._granted: dict[int, str] = {}
         """The streams by their epochs, which those messages name that are sent often."""
 
-    @property
-    def requested(self) -> list[str]:
-        """The names of the streams that were requested of it."""
-        return list(self._requested)
-
-    def next_deadline(self) -> int | None:
-        """Return when to call `advance`; None if there is nothing to wait for."""
+    def next_deadline(self) -> int:
+        """Return when to call `advance`."""
         if not self.is_present:
-            return None
+            return NEVER
         timeout = self._settings.peer_timeout
         limit = timeout if self.is_stale else timeout // _STALE
-        return min(
-            [
-                self.heard_at + limit,
-                self._probe_at,
-                *(each.due for each in self._requested.values()),
-            ]
-        )
+        due = (each.due for each in self.requested.values())
+        return min(self.heard_at + limit, self._probe_at, *due)
 
     def hear(self, incarnation: int, at: int) -> list[Event] | None:
         """Take a sign of life; return None if it is a late one of a former run."""
         if incarnation in self._former:
             return None
-        events: list[Event] = []
         is_new = incarnation != self._incarnation
-        if is_new:
-            events += self._restart(incarnation)
-        if is_new or not self.is_present:
-            events.append(PeerJoined(self.name))
+        found = self._restart(incarnation) if is_new else []
         if is_new or not self.is_present or self.is_stale:
             self._begin(at)
-        self.is_present, self.is_stale, self.heard_at = True, False, at
-        return events
+        self.is_present, self.is_stale, self.heard_at, self.departure = True, False, at, ''
+        return found
 
     def _restart(self, incarnation: int) -> list[Event]:
-        """Forget the former run: its clock, its shares, and its numbers."""
-        events: list[Event] = []
+        """Forget the former run: its clock, its version, and its numbers."""
+        found: list[Event] = []
         if self._incarnation is not None:
             self._former.append(self._incarnation)
-            for name, each in self._requested.items():
+            for name, each in self.requested.items():
                 if each.stream.epoch:
-                    events.append(self._lose(name, 0, 'the peer has started again'))
+                    found.append(self._lose(name, 0, 'the peer has started again'))
                 each.stream, each.is_refused = ReceivedStream(name), False
         self._granted.clear()
-        self._incarnation, self.shares = incarnation, None
+        self._incarnation, self._version = incarnation, 0
         self.clock = PairClock()
         self._probes.clear()
-        return events
+        return found
 
     def _begin(self, at: int) -> None:
         """Ask at once for all that is needed."""
         self._probe_at = at
-        for each in self._requested.values():
+        for each in self.requested.values():
             each.due = at
 
     def restart_times(self, at: int) -> list[Event]:
         """Measure the clock anew, as the own one has jumped; all waits end."""
-        found = self._begin_times_anew(at)
-        self.heard_at = at
+        self.heard_at = self._needed_at = at
         self._probes.clear()
         self._begin(at)
-        return [found]
+        return self._begin_times_anew(at)
 
-    def _begin_times_anew(self, at: int) -> ClockJumped:
+    def _begin_times_anew(self, at: int) -> list[Event]:
         """Forget the clock, which has jumped, and the samples that are dated by it."""
-        since = self.clock.latest
+        since, self._probe_at = self.clock.latest, at
         self.clock.begin_anew(at)
         self._forget_values()
-        return ClockJumped(self.name, since)
+        return [events.ClockJumped(self.name, since)]
 
     def advance(self, at: int) -> list[Event]:
         """Do what is due: requests, probes, and the end of a link."""
@@ -196,72 +158,77 @@ class RemotePeer:
             return []
         silence = at - self.heard_at
         if silence >= self._settings.peer_timeout:
-            return self._leave(silence)
+            self.is_present = self.is_stale = False
+            self.departure = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
+            return [events.PeerLeft(self.name, self.departure)]
         self.is_stale = silence >= self._settings.peer_timeout // _STALE
         if at >= self._probe_at:
-            self._send_probe(at)
-        for each in self._requested.values():
+            self._probes.append(at)
+            self._probe_at = at + min(self._retry, PROBE_PERIOD)
+            self.send(messages.Probe(at))
+        for each in self.requested.values():
             if at >= each.due:
                 self._send_request(each, at)
         return []
 
-    def _leave(self, silence: int) -> list[Event]:
-        self.is_present = self.is_stale = False
-        reason = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
-        return [PeerLeft(self.name, reason)]
+    def expire(self, at: int) -> bool:
+        """Return True if it has left, and nothing was asked of it for `peer_timeout` since.
+
+        While a formula looks for another source, the objects must be known that its error names.
+        """
+        if self.is_present or self.requested:
+            self._needed_at = at
+        return at - self._needed_at >= self._settings.peer_timeout
 
     def request(self, name: str, at: int, after: int, constants: tuple[float, ...] = ()) -> None:
         """Ask for a stream until it is released; see `Peer.request`."""
-        if name not in self._requested:
-            self._requested[name] = _Requested(
+        if name not in self.requested:
+            self.requested[name] = _Requested(
                 ReceivedStream(name), PossibleValues(after), at, Precision(constants=constants)
             )
             self._probe_at = at
 
     def release(self, name: str) -> None:
         """Ask for a stream no more."""
-        if self._requested.pop(name, None) is not None:
+        if self.requested.pop(name, None) is not None:
             self._granted = {key: each for key, each in self._granted.items() if each != name}
-            self.send(Release(name))
+            self.send(messages.Release(name))
 
-    def take(self, message: Message, at: int) -> list[Event]:
+    def take(self, message: messages.Message, at: int) -> list[Event]:
         """Take a message that answers what the own host has asked."""
         match message:
-            case Hello(version):
-                if self.shares is None or self.shares.version < version:
-                    self.send(SharesRequest())
-            case Shares():
-                if self.shares is None or self.shares.version < message.version:
-                    self.shares = message
-                    for each in self._requested.values():
+            case messages.Hello(version):
+                if self._version < version:
+                    self.send(messages.SharesRequest())
+            case messages.Shares(version):
+                if self._version < version:
+                    self.shares, self._version = message, version
+                    for each in self.requested.values():
                         each.is_refused = False
-                    return [SharesChanged(self.name, message)]
-            case Grant():
+                    return [events.SharesChanged(self.name, message)]
+            case messages.Grant():
                 return self._take_grant(message)
-            case Samples() | Watermark():
+            case messages.Samples() | messages.Watermark():
                 return [*self._take_samples(message, at)]
-            case RequestRefusal(stream, reason):
+            case messages.RequestRefusal(stream, reason):
                 return self._take_refusal(stream, reason, at)
-            case ProbeReply():
+            case messages.ProbeReply():
                 return self._take_reply(message, at)
         return []
 
     def check_stamp(self, stamp: int, at: int) -> list[Event]:
         """Notice a clock that has jumped ahead, by a stamp that is later than it can be."""
-        if not self.clock.exceeds(stamp, at):
-            return []
-        self._probe_at = at
-        return [self._begin_times_anew(at)]
+        return self._begin_times_anew(at) if self.clock.exceeds(stamp, at) else []
 
-    def _take_grant(self, grant: Grant) -> list[Event]:
+    def _take_grant(self, grant: messages.Grant) -> list[Event]:
         name, epoch = grant.stream, grant.epoch
-        requested = self._requested.get(name)
+        requested = self.requested.get(name)
         if requested is None:
-            self.send(Release(name))
+            self.send(messages.Release(name))
             return []
         if grant.constants != requested.precision.constants:
             return []  # It is a late answer to an earlier request.
-        shared = self.shares.features if self.shares else ()
+        shared = self.shares.features if self._version else ()
         deadband = next((each.deadband for each in shared if each.stream == name), None)
         former = requested.stream.epoch
         if epoch <= former or deadband is None:  # Without shares, the next request is granted, too.
@@ -277,67 +244,67 @@ class RemotePeer:
         requested.precision = Precision(deadband, constants, ', and '.join(reasons))
         return [self._lose(name, 0, 'the peer numbers its samples anew')] if former else []
 
-    def _take_samples(self, message: StreamMessage, at: int) -> Iterator[Event]:
+    def _take_samples(self, message: messages.StreamMessage, at: int) -> Iterator[Event]:
         name = self._granted.get(message.epoch)
         if name is None:
             return  # The next request will be granted with this epoch.
-        requested = self._requested[name]
+        requested = self.requested[name]
         requested.stream.take(message)
         yield from self._deliver(name, at)
         if not requested.stream.is_complete:
             requested.due = min(requested.due, at + self._retry)
 
     def _take_refusal(self, name: str, reason: str, at: int) -> list[Event]:
-        requested = self._requested.get(name)
+        requested = self.requested.get(name)
         if requested is None or requested.is_refused:
             return []
         requested.is_refused = True
         text = f"peer '{self.name}' refuses it: {reason}"
         return [self._violation(name, ViolationKind.MESSAGE, text, at)]
 
-    def _take_reply(self, reply: ProbeReply, at: int) -> list[Event]:
+    def _take_reply(self, reply: messages.ProbeReply, at: int) -> list[Event]:
         sent = reply.probe_sent_at
         if sent not in self._probes:
             return []
         self._probes.remove(sent)
-        since, was_known = self.clock.latest, self.clock.is_known
+        since = self.clock.latest
         jump = self.clock.measure(sent, reply.received_at, reply.sent_at, at)
-        events: list[Event] = []
+        found: list[Event] = []
         if jump is not None:
             self._forget_values()
-            events.append(ClockJumped(self.name, since))
-        self._probe_at = at + PROBE_PERIOD * (1 if self._requested else UNUSED)
-        if not was_known or jump is not None:
-            for name in self._requested:
-                events += self._deliver(name, at)
-        return events
+            found.append(events.ClockJumped(self.name, since))
+        self._probe_at = at + PROBE_PERIOD * (1 if self.requested else UNUSED)
+        if since is None or jump is not None:
+            for name in self.requested:
+                found += self._deliver(name, at)
+        return found
 
     def _deliver(self, name: str, at: int) -> Iterator[Event]:
         """Yield what is due of a stream; nothing while its times cannot be translated."""
-        if not self.clock.is_known:
+        if self.clock.latest is None:
             return
-        values, precision = self._requested[name].values, self._requested[name].precision
-        for each in self._requested[name].stream.deliveries():
+        values, precision = self.requested[name].values, self.requested[name].precision
+        for each in self.requested[name].stream.deliveries():
             match each:
                 case Lost():
                     yield self._lose(name, *each)
-                case StreamFault():
+                case messages.StreamFault():
                     text = f"peer '{self.name}' reports: {each.reason}"
-                    time = min(self._own_time(each.valid_time).earliest, at)
+                    time = min(self.clock.own_time(each.valid_time).earliest, at)
                     yield self._violation(name, each.constraint, text, time)
                 case Received():
                     yield from self._put(name, each, at)
                 case Promise(time):
-                    if (earliest := self._own_time(time).earliest) > self.clock.since:
+                    if (earliest := self.clock.own_time(time).earliest) > self.clock.since:
                         values.promise(earliest)
             for time, value in values.take(partial(self.difference, at), precision):
-                yield ValueKnown(self.name, name, time, value)
+                yield events.ValueKnown(self.name, name, time, value)
             if isinstance(each, Promise):
-                yield WatermarkArrived(self.name, name, values.settled)
+                yield events.WatermarkArrived(self.name, name, values.settled)
 
     def _put(self, name: str, received: Received, at: int) -> Iterator[Event]:
         """Take a sample, unless it cannot be dated; yield what is wrong with its time."""
-        earliest, latest = self._own_time(received.valid_time)
+        earliest, latest = self.clock.own_time(received.valid_time)
         if earliest < self.clock.since:
             yield self._lose(name, 1, f"the clock of peer '{self.name}' jumped after it")
             return
@@ -349,22 +316,23 @@ class RemotePeer:
         faults: list[str] = []
         if latest - earliest > 2 * limit:
             faults.append(f'more than a max_uncertainty of {format_duration(limit)}')
-        if not self._requested[name].values.put(earliest, latest, received.value):
+        if not self.requested[name].values.put(earliest, latest, received.value):
             faults.append(TOO_CLOSE)
         for each in faults:
             text = f'{self.difference(at)}; {each}'
             yield self._violation(name, ViolationKind.CLOCK, text, earliest)
 
-    def _lose(self, name: str, count: int, reason: str) -> SamplesLost:
-        self._requested[name].values.lose()
+    def _lose(self, name: str, count: int, reason: str) -> Event:
+        self.requested[name].values.lose()
         text = f"samples of peer '{self.name}' are lost: {reason}"
-        return SamplesLost(self.name, name, count, text)
+        self.lost += count
+        return self._violation(name, ViolationKind.LOST, text)
 
-    def _violation(self, name: str, constraint: str, reason: str, time: int) -> StreamViolated:
-        return StreamViolated(self.name, name, str(constraint), reason, time)
+    def _violation(self, name: str, constraint: str, reason: str, time: int | None = None) -> Event:
+        return events.StreamViolated(self.name, name, str(constraint), reason, time)
 
     def _forget_values(self) -> None:
-        for each in self._requested.values():
+        for each in self.requested.values():
             each.values = PossibleValues()
 
     def difference(self, at: int) -> str:
@@ -374,20 +342,9 @@ class RemotePeer:
             return f"the clock of '{self.name}' is not known"
         return f'the clocks of {self._settings.name} and {self.name} differ by {offset}'
 
-    def _own_time(self, time: int) -> OwnTime:
-        found = self.clock.own_time(time)
-        if found is None:
-            raise AssertionError('the clock is measured before anything is delivered')
-        return found
-
     @property
     def _retry(self) -> int:
         return max(RETRY, 2 * (self.clock.delay or 0))
-
-    def _send_probe(self, at: int) -> None:
-        self._probes.append(at)
-        self._probe_at = at + min(self._retry, PROBE_PERIOD)
-        self.send(Probe(at))
 
     def _send_request(self, requested: _Requested, at: int) -> None:
         stream = requested.stream

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from dyknow_common import round_duration
+from dyknow_common import listed, round_duration
 from dyknow_common.tables import Cell, ReportTable, figure, fixed, named
 from dyknow_federation.clocks import Offset
 
@@ -74,19 +74,13 @@ class FederationReport:
     shares: Sequence[str] = ()
     faults: Sequence[str] = ()
 
-    def document(self) -> dict[str, Any]:
-        """Return the report as JSON has it."""
-        return asdict(self)
-
     @classmethod
     def of(cls, document: Mapping[str, Any]) -> FederationReport:
-        """Return the report in a document."""
-
-        def peer(values: dict[str, Any]) -> PeerReport:
-            return PeerReport(**{**values, 'state': LinkState(values['state'])})
-
-        peers = tuple(map(peer, document['peers']))
-        return cls(document['name'], peers, document['shares'], document['faults'])
+        """Return the report that `asdict` has made a document of."""
+        peers = (
+            PeerReport(**each | {'state': LinkState(each['state'])}) for each in document['peers']
+        )
+        return cls(document['name'], tuple(peers), document['shares'], document['faults'])
 
 
 _STYLES = {LinkState.LINKED: 'green', LinkState.STALE: 'yellow', LinkState.LEFT: 'bold red'}
@@ -96,7 +90,7 @@ _COLUMNS = (
     fixed('link'),
     *map(figure, ('silent', 'delay', 'clock', 'sent', 'received', 'lost')),
 )
-_BELOW = ('asked for', 'given', 'fault')
+_BELOW = ('shares', 'asked for', 'given', 'fault')
 """What has a line of its own below the table, which would not fit into 80 columns with it."""
 
 
@@ -134,6 +128,7 @@ def peer_texts(report: PeerReport) -> dict[str, str]:
         'sent': f'{report.bytes_sent / 1e3:,.1f} kB',
         'received': f'{report.bytes_received / 1e3:,.1f} kB',
         'lost': str(report.lost),
+        'shares': listed(report.shares),
         'asked for': ', '.join(report.asked),
         'given': ', '.join(report.given),
         'fault': report.fault,

@@ -15,18 +15,10 @@ from math import isnan
 from typing import Final, NamedTuple
 
 from dyknow_common import SECOND_NS, Value, format_time
+from dyknow_federation import messages
 from dyknow_federation.clocks import BEGINNING
 from dyknow_federation.errors import FederationError
-from dyknow_federation.messages import (
-    MAX_BATCH,
-    Content,
-    Grant,
-    Request,
-    Samples,
-    StreamFault,
-    StreamMessage,
-    Watermark,
-)
+from dyknow_federation.messages import Grant, Request, Samples, StreamFault, StreamMessage
 from dyknow_federation.possible_values import Precision
 
 MAX_HISTORY: Final = 20_000
@@ -34,7 +26,6 @@ MAX_HISTORY: Final = 20_000
 
 MAX_RESENT: Final = 2_000
 """The number of samples that one request can ask for again."""
-
 
 REFRESH: Final = 10 * SECOND_NS
 """When a value within the deadband is sent again: the time of an old one becomes uncertain."""
@@ -104,7 +95,7 @@ class Thinning:
 
 class _Kept(NamedTuple):
     valid_time: int
-    content: Content
+    content: messages.Content
 
 
 @dataclass(slots=True)
@@ -112,7 +103,7 @@ class _Subscription:
     """A peer that receives a stream.
 
     Args:
-        number: the next sample that it is sent.
+        number: of the next sample for it.
         expires: when it ends unless the request is repeated.
         promised: the last promise that it was sent.
     """
@@ -142,14 +133,10 @@ class SentStream:
         self._kept: deque[_Kept] = deque(maxlen=MAX_HISTORY)
         self._number = 1
         self._latest = self._promised = BEGINNING
-        self._subscriptions: dict[str, _Subscription] = {}
+        self.subscribers: dict[str, _Subscription] = {}
+        """The peers that receive it, by their names."""
         self.used_until = BEGINNING
         """When the last subscription has ended, or will end."""
-
-    @property
-    def subscribers(self) -> list[str]:
-        """The names of the peers that receive it."""
-        return list(self._subscriptions)
 
     def publish(self, valid_time: int, value: Value) -> bool:
         """Number and keep a sample; return False if it need not be sent.
@@ -186,18 +173,12 @@ class SentStream:
         self._promised = max(self._promised, time)
 
     def renew(self, peer: str, request: Request, expires: int) -> list[Grant | StreamMessage]:
-        """Take a request, and return what it asks for that was sent before.
-
-        Args:
-            peer: who asks.
-            request: its request.
-            expires: when it ends unless it is repeated.
-        """
-        subscription = self._subscriptions.get(peer)
+        """Take a request of a peer, which expires; return what it asks for that was sent before."""
+        subscription = self.subscribers.get(peer)
         if subscription is None:
             known = request.number if request.epoch == self._epoch else self._number
             number = min(max(known, self._oldest), self._number)
-            subscription = self._subscriptions[peer] = _Subscription(number, expires)
+            subscription = self.subscribers[peer] = _Subscription(number, expires)
         subscription.expires = expires
         self.used_until = max(self.used_until, expires)
         found: list[Grant | StreamMessage] = []
@@ -217,23 +198,22 @@ class SentStream:
         self._thinning.forget()
         found = SentStream(self._name, epoch, self._history, self._thinning)
         found.used_until = self.used_until
-        for peer, each in self._subscriptions.items():
-            found._subscriptions[peer] = _Subscription(found._number, each.expires)
+        for peer, each in self.subscribers.items():
+            found.subscribers[peer] = _Subscription(found._number, each.expires)
         return found
 
     def release(self, peer: str) -> None:
         """End the subscription of a peer."""
-        self._subscriptions.pop(peer, None)
+        self.subscribers.pop(peer, None)
 
     def expire(self, at: int) -> None:
         """End the subscriptions that were not repeated until a time."""
-        expired = [peer for peer, each in self._subscriptions.items() if each.expires <= at]
-        for peer in expired:
-            del self._subscriptions[peer]
+        own = self.subscribers.items()
+        self.subscribers = {peer: each for peer, each in own if each.expires > at}
 
     def unsent(self) -> Iterator[tuple[str, StreamMessage]]:
         """Yield what is to be sent, with its receiver."""
-        for peer, subscription in self._subscriptions.items():
+        for peer, subscription in self.subscribers.items():
             for batch in self._batches(max(subscription.number, self._oldest), self._number - 1):
                 yield peer, batch
             subscription.number = self._number
@@ -241,9 +221,9 @@ class SentStream:
                 yield peer, self.watermark()
             subscription.promised = self._promised
 
-    def watermark(self) -> Watermark:
+    def watermark(self) -> messages.Watermark:
         """Return what is promised about the samples to come."""
-        return Watermark(self._epoch, self._number, self._oldest, self._promised)
+        return messages.Watermark(self._epoch, self._number, self._oldest, self._promised)
 
     @property
     def _oldest(self) -> int:
@@ -253,6 +233,6 @@ class SentStream:
         """Yield what a range of numbers stands for, in batches."""
         start, number = first - self._oldest, first
         rows = islice(self._kept, start, max(start, last + 1 - self._oldest))
-        while batch := list(islice(rows, MAX_BATCH)):
+        while batch := list(islice(rows, messages.MAX_BATCH)):
             yield Samples(self._epoch, number, *zip(*batch, strict=True))
             number += len(batch)

@@ -19,7 +19,6 @@ from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.encoding import encode
 from dyknow_federation.events import (
     Event,
-    SamplesLost,
     StreamViolated,
     ValueKnown,
     WatermarkArrived,
@@ -363,11 +362,9 @@ class Simulation:
                 case WatermarkArrived(peer, _, time):
                     now = self.hosts[0].clock.read(self._now)
                     self._dataflow.vouch(f'/{peer}', time, now)
-                case SamplesLost(peer, _, _, reason):
-                    if peer in self._has_begun:
+                case StreamViolated(peer, constraint=constraint, reason=reason):
+                    if constraint != 'lost' or peer in self._has_begun:
                         self.error = reason
-                case StreamViolated(reason=reason):
-                    self.error = reason
 
     def _note_bounds(self, peer: str, time: int, level: Value) -> None:
         offset = self.hosts[0].peer.remotes[peer].clock.offset(time)

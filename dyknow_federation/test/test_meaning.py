@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_federation.meaning import argument_sorts, imports, missing_features
+from dyknow_federation.meaning import imports, missing_features
 from dyknow_federation.messages import SharedFeature, SharedObject, Shares
 from dyknow_semantics import parse_annotations
 
@@ -108,8 +108,9 @@ def test_unknown_features_have_the_sorts_of_their_objects() -> None:
     objects = (SharedObject('a', ('Rover',)), SharedObject('b', ('Arm',)))
     given_ = Shares(1, objects, (feature('a'), feature('b')))
     streams = imports({'p': given_}, (), (), topic).streams
-    ((name, carried),) = missing_features(list(streams.values()), ['Power'])
-    assert name == 'Charge'
-    assert argument_sorts(carried) == ('Object',)
-    assert argument_sorts(carried[:1]) == ('Rover',)
+    ((missing, sorts),) = missing_features(list(streams.values()), ['Power'])
+    assert missing.name == 'Charge'
+    assert sorts == ['Object']
+    ((_, sorts),) = missing_features([streams['p', 'Charge_a']], ['Power'])
+    assert sorts == ['Rover']
     assert not list(missing_features(list(streams.values()), ['Charge']))

@@ -17,13 +17,9 @@ from dyknow_federation.events import (
     ClockJumped,
     Event,
     PeerFault,
-    PeerJoined,
     PeerLeft,
-    SamplesLost,
     SharesChanged,
-    StreamUnwanted,
     StreamViolated,
-    StreamWanted,
     ValueKnown,
 )
 from dyknow_federation.messages import (
@@ -129,8 +125,8 @@ def sharing(*, offset: int = 0) -> Net:
 def test_peers_find_each_other_and_share() -> None:
     net = sharing(offset=5 * SECOND_NS)
     kinds = [type(each) for each in net.events['b']]
-    assert kinds == [PeerJoined, SharesChanged]
-    assert net.take('a', StreamWanted) == [StreamWanted('level')]
+    assert kinds == [SharesChanged]
+    assert [*net.peers['a'].sent] == ['level']
     net.events['b'].clear()
     net.assert_known(1.5)
     net.publish('a', 2)
@@ -170,7 +166,7 @@ def test_of_a_stream_that_is_compared_with_constants_crossings_are_sent() -> Non
     net.peers['b'].request('a', 'level', net.time('b'), constants=(2.0, 5.0))
     net.peers['c'].request('a', 'level', net.time('c'))
     net.run(0.5)
-    assert net.take('a', StreamWanted) == [StreamWanted('level')]
+    assert [*net.peers['a'].sent] == ['level']
     for value in (3, 4, 5, 7, 6, math.inf):
         net.publish('a', value)
         net.settle()
@@ -224,7 +220,7 @@ def test_changed_shares_are_told() -> None:
     net.run(1.5)
     (changed,) = net.take('b', SharesChanged)
     assert changed.shares.features == ()
-    assert net.take('a', StreamUnwanted) == [StreamUnwanted('level')]
+    assert net.peers['a'].sent == {}
 
 
 def test_what_is_not_shared_is_refused_once() -> None:
@@ -235,7 +231,7 @@ def test_what_is_not_shared_is_refused_once() -> None:
     assert refused.reason == "peer 'a' refuses it: it is not shared; name it in share there"
     net.peers['a'].share([], [SharedFeature('S', (), 'secret', 'float')], net.time('a'))
     net.run(3)
-    assert net.take('a', StreamWanted) == [StreamWanted('secret')]
+    assert [*net.peers['a'].sent] == ['secret']
 
 
 def test_a_violation_is_told_though_nothing_follows() -> None:
@@ -303,6 +299,28 @@ def test_a_peer_that_left_and_returns_sends_what_was_missed() -> None:
     assert net.values('b') == list(range(2, 42))
 
 
+def test_what_a_peer_shared_is_forgotten_once_nothing_of_it_is_asked_for() -> None:
+    """Formulas that look for another source name its objects until then."""
+    net = sharing()
+    net.drops = lambda _: True
+    net.run(60)
+    remote = net.peers['b'].remotes['a']
+    (left,) = net.take('b', PeerLeft)
+    assert remote.departure == left.reason
+    assert remote.shares.features == (LEVEL,)
+    net.peers['b'].release('a', 'level')
+    net.run(8)
+    assert not net.take('b', SharesChanged)
+    net.run(4)
+    (changed,) = net.take('b', SharesChanged)
+    assert (changed.peer, changed.shares.features) == ('a', ())
+    assert net.peers['b'].remotes == {}
+    net.drops = lambda _: False
+    net.run(2)
+    assert net.peers['b'].remotes['a'].departure == ''
+    assert net.take('b', SharesChanged)[-1].shares.features == (LEVEL,)
+
+
 def test_a_restart_loses_what_was_not_sent() -> None:
     net = sharing()
     net.publish('a', 1)
@@ -312,7 +330,7 @@ def test_a_restart_loses_what_was_not_sent() -> None:
     net.start('a', 77)
     net.peers['a'].share([], [LEVEL], net.time('a'))
     net.run(2)
-    assert [type(each) for each in net.events['b']] == [SamplesLost, PeerJoined, SharesChanged]
+    assert [type(each) for each in net.events['b']] == [StreamViolated, SharesChanged]
     net.assert_known(2)
     # A late packet of the former run changes nothing.
     late = encode(Packet(1, (Samples(1, 2, (1,), (5.0,)),)))
@@ -323,12 +341,13 @@ def test_a_restart_is_told_while_the_clock_is_not_known() -> None:
     net = sharing()
     net.publish('a', 1)
     net.run(0.1)
-    net.take('b', SamplesLost)
+    net.events['b'].clear()
     net.offsets['b'] -= SECOND_NS
     net.drops = lambda packet: not isinstance(packet.messages[0], Hello)
     net.start('a', 77)
     net.run(2)
-    (lost,) = net.take('b', SamplesLost)
+    (lost,) = net.take('b', StreamViolated)
+    assert (lost.constraint, lost.valid_time) == ('lost', None)
     assert lost.reason == "samples of peer 'a' are lost: the peer has started again"
 
 
@@ -350,6 +369,18 @@ def test_bad_packets_and_doubled_names_are_faults() -> None:
     assert 'give each host its own name' in fault.message
     with pytest.raises(FederationError, match='needs a name'):
         Peer(RequestedFederation(''), 1)
+
+
+def test_faults_of_senders_that_are_no_peers_are_reported_as_those_of_one() -> None:
+    net = sharing()
+    received = net.peers['b'].remotes['a'].received
+    assert received > 0
+    bad = [net.peers['b'].receive(b'?', net.time('b'), f'p{number}') for number in range(3000)]
+    bad += [net.peers['b'].receive(b'?', net.time('b'), 'a') for _ in range(2)]
+    assert [each.peer for effects in bad for each in effects.events] == ['p0', 'a']
+    assert 'version 63' in net.peers['b'].remotes['a'].fault
+    assert net.peers['b'].remotes['a'].received == received + 2
+    assert [*net.peers['b'].remotes] == ['a']
 
 
 def test_what_peers_make_us_keep_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -409,7 +440,7 @@ def test_a_released_stream_is_sent_no_more() -> None:
     net = sharing()
     net.peers['b'].release('a', 'level')
     net.run(0.1)
-    assert net.peers['a'].sent['level'][()].subscribers == []
+    assert not net.peers['a'].sent['level'][()].subscribers
 
 
 def test_an_old_value_is_no_alternative_after_a_pause() -> None:

@@ -97,4 +97,4 @@ def test_impossible_exchanges_are_no_measures() -> None:
     pair = PairClock()
     assert pair.measure(0, 100, 50, 10) is not None
     assert pair.measure(100, 0, 200 * MS, 200) is not None
-    assert not pair.is_known
+    assert pair.latest is None

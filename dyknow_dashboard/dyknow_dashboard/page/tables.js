@@ -3,7 +3,7 @@
 
 const LEVELS = {ok: 'true', warning: 'undecided warning', error: 'false', stale: 'undecided'};
 const LINKS = {linked: 'true', stale: 'undecided warning', left: 'false'};
-const PEER_HEADS = ['peer', 'link', 'silent', 'delay', 'clock', 'sent', 'received', 'lost', 'asked for', 'given', 'fault'];
+const PEER_HEADS = ['peer', 'link', 'silent', 'delay', 'clock', 'sent', 'received', 'lost', 'shares', 'asked for', 'given', 'fault'];
 const STATES = {flowing: 'true', waiting: 'undecided warning', failed: 'false', registered: 'undecided'};
 
 class Tables {

@@ -6,9 +6,9 @@ ros2 run dyknow_federation federation --ros-args -p robot:=robot.yaml
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -19,23 +19,9 @@ from std_msgs.msg import String
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_time
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
 from dyknow_configuration import RequestedFederation, read_robot
+from dyknow_federation import events
 from dyknow_federation.encoding import encode
 from dyknow_federation.errors import FederationError
-from dyknow_federation.events import (
-    ClockJumped,
-    Event,
-    PeerFault,
-    PeerJoined,
-    PeerLeft,
-    SamplesLost,
-    SharesChanged,
-    StreamUnwanted,
-    StreamViolated,
-    StreamWanted,
-    ValueKnown,
-    WatermarkArrived,
-)
-from dyknow_federation.messages import Packet, Shares
 from dyknow_federation.offers import shares
 from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.remote import RemotePeer
@@ -55,19 +41,6 @@ MIN_PERIOD_NS: Final = NANOSECONDS['ms']
 """The least time between two looks for what is due."""
 
 
-@dataclass(slots=True)
-class _Departure:
-    """The end of a link.
-
-    Args:
-        reason: why.
-        read_at: when its streams were last read, in nanoseconds.
-    """
-
-    reason: str
-    read_at: int
-
-
 class Federation(DyKnowNode):
     """Passes own streams on to peers that ask for them, and publishes theirs here."""
 
@@ -81,27 +54,21 @@ class Federation(DyKnowNode):
         self._own = OwnStreams(self, self._peer, self._plan)
         prefix = str(self.resolve_topic_name(PREFIX)) + '/'
         self._vocabulary = SharedVocabulary(self, settings.same, self._remote.topic, prefix)
-        self._shares: dict[str, Shares] = {}
-        self._left: dict[str, _Departure] = {}
-        """The peers that have left and have not come back."""
         self._meaning_of: object = None
         """The version of the vocabulary that peers know; None if it is outdated."""
         self._is_working = False
-        self._offer_faults: tuple[str, ...] = ()
-        self._faults: dict[str, str] = {}
-        self._lost: Counter[str] = Counter()
+        self._offer_faults: Sequence[str] = ()
+        self._refused = 0, ''
+        """When a message of a sender that is no peer was refused last, and why."""
         self._log = LogOnce()
         group = ReentrantCallbackGroup()
         self._packets = self.create_guard_condition(self._take, group)
         self._transport = ZenohTransport(settings, self.now, self._wake)
         self._report = self.create_publisher(String, '~/federation', LATCHED)
-        self._deadline = self.create_timer(
-            PERIOD_S, self._advance, callback_group=group, clock=self.wall_clock
-        )
-        self.create_timer(PERIOD_S, self._update, callback_group=group, clock=self.wall_clock)
-        self.create_timer(
-            REPORT_PERIOD_S, self._publish_report, callback_group=group, clock=self.wall_clock
-        )
+        timer = partial(self.create_timer, callback_group=group, clock=self.wall_clock)
+        self._deadline = timer(PERIOD_S, self._advance)
+        timer(PERIOD_S, self._update)
+        timer(REPORT_PERIOD_S, self._publish_report)
 
     def destroy_node(self) -> None:
         """Leave the federation."""
@@ -142,95 +109,80 @@ class Federation(DyKnowNode):
 
     def _act(self, effects: Effects) -> None:
         for receiver, packet in effects.packets:
-            self._send(receiver, packet)
+            try:
+                self._transport.send(receiver, encode(packet), is_urgent=packet.is_urgent)
+            except FederationError as error:
+                self._warn([str(error)])
         for event in effects.events:
             self._handle(event)
 
-    def _send(self, receiver: str, packet: Packet) -> None:
-        try:
-            self._transport.send(receiver, encode(packet), is_urgent=packet.is_urgent)
-        except FederationError as error:
-            self._warn([str(error)])
-
-    def _handle(self, event: Event) -> None:
+    def _handle(self, event: events.Event) -> None:
         """Act on an event of a stream, or of a peer."""
         match event:
-            case ValueKnown(peer, stream, time, value):
-                self._remote.publish(StreamName(peer, stream), time, value)
-            case WatermarkArrived(peer, stream, time):
-                self._remote.pass_watermark(StreamName(peer, stream), time)
-            case SamplesLost(peer, stream, count, reason):
-                self._lost[peer] += count
-                self._remote.violate(peer, ViolationKind.LOST, reason, stream)
-            case StreamViolated(peer, stream, constraint, reason, time):
-                self._remote.violate(peer, constraint, reason, stream, time)
-            case StreamWanted(stream):
-                self._own.want(stream)
-            case StreamUnwanted(stream):
-                self._own.release(stream)
+            case events.ValueKnown(peer, stream, time, value):
+                for each in self._remote.of(peer, stream):
+                    each.publish(time, value)
+            case events.WatermarkArrived(peer, stream, time):
+                for each in self._remote.of(peer, stream):
+                    each.promise(time)
+            case events.StreamViolated(peer, stream, constraint, reason, time):
+                for each in self._remote.of(peer, stream):
+                    each.violate(constraint, reason, time)
             case _:
                 self._handle_peer(event)
 
-    def _handle_peer(self, event: Event) -> None:
+    def _handle_peer(self, event: events.Event) -> None:
         match event:
-            case SharesChanged(peer, given):
-                self._shares[peer] = given
+            case events.SharesChanged(peer):
                 self._meaning_of = None
-            case PeerJoined(peer):
-                self._left.pop(peer, None)
-            case PeerLeft(peer, reason):
-                self._remote.violate(peer, ViolationKind.MAX_DELAY, reason)
-                self._left[peer] = _Departure(reason, self.now())
-                self._transport.forget(peer)
+                if peer not in self._peer.remotes:
+                    self._transport.forget(peer)
+            case events.PeerLeft(peer, reason):
+                self._violate(peer, ViolationKind.MAX_DELAY, reason)
                 self._warn([reason])
-            case ClockJumped(peer, since):
+            case events.ClockJumped(peer, since):
                 text = f"the clock of peer '{peer}' has jumped, or that of this host"
                 if since is not None:
                     text += f'; samples may have wrong times since {format_time(since)}'
-                self._remote.violate(peer, ViolationKind.CLOCK, text)
-            case PeerFault(peer, message):
-                self._faults[peer] = message
-                self._warn([message])
+                self._violate(peer, ViolationKind.CLOCK, text)
+            case events.PeerFault(peer, message):
+                text = f"peer '{peer}': {message}"
+                if peer not in self._peer.remotes:
+                    self._refused = self.now(), text
+                self._warn([text])
+
+    def _violate(self, peer: str, kind: str, reason: str) -> None:
+        """Report a violation of all streams of a peer that are read."""
+        for each in self._remote.of(peer):
+            each.violate(kind, reason)
 
     def _update(self) -> None:
         """Follow what is read here, and what has changed in the meaning."""
         now = self.now()
         begun, ended = self._remote.demand()
-        for name in begun:
-            self._peer.request(*name, now, self._remote.told(name), self._compared(name))
-        for peer, stream in ended:
-            self._peer.release(peer, stream)
+        for name, told in begun.items():
+            self._peer.request(*name, now, told, self._compared(name))
+        for name in ended:
+            self._peer.release(*name)
         self._own.reconcile()
-        self._withdraw()
         version = self._vocabulary.version
-        is_due = self._vocabulary.is_available and version != self._meaning_of
-        if is_due and not self._is_working:
+        if version not in (None, self._meaning_of) and not self._is_working:
             self._is_working, self._meaning_of = True, version
             self.spawn(self._update_meaning)
 
     def _compared(self, name: StreamName) -> tuple[float, ...]:
         """Return the numbers with which a stream is compared; none if its values are needed."""
-        shared = self._shares[name.peer].features if name.peer in self._shares else ()
+        remote = self._peer.remotes.get(name.peer)
+        shared = remote.shares.features if remote else ()
         feature = next((each.name for each in shared if each.stream == name.stream), '')
         return self._settings.compared.get(feature, ())
-
-    def _withdraw(self) -> None:
-        """Forget what peers shared that have left, once formulas about it have long ended.
-
-        While one looks for another source, the objects must be known that its error names.
-        """
-        now = self.now()
-        for peer in {each.peer for each in self._remote.wanted} & self._left.keys():
-            self._left[peer].read_at = now
-        for peer in self._left.keys() & self._shares.keys():
-            if now - self._left[peer].read_at >= self._settings.peer_timeout:
-                del self._shares[peer]
-                self._meaning_of = None
 
     async def _update_meaning(self) -> None:
         is_done = False
         try:
-            await self._apply()
+            remotes = self._peer.remotes.items()
+            due = await self._vocabulary.apply({name: each.shares for name, each in remotes})
+            self._remote.keep({StreamName(*name) for name in due.streams})
             await self._offer()
             is_done = True
         except DyKnowError as error:
@@ -240,22 +192,13 @@ class Federation(DyKnowNode):
             if not is_done:
                 self._meaning_of = None
 
-    async def _apply(self) -> None:
-        due = await self._vocabulary.apply(dict(self._shares))
-        self._remote.keep({StreamName(*name) for name in due.streams})
-        self._warn(self._vocabulary.faults)
-
     async def _offer(self) -> None:
-        found, knowledge, faults = await self._vocabulary.offers(
-            [each.name for each in self._settings.share]
-        )
         deadbands = {each.name: each.deadband for each in self._settings.share}
-        given, by_name = shares(self._peer.shares.version, found, knowledge, deadbands)
-        self._own.offers = by_name
+        found, knowledge, self._offer_faults = await self._vocabulary.offers(deadbands)
+        given, offers = shares(self._peer.shares.version, found, knowledge, deadbands)
+        self._own.offers = offers
         if given != self._peer.shares:
             self._peer.share(given.objects, given.features, self.now())
-        self._offer_faults = tuple(faults)
-        self._warn(faults)
 
     def _warn(self, texts: Iterable[str]) -> None:
         for text in self._log.new(texts):
@@ -263,17 +206,20 @@ class Federation(DyKnowNode):
 
     def _publish_report(self) -> None:
         now, transport = self.now(), self._transport
-        for peer, each in self._left.items():
-            self._remote.violate(
-                peer, ViolationKind.MAX_DELAY, each.reason
-            )  # For new readers, too.
+        for peer, each in self._peer.remotes.items():
+            if each.departure:  # For new readers, too.
+                self._violate(peer, ViolationKind.MAX_DELAY, each.departure)
         peers = tuple(self._peer_report(each, now) for each in self._peer.remotes.values())
         shared = tuple(each.stream for each in self._peer.shares.features)
         faults = (*self._vocabulary.faults, *self._own.faults, *self._offer_faults)
+        self._warn(faults)
+        refused_at, refusal = self._refused
+        if refusal and now - refused_at < 2 * self._settings.peer_timeout:
+            faults += (refusal,)
         if transport.dropped:
             faults += (f'{transport.dropped} packets were dropped: too many waited',)
         report = FederationReport(self._settings.name, peers, shared, faults)
-        self._report.publish(String(data=json.dumps(report.document())))
+        self._report.publish(String(data=json.dumps(asdict(report))))
         linked = sum(each.state is LinkState.LINKED for each in peers)
         self.set_status(RUNNING, {'peers': str(len(peers)), 'linked': str(linked)})
 
@@ -288,12 +234,12 @@ class Federation(DyKnowNode):
             offset and offset.offset,
             offset and offset.uncertainty,
             self._transport.sent[name],
-            self._transport.received[name],
-            self._lost[name],
-            tuple(each.stream for each in remote.shares.features) if remote.shares else (),
+            remote.received,
+            remote.lost,
+            tuple(each.stream for each in remote.shares.features),
             tuple(sorted(remote.requested)),
             tuple(self._peer.given(name)),
-            self._faults.get(name, ''),
+            remote.fault,
         )
 
 

@@ -16,13 +16,12 @@ from dyknow_federation.report import FederationReport, federation_table
 
 def document(message: Any, _options: argparse.Namespace) -> dict[str, Any]:
     """Return the report of the federation node as JSON; durations are in nanoseconds."""
-    found: dict[str, Any] = json.loads(message.data)
-    return found
+    return dict(json.loads(message.data))
 
 
-def rendered(message: Any, _options: argparse.Namespace) -> RenderableType:
+def rendered(message: Any, options: argparse.Namespace) -> RenderableType:
     """Return the same for the terminal."""
-    return federation_table(FederationReport.of(json.loads(message.data)))
+    return federation_table(FederationReport.of(document(message, options)))
 
 
 def add_federation_options(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,7 @@ from dyknow_interfaces.msg import StreamSpec
 from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import Alternatives, DyKnowError, ExitCode
-from dyknow_common.ros import STREAM, DyKnowNode, LogOnce, RemoteNode, time_to_nanoseconds
+from dyknow_common.ros import STREAM, DyKnowNode, RemoteNode, time_to_nanoseconds
 from dyknow_federation.messages import MAX_REASON, StreamFault
 from dyknow_federation.offers import VALUE, Offer
 from dyknow_federation.peer import Peer
@@ -27,16 +27,12 @@ class OwnStream:
     """Listener that passes the samples of a stream on to the peers.
 
     Args:
-        node: the node.
-        peer: this host among its peers.
+        streams: that it is one of.
         name: of the stream, as peers know it.
-        changed: is called after each sample and promise.
     """
 
-    node: DyKnowNode
-    peer: Peer
+    streams: OwnStreams
     name: str
-    changed: Callable[[], None]
     fault: str = ''
     """Why no sample is passed on any more."""
 
@@ -52,42 +48,37 @@ class OwnStream:
 
     def on_message(self, message: Any, now: int, sent_at: int, *, is_initial: bool) -> None:  # noqa: ARG002
         """Pass a sample on."""
-        valid_time, value = sample_valid_time(message), sample_fields(message)[VALUE]
+        own, valid_time = self.streams, sample_valid_time(message)
+        value = sample_fields(message)[VALUE]
         if not self.fault and isinstance(value, Alternatives):
             # Its times are known up to the bounds of a clock that the asking host does not know.
             self.fault = (
                 f"the stream '{self.name}' is made from one of another host, so peers get no more "
                 'samples of it; let them ask that host'
             )
-            self.node.get_logger().warning(self.fault)
-            self._tell(StreamFault(valid_time, ViolationKind.SOURCE, self.fault), now)
+            own.node.get_logger().warning(self.fault)
+            own.violate(self.name, ViolationKind.SOURCE, self.fault, valid_time)
         if self.fault:
             return
-        self.peer.publish(self.name, valid_time, value, now)
+        own.peer.publish(self.name, valid_time, value, now)
         if message.watermark:
-            self.on_watermark(time_to_nanoseconds(message.watermark[0]), now)
-        self.changed()
+            own.peer.promise(self.name, time_to_nanoseconds(message.watermark[0]) - 1, now)
+        own.changed()
 
     def on_watermark(self, watermark: int, now: int) -> None:
         """Promise that no sample valid before a time follows."""
-        if self.fault:
-            return
-        self.peer.promise(self.name, watermark - 1, now)
-        self.changed()
+        if not self.fault:
+            self.streams.peer.promise(self.name, watermark - 1, now)
+            self.streams.changed()
 
     def on_dropped(self, reason: str, count: int) -> None:
         """Report samples that were lost between the engine and this node."""
-        self.node.reject(self.name, f'{count} samples: {reason}')
+        self.streams.node.reject(self.name, f'{count} samples: {reason}')
 
     def on_violation(self, violation: Violation) -> None:
         """Tell the peers, as their readers cannot know why samples are missing or wrong."""
-        reason = violation.message[:MAX_REASON]
-        fault = StreamFault(violation.valid_time, str(violation.constraint), reason)
-        self._tell(fault, self.node.now())
-
-    def _tell(self, fault: StreamFault, now: int) -> None:
-        self.peer.violate(self.name, fault, now)
-        self.changed()
+        time, kind = violation.valid_time, violation.constraint
+        self.streams.violate(self.name, kind, violation.message, time)
 
 
 class OwnStreams:
@@ -96,7 +87,7 @@ class OwnStreams:
     Args:
         node: the node.
         peer: this host among its peers.
-        changed: is called after each sample and promise.
+        changed: is called after each sample, promise and violation.
     """
 
     def __init__(self, node: DyKnowNode, peer: Peer, changed: Callable[[], None]) -> None:
@@ -104,35 +95,26 @@ class OwnStreams:
         """All that peers may ask for, by the names of the streams."""
         self.faults: tuple[str, ...] = ()
         """What cannot be shared, and why."""
-        self._node = node
-        self._peer = peer
-        self._changed = changed
+        self.node = node
+        self.peer = peer
+        self.changed = changed
         services = (StreamCreateFromSpec, StreamDestroy)
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
         self._manager = RemoteNode(node, name, services=services)
         self._topics = NodeTopics.of(node)
-        self._wanted: set[str] = set()
         self._failed: set[str] = set()
         """The streams of which peers know that they cannot be made."""
         self._made: dict[str, tuple[Offer, Callable[[], None]]] = {}
         self._is_working = False
-        self._log = LogOnce()
-
-    def want(self, stream: str) -> None:
-        """Have a stream made, for peers."""
-        self._wanted.add(stream)
-        self._failed.discard(stream)
-
-    def release(self, stream: str) -> None:
-        """Have a stream made no more."""
-        self._wanted.discard(stream)
 
     def reconcile(self) -> None:
-        """Make the streams that are wanted, and destroy those that are not, or are outdated."""
-        due = {name: self.offers[name] for name in self._wanted & self.offers.keys()}
+        """Make the streams that are asked for, and destroy those that are not, or are outdated."""
+        asked = self.peer.sent.keys()
+        self._failed &= asked
+        due = {name: self.offers[name] for name in asked & self.offers.keys()}
         if not self._is_working and due != {name: each for name, (each, _) in self._made.items()}:
             self._is_working = True
-            self._node.spawn(self._reconcile, due)
+            self.node.spawn(self._reconcile, due)
 
     async def _reconcile(self, due: Mapping[str, Offer]) -> None:
         faults: list[str] = []
@@ -140,7 +122,8 @@ class OwnStreams:
             for name in [name for name, (each, _) in self._made.items() if due.get(name) != each]:
                 await self._remove(name)
                 if name in due:
-                    self._tell(name, 'its host makes it from another source now')
+                    reason = 'its host makes it from another source now'
+                    self.violate(name, ViolationKind.SOURCE, reason)
             for name in due.keys() - self._made.keys():
                 try:
                     await self._make(name, due[name])
@@ -148,18 +131,17 @@ class OwnStreams:
                     faults.append(f"stream '{name}' cannot be shared: {error}")
                     if name not in self._failed:
                         self._failed.add(name)
-                        self._tell(name, faults[-1])
+                        self.violate(name, ViolationKind.SOURCE, faults[-1])
         finally:
             self._is_working = False
         self.faults = tuple(faults)
-        for text in self._log.new(faults):
-            self._node.get_logger().warning(text)
 
-    def _tell(self, name: str, reason: str) -> None:
-        """Tell the peers that ask for a stream why samples of it are missing."""
-        now = self._node.now()
-        self._peer.violate(name, StreamFault(now, ViolationKind.SOURCE, reason[:MAX_REASON]), now)
-        self._changed()
+    def violate(self, name: str, kind: str, reason: str, time: int | None = None) -> None:
+        """Tell who asks for a stream why samples are missing or wrong, from a time or now on."""
+        now = self.node.now()
+        fault = StreamFault(now if time is None else time, str(kind), reason[:MAX_REASON])
+        self.peer.violate(name, fault, now)
+        self.changed()
 
     async def _make(self, name: str, offer: Offer) -> None:
         spec = StreamSpec(name=NAME + name, specification=offer.specification)
@@ -171,7 +153,7 @@ class OwnStreams:
             # An earlier run of this node has left it, of another specification.
             await self._manager.call(StreamDestroy, stream_name=spec.name)
             created = await self._manager.call(StreamCreateFromSpec, spec=spec)
-        listener = OwnStream(self._node, self._peer, name, self._changed)
+        listener = OwnStream(self, name)
         remove = self._topics.listen(created.stream_topic, listener, STREAM, SampleMessage)
         self._topics.refresh()
         self._made[name] = offer, remove
@@ -183,4 +165,4 @@ class OwnStreams:
         try:
             await self._manager.call(StreamDestroy, stream_name=NAME + name)
         except DyKnowError as error:
-            self._node.get_logger().info(f"stream '{NAME}{name}' is not destroyed: {error}")
+            self.node.get_logger().info(f"stream '{NAME}{name}' is not destroyed: {error}")

@@ -9,14 +9,9 @@ subscribes, the peer is not asked.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
-from dyknow_interfaces.msg import (
-    ConstraintViolation,
-    StreamWatermark,
-    StreamWatermarks,
-)
+from dyknow_interfaces.msg import ConstraintViolation, StreamWatermark, StreamWatermarks
 from dyknow_interfaces.msg import Sample as SampleMessage
 
 from dyknow_common import Value
@@ -40,64 +35,58 @@ class RemoteStream:
     Args:
         node: the node.
         topic: the absolute topic.
+        watermarks: the publisher of the watermarks of all streams of the peer.
     """
 
-    def __init__(self, node: DyKnowNode, topic: str) -> None:
+    def __init__(self, node: DyKnowNode, topic: str, watermarks: Any) -> None:
+        self.told = 0
+        """The time until which its values are published."""
         self._node = node
-        self.topic = topic
+        self._topic = topic
         self._writer = SampleWriter()
-        self._latest = self._watermark = 0
+        self._latest = 0
         self._publisher = node.create_publisher(SampleMessage, topic, STREAM)
         self._violations = node.create_publisher(
             ConstraintViolation, violations_topic(topic), VIOLATIONS
         )
+        self._watermarks = watermarks
 
     @property
     def is_wanted(self) -> bool:
         """True while somebody subscribes."""
         return bool(self._publisher.get_subscription_count())
 
-    @property
-    def told(self) -> int:
-        """The time until which its values are published."""
-        return max(self._latest, self._watermark)
-
     def publish(self, time: int, value: Value) -> None:
         """Publish the value since a time."""
         sample = Sample(time, self._node.now(), {VALUE: value}, time)
         self._publisher.publish(self._writer.write(sample))
-        self._latest = time
+        self._latest, self.told = time, max(time, self.told)
 
-    def watermark(self, time: int) -> Any | None:
-        """Return the message that later values hold after a time; None if that is known."""
+    def promise(self, time: int) -> None:
+        """Publish that later values hold after a time, unless that is known."""
         if time <= self.told:
-            return None
-        self._watermark = time
-        return StreamWatermark(
-            stream_name=self.topic.rpartition('/')[2],
+            return
+        self.told = time
+        message = StreamWatermark(
+            stream_name=self._topic.rpartition('/')[2],
             stream_id=self._writer.stream_id,
             number=self._writer.number,
-            watermark=nanoseconds_to_time(self._watermark),
+            watermark=nanoseconds_to_time(time),
         )
+        self._watermarks.publish(StreamWatermarks(streams=[message]))
 
     def violate(self, kind: str, reason: str, valid_time: int | None = None) -> None:
-        """Report that samples are missing, or have wrong times.
-
-        Args:
-            kind: of the violation.
-            reason: the description for users.
-            valid_time: from which on samples are in doubt; None: from the latest one.
-        """
+        """Report that samples are in doubt from a valid time on; None: from the latest one on."""
         now = self._node.now()
         self._writer.note_violation(now)
         valid_time = self._latest if valid_time is None else valid_time
         self._violations.publish(
             ConstraintViolation(
-                stream_name=self.topic,
+                stream_name=self._topic,
                 constraint=str(kind),
                 valid_time=nanoseconds_to_time(max(valid_time, 0)),
                 available_time=nanoseconds_to_time(now),
-                message=f"stream '{self.topic}': {reason}",
+                message=f"stream '{self._topic}': {reason}",
             )
         )
 
@@ -115,11 +104,7 @@ class StreamName(NamedTuple):
 
 
 class RemoteStreams:
-    """The streams of all peers.
-
-    Args:
-        node: the node that publishes them.
-    """
+    """The streams of all peers, which a node publishes."""
 
     def __init__(self, node: DyKnowNode) -> None:
         self._node = node
@@ -133,56 +118,30 @@ class RemoteStreams:
 
     def keep(self, names: set[StreamName]) -> None:
         """Publish these streams, and no others but those that are still read."""
-        for name in names - self._streams.keys():
-            self._streams[name] = RemoteStream(self._node, self.topic(*name))
         for name in self._streams.keys() - names - self._wanted:
             self._streams.pop(name).destroy()
-        peers = {each.peer for each in self._streams}
-        for peer in self._watermarks.keys() - peers:
+        for peer in self._watermarks.keys() - {each.peer for each in (*self._streams, *names)}:
             self._node.destroy_publisher(self._watermarks.pop(peer))
-        for peer in peers - self._watermarks.keys():
-            topic = watermarks_topic(str(self._node.resolve_topic_name(f'{PREFIX}/{peer}')))
-            self._watermarks[peer] = self._node.create_publisher(
-                StreamWatermarks, topic, WATERMARKS
-            )
+        for name in names - self._streams.keys():
+            topic = self.topic(*name)
+            if name.peer not in self._watermarks:
+                self._watermarks[name.peer] = self._node.create_publisher(
+                    StreamWatermarks, watermarks_topic(topic.rpartition('/')[0]), WATERMARKS
+                )
+            watermarks = self._watermarks[name.peer]
+            self._streams[name] = RemoteStream(self._node, topic, watermarks)
 
-    def demand(self) -> tuple[set[StreamName], set[StreamName]]:
-        """Return the streams that are read since the last call, and those that are no more."""
+    def demand(self) -> tuple[dict[StreamName, int], set[StreamName]]:
+        """Return the streams that are read since the last call, and those that are no more.
+
+        The former with the time until which their values are published.
+        """
         wanted = {name for name, each in self._streams.items() if each.is_wanted}
         former, self._wanted = self._wanted, wanted
-        return wanted - former, former - wanted
+        return {name: self._streams[name].told for name in wanted - former}, former - wanted
 
-    @property
-    def wanted(self) -> set[StreamName]:
-        """The streams that are read."""
-        return self._wanted
-
-    def told(self, name: StreamName) -> int:
-        """Return the time until which values of a stream are published."""
-        return self._streams[name].told
-
-    def publish(self, name: StreamName, time: int, value: Value) -> None:
-        """Publish the value of a stream since a time."""
-        if name in self._streams:
-            self._streams[name].publish(time, value)
-
-    def pass_watermark(self, name: StreamName, time: int) -> None:
-        """Publish that later values of a stream hold after a time."""
-        stream = self._streams.get(name)
-        found = None if stream is None else stream.watermark(time)
-        if found is not None:
-            self._watermarks[name.peer].publish(StreamWatermarks(streams=[found]))
-
-    def violate(
-        self, peer: str, kind: str, reason: str, stream: str = '', valid_time: int | None = None
-    ) -> None:
-        """Report a violation of a stream of a peer, or of all that are read."""
-        for name in self._of(peer, stream):
-            self._streams[name].violate(kind, reason, valid_time)
-
-    def _of(self, peer: str, stream: str) -> Iterator[StreamName]:
-        return (
-            name
-            for name in self._streams
-            if name.peer == peer and (name.stream == stream if stream else name in self._wanted)
-        )
+    def of(self, peer: str, stream: str = '') -> list[RemoteStream]:
+        """Return a stream of a peer, if it is published; or all that are read."""
+        names = [StreamName(peer, stream)] if stream else [*self._wanted]
+        known = (each for each in names if each.peer == peer and each in self._streams)
+        return [self._streams[each] for each in known]

@@ -9,17 +9,16 @@ whose certificate which key may be written and read:
 
 from __future__ import annotations
 
+import json
 import re
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
-from queue import Full, Queue
 from typing import Any, Final, NamedTuple
 
-from dyknow_common import DyKnowError, ExitCode, one_line, quoted
+from dyknow_common import DyKnowError, ExitCode, one_line
 from dyknow_configuration import RequestedFederation
 from dyknow_federation.encoding import MAX_PACKET
 from dyknow_federation.errors import FederationError
-from dyknow_federation.peer import MAX_PEERS
 
 PREFIX: Final = 'dyknow/federation'
 
@@ -30,13 +29,7 @@ _KEY: Final = re.compile(f'{PREFIX}/([^/]+)/(?:all|to/[^/]+)')
 
 
 class ReceivedPacket(NamedTuple):
-    """A packet as it came.
-
-    Args:
-        sender: the peer by whose key it came.
-        data: its bytes.
-        received_at: in nanoseconds.
-    """
+    """The bytes of a packet, the peer by whose key they came, and when, in nanoseconds."""
 
     sender: str
     data: bytes
@@ -59,22 +52,20 @@ class ZenohTransport:
         self, federation: RequestedFederation, now: Callable[[], int], wake: Callable[[], None]
     ) -> None:
         self.sent: Counter[str] = Counter()
-        self.received: Counter[str] = Counter()
         """Numbers of bytes, by the names of peers; what is sent to all counts for an empty one."""
         self.dropped = 0
         """The number of packets that came while too many waited, or were too long."""
         self._name = federation.name
         self._now = now
         self._wake = wake
-        self._waiting: Queue[ReceivedPacket] = Queue(MAX_WAITING)
+        self._waiting: deque[ReceivedPacket] = deque()
         self._zenoh = _zenoh()
         self._publishers: dict[tuple[str, bool], Any] = {}
         try:
             self.session = self._zenoh.open(self._configuration(federation))
             keys = (f'{PREFIX}/*/all', f'{PREFIX}/*/to/{self._name}')
-            self._subscribers = [
-                self.session.declare_subscriber(key, self._receive) for key in keys
-            ]
+            declare = self.session.declare_subscriber
+            self._subscribers = [declare(key, self._receive) for key in keys]
         except self._zenoh.ZError as error:
             raise FederationError(
                 f'zenoh cannot start: {one_line(error)}; see the key federation of the robot.yaml, '
@@ -83,13 +74,7 @@ class ZenohTransport:
             ) from None
 
     def send(self, receiver: str, data: bytes, *, is_urgent: bool) -> None:
-        """Send a packet to a peer; an empty name sends it to all.
-
-        Args:
-            receiver: the name of the peer.
-            data: the packet.
-            is_urgent: True to send it before others, and without waiting for more.
-        """
+        """Send a packet to a peer, or to all if the name is empty; an urgent one never waits."""
         key = receiver, is_urgent
         if key not in self._publishers:
             self._publishers[key] = self._publisher(receiver, is_urgent=is_urgent)
@@ -98,10 +83,11 @@ class ZenohTransport:
 
     def take(self) -> list[ReceivedPacket]:
         """Return the packets that have come since the last call."""
-        return [self._waiting.get_nowait() for _ in range(self._waiting.qsize())]
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]
 
     def forget(self, peer: str) -> None:
         """Free what was needed to send to a peer."""
+        self.sent.pop(peer, None)
         for key in [key for key in self._publishers if key[0] == peer]:
             self._publishers.pop(key).undeclare()
 
@@ -114,12 +100,11 @@ class ZenohTransport:
         try:
             configuration = self._zenoh.Config.from_file(file) if file else self._zenoh.Config()
         except self._zenoh.ZError as error:
-            raise FederationError(
-                f'{file} is no configuration of zenoh: {one_line(error)}'
-            ) from None
+            text = f'{file} is no configuration of zenoh: {one_line(error)}'
+            raise FederationError(text) from None
         for key in ('connect', 'listen'):
             if endpoints := getattr(federation, key):
-                configuration.insert_json5(f'{key}/endpoints', _json(endpoints))
+                configuration.insert_json5(f'{key}/endpoints', json.dumps(endpoints))
         return configuration
 
     def _publisher(self, receiver: str, *, is_urgent: bool) -> Any:
@@ -140,20 +125,12 @@ class ZenohTransport:
         found = _KEY.fullmatch(str(sample.key_expr))
         if found is None:
             return
-        payload, received = sample.payload, self.received
-        if len(payload) > MAX_PACKET or (found[1] not in received and len(received) > MAX_PEERS):
+        data = sample.payload
+        if len(data) > MAX_PACKET or len(self._waiting) >= MAX_WAITING:
             self.dropped += 1
             return
-        received[found[1]] += len(payload)
-        try:
-            self._waiting.put_nowait(ReceivedPacket(found[1], bytes(payload), now))
-        except Full:
-            self.dropped += 1
+        self._waiting.append(ReceivedPacket(found[1], bytes(data), now))
         self._wake()
-
-
-def _json(endpoints: tuple[str, ...]) -> str:
-    return f'[{", ".join(map(quoted, endpoints))}]'
 
 
 def _zenoh() -> Any:
@@ -161,7 +138,6 @@ def _zenoh() -> Any:
     try:
         import zenoh  # noqa: PLC0415
     except ImportError:
-        raise DyKnowError(
-            "the key 'federation' needs zenoh: pip install eclipse-zenoh", ExitCode.UNAVAILABLE
-        ) from None
+        text = "the key 'federation' needs zenoh: pip install eclipse-zenoh"
+        raise DyKnowError(text, ExitCode.UNAVAILABLE) from None
     return zenoh

@@ -22,13 +22,7 @@ from dyknow_interfaces.srv import (
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import DyKnowNode
 from dyknow_federation.errors import FederationError
-from dyknow_federation.meaning import (
-    ImportedStream,
-    Imports,
-    argument_sorts,
-    imports,
-    missing_features,
-)
+from dyknow_federation.meaning import ImportedStream, Imports, imports, missing_features
 from dyknow_federation.messages import Shares
 from dyknow_federation.offers import ANY_SORT, REMOTE, Offer, offers
 from dyknow_semantics import Knowledge, Matcher, parse_concept
@@ -66,14 +60,11 @@ class SharedVocabulary:
         self._matcher = Matcher(Knowledge(()))
 
     @property
-    def is_available(self) -> bool:
-        """True if the nodes that hold both are running."""
-        return self._ontologies.remote.alive and self._annotations.remote.alive
-
-    @property
-    def version(self) -> tuple[Mapping[str, str], Mapping[str, str]]:
-        """The statuses of the nodes that hold both; they change with each change."""
-        return dict(self._ontologies.remote.status), dict(self._annotations.remote.status)
+    def version(self) -> object:
+        """The statuses of the nodes that hold both, which change with both; None without a node."""
+        remotes = self._ontologies.remote, self._annotations.remote
+        is_known = all(each.alive for each in remotes)
+        return [dict(each.status) for each in remotes] if is_known else None
 
     async def offers(self, features: Collection[str]) -> tuple[list[Offer], Knowledge, list[str]]:
         """Return an offer for each ground feature of some features, and what cannot be shared."""
@@ -106,7 +97,9 @@ class SharedVocabulary:
         own = {name for sort in knowledge.sorts for name in knowledge.instances(sort)} - remote
         due = imports(shares, own, self._same, self._topic)
         faults = list(due.faults)
-        present = await self._present()
+        annotations = (await self._annotations.contents()).annotations.items()
+        topics = {each.stream: text for text, each in annotations if each.is_topic}
+        present = {each: text for each, text in topics.items() if each.startswith(self._prefix)}
         wanted = {self._topic(*name): each.annotation for name, each in due.streams.items()}
         for topic, text in present.items():
             if wanted.get(topic) != text:
@@ -122,15 +115,6 @@ class SharedVocabulary:
         self.faults = tuple(faults)
         return due
 
-    async def _present(self) -> dict[str, str]:
-        """Return the annotations of streams of peers, by their topics."""
-        listed = await self._annotations.contents()
-        return {
-            each.stream: text
-            for text, each in listed.annotations.items()
-            if each.is_topic and each.stream.startswith(self._prefix)
-        }
-
     async def _add(
         self,
         knowledge: Knowledge,
@@ -144,15 +128,15 @@ class SharedVocabulary:
         for name, sorts in sorts_of.items():
             await self._try(faults, InstanceCreate, instance_name=name, concept_names=sorts)
         features = [each.name for each in knowledge.features]
-        for feature, carried in missing_features(streams, features):
+        for feature, arguments in missing_features(streams, features):
             await self._try(
                 faults,
                 ConceptCreate,
-                concept_name=feature,
-                parent_concepts=[] if carried[0].sorts else ['NullaryFeature'],
-                argument_sorts=list(argument_sorts(carried)),
-                value_type=carried[0].value_type,
-                unit=carried[0].unit,
+                concept_name=feature.name,
+                parent_concepts=[] if arguments else ['NullaryFeature'],
+                argument_sorts=arguments,
+                value_type=feature.value_type,
+                unit=feature.unit,
             )
         for each in streams:
             await self._try(faults, AddSemanticSpecification, ssl_statement=each.annotation)

@@ -15,7 +15,8 @@ import pytest
 
 from dyknow_common import DyKnowError
 from dyknow_configuration import RequestedFederation
-from dyknow_federation.ros.transport import ZenohTransport
+from dyknow_federation.peer import MAX_PEERS
+from dyknow_federation.ros.transport import PREFIX, ZenohTransport
 
 pytestmark = pytest.mark.skipif(find_spec('zenoh') is None, reason='zenoh is not installed')
 
@@ -93,7 +94,27 @@ def test_packets_reach_those_that_they_are_for(network: Network, tmp_path: Path)
         'carrier1': {('base', b'all'), ('base', b'one')},
         'carrier2': {('base', b'all')},
     }
-    assert network.transports['carrier2'].received['base'] >= len(b'all')
+    assert network.transports['base'].sent['carrier1'] >= len(b'one')
+
+
+@pytest.mark.parametrize('network', ['tcp'], indirect=True)
+def test_senders_that_were_never_peers_keep_no_other_one_out(
+    network: Network, tmp_path: Path
+) -> None:
+    file = tmp_path / 'zenoh.json5'
+    file.write_text(ALONE)
+    network.add('base', 'base', file)
+    network.add('strange', 'strange', file)
+
+    def have_come(name: str) -> bool:
+        network.transports['strange'].session.put(f'{PREFIX}/{name}/all', b'?')
+        network.take()
+        return (name, b'?') in network.received['base']
+
+    wait_until(lambda: have_come('first'))
+    for number in range(MAX_PEERS + 1):
+        have_come(f'p{number}')
+    wait_until(lambda: have_come('last'))
 
 
 @pytest.mark.skipif(shutil.which('openssl') is None, reason='openssl is not installed')
