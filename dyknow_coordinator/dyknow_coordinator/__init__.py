@@ -1,10 +1,14 @@
 """Coordination: ground formulas, run their evaluations and report the answers."""
 
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer, Progress
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.evaluation.request import FOLLOWED
-from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
+from dyknow_coordinator.evaluation import (
+    FOLLOWED,
+    Answer,
+    EvaluationPhase,
+    Progress,
+    StandingVerdicts,
+    ViolationEpisode,
+)
 from dyknow_coordinator.grounding.candidate_search import CandidateSearch
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
 from dyknow_coordinator.grounding.feature_sources import (

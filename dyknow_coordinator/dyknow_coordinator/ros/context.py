@@ -9,7 +9,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import Background, DyKnowNode, ParameterLimits
-from dyknow_coordinator.evaluation.request import FOLLOWED
+from dyknow_coordinator.evaluation import FOLLOWED
 from dyknow_coordinator.grounding.known_streams import stream_topic
 from dyknow_coordinator.ros.cleanup import Cleanup
 from dyknow_coordinator.ros.results import Results

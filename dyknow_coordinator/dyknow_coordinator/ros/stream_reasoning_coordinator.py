@@ -30,8 +30,7 @@ from dyknow_common.ros import (
     run,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer
-from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.evaluation import Answer, EvaluationRequest
 from dyknow_coordinator.grounding.source_choice import SILENCE_LIMIT_NS, SILENCE_LIMITS_S
 from dyknow_coordinator.reporting.evaluation_status import (
     EvaluationStatus,

@@ -24,8 +24,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.evaluation import EvaluationPhase, EvaluationRequest
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates

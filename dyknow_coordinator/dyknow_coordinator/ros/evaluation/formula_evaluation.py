@@ -20,10 +20,14 @@ from rclpy.task import Future
 from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed, one_line
 from dyknow_common.ros import margin_from_message, probability_from_message, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer
-from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase, History
-from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.evaluation.standing import StandingVerdicts
+from dyknow_coordinator.evaluation import (
+    Answer,
+    Evaluation,
+    EvaluationPhase,
+    EvaluationRequest,
+    History,
+    StandingVerdicts,
+)
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
 from dyknow_coordinator.grounding.region_relations import ground_features, with_relations

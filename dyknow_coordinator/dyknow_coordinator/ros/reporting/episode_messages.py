@@ -12,7 +12,7 @@ from dyknow_common.ros import (
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
-from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
+from dyknow_coordinator.evaluation import StandingVerdicts, ViolationEpisode
 
 _FIELDS: Final = ('holds', 'fails', 'undecided', 'unknown', 'is_violated', 'episode_count')
 _EPISODE_FIELDS: Final = ('states', 'has_ended', 'explanation')

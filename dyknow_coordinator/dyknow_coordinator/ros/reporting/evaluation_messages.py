@@ -21,7 +21,7 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.reporting.episode_messages import (
