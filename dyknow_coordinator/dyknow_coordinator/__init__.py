@@ -9,8 +9,14 @@ from dyknow_coordinator.evaluation import (
     StandingVerdicts,
     ViolationEpisode,
 )
-from dyknow_coordinator.grounding.candidate_search import CandidateSearch
+from dyknow_coordinator.grounding.candidate_search import (
+    CandidateSearch,
+    check_symbols,
+    feature_symbols,
+    sort_names,
+)
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
+from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
     FeatureSource,
@@ -19,7 +25,12 @@ from dyknow_coordinator.grounding.feature_sources import (
     parse_sources,
     with_caveat,
 )
-from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, stream_topic
+from dyknow_coordinator.grounding.known_streams import (
+    KnownStream,
+    KnownStreams,
+    field_names,
+    stream_topic,
+)
 from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.source_choice import (
@@ -33,11 +44,8 @@ from dyknow_coordinator.grounding.source_choice import (
     describe_violation,
     worst_fault,
 )
-from dyknow_coordinator.grounding.source_session import SourceSession
-from dyknow_coordinator.grounding.standby_sources import StandbySources
+from dyknow_coordinator.grounding.source_session import SourceSession, StandbySources
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
-from dyknow_coordinator.grounding.stream_fields import field_names
-from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
 from dyknow_coordinator.grounding.units import (
     feature_units,
     find_uncertainties,
@@ -46,7 +54,6 @@ from dyknow_coordinator.grounding.units import (
     with_unit,
     with_units,
 )
-from dyknow_coordinator.grounding.unknown_features import unknown_features
 from dyknow_coordinator.plan import (
     Event,
     FormulaPosition,

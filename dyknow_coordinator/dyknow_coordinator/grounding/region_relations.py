@@ -20,9 +20,9 @@ from typing import Final
 
 from dyknow_common import Symbol
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.candidate_search import OPEN_RELATION, feature_symbols
 from dyknow_coordinator.grounding.compared_objects import NAME, bound_sorts
 from dyknow_coordinator.grounding.declared_properties import QueryFunction
-from dyknow_coordinator.grounding.symbols import OPEN_RELATION, feature_symbols
 from dyknow_space import RELATION_NAMES, RegionRelation, SpatialKnowledge, SpatialStatement
 
 MAX_CASES: Final = 64

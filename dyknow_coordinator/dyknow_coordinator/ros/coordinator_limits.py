@@ -8,7 +8,7 @@ from typing import Final
 
 from dyknow_common import ExitCode, Symbol
 from dyknow_common.ros import ParameterLimits
-from dyknow_coordinator.grounding.symbols import feature_symbols
+from dyknow_coordinator.grounding.candidate_search import feature_symbols
 
 LIMITS: Final = {
     'evaluation_limit': (500, 'Formulas that are evaluated at once, for all clients together.'),

@@ -28,12 +28,13 @@ from dyknow_coordinator.evaluation import (
     History,
     StandingVerdicts,
 )
+from dyknow_coordinator.grounding.candidate_search import check_symbols, sort_names
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
+from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
 from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
 from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
-from dyknow_coordinator.grounding.symbols import check_symbols, sort_names
 from dyknow_coordinator.grounding.units import (
     feature_units,
     find_uncertainties,
@@ -42,13 +43,12 @@ from dyknow_coordinator.grounding.units import (
     with_unit,
     with_units,
 )
-from dyknow_coordinator.grounding.unknown_features import unknown_features
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.coordinator_limits import check_domains
 from dyknow_coordinator.ros.evaluation.candidates import find_candidates
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
-from dyknow_coordinator.ros.reporting.episode_messages import verdicts_from_message
+from dyknow_coordinator.ros.reporting.evaluation_messages import verdicts_from_message
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
