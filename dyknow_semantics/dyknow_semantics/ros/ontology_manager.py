@@ -34,10 +34,8 @@ from dyknow_semantics.ontology.new_entities import assumed_signature
 from dyknow_semantics.ontology.ontology import Ontology, Row
 from dyknow_semantics.ontology.queries import answer_query, check_query
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
-from dyknow_semantics.ros.inference import Inference
-from dyknow_semantics.ros.mirrors import read_bridges
-from dyknow_semantics.ros.version import VersionPublisher
-from dyknow_semantics.ros.worker import Worker
+from dyknow_semantics.ros.inference import Inference, Worker
+from dyknow_semantics.ros.mirrors import VersionPublisher, read_bridges
 from dyknow_semantics.workers import Work
 
 _MEBIBYTE: Final = 1024 * 1024
