@@ -27,6 +27,7 @@ from dyknow_recordings.markers import (
     formula_markers,
     objects_of,
 )
+from dyknow_recordings.reading.bags.bag_writing import BAG_VERSION
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import in_order
 from dyknow_recordings.reporting.verdict_messages import (
@@ -47,15 +48,9 @@ RESULTS: Final = '/dyknow/results'
 VIOLATIONS: Final = '/dyknow/violations'
 
 VERDICTS: Final = '/dyknow/verdicts'
-
 MARKERS: Final = '/dyknow/markers'
-
 DIAGNOSTICS: Final = '/diagnostics'
-
-_BAG_VERSION: Final = 9
-
 _REPORTER: Final = 'dyknow check'
-
 _MAX_TICKS: Final = 10_000
 """The number of regular reports, and of sets of markers; in longer recordings they are rarer."""
 
@@ -63,9 +58,7 @@ TimedMessage = tuple[int, str, Any]
 """A log time in nanoseconds, a topic and a message."""
 
 _TYPE: Final = 'nav_msgs/msg/Odometry'
-
 _FRAME: Final = 'header.frame_id'
-
 _POSITION: Final = tuple(f'pose.pose.position.{axis}' for axis in 'xyz')
 
 
@@ -284,7 +277,7 @@ def write_verdicts(report: RecordingReport, path: Path) -> None:
     origin = min(report.start_time, 0)
     with TemporaryDirectory(prefix='.dyknow_', dir=path.parent) as folder:
         bag = Path(folder, path.stem)
-        writer = Writer(bag, version=_BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
+        writer = Writer(bag, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             connections: dict[str, Any] = {}
