@@ -10,8 +10,7 @@ import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult, Sample
 from dyknow_interfaces.srv import ListSemanticSpecifications
 
-from dyknow_bringup.security.policy import policy_text
-from dyknow_bringup.security.systems import SecuredSystem
+from dyknow_bringup.security.systems import SecuredSystem, policy_text
 from dyknow_bringup.simulation.link import FailingLink, free_port
 from dyknow_common import Alternatives, Value
 from dyknow_common.ros import STREAM
