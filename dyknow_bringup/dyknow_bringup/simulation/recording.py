@@ -20,8 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.simulation.scenario import Scenario
 from dyknow_bringup.simulation.simulation import Simulation
-from dyknow_bringup.simulation.telemetry import topic
-from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
+from dyknow_bringup.simulation.telemetry import MESSAGE_TYPES, ros_message, topic
 from dyknow_common import ExitCode
 from dyknow_recordings import (
     BAG_VERSION,
