@@ -16,6 +16,7 @@ from dyknow_coordinator.grounding.candidate_search import (
     sort_names,
 )
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
+from dyknow_coordinator.grounding.completion import completed
 from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
@@ -31,8 +32,7 @@ from dyknow_coordinator.grounding.known_streams import (
     field_names,
     stream_topic,
 )
-from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
-from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
+from dyknow_coordinator.grounding.region_relations import ground_features
 from dyknow_coordinator.grounding.source_choice import (
     EXCLUSION_NS,
     SILENCE_LIMIT_NS,
@@ -46,14 +46,7 @@ from dyknow_coordinator.grounding.source_choice import (
 )
 from dyknow_coordinator.grounding.source_session import SourceSession, StandbySources
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
-from dyknow_coordinator.grounding.units import (
-    feature_units,
-    find_uncertainties,
-    find_units,
-    has_units,
-    with_unit,
-    with_units,
-)
+from dyknow_coordinator.grounding.units import feature_units, with_unit
 from dyknow_coordinator.plan import (
     Event,
     FormulaPosition,
@@ -108,18 +101,15 @@ __all__ = [
     'ViolationEpisode',
     'check_compared_objects',
     'check_symbols',
+    'completed',
     'describe_sources',
     'describe_violation',
     'diagnose',
     'feature_symbols',
     'feature_units',
     'field_names',
-    'find_uncertainties',
-    'find_units',
     'ground_features',
     'has_loaded',
-    'has_units',
-    'infer_sorts',
     'parse_sources',
     'sort_names',
     'state_specification',
@@ -127,9 +117,6 @@ __all__ = [
     'unknown_features',
     'verdict_token',
     'with_caveat',
-    'with_relations',
-    'with_sorts',
     'with_unit',
-    'with_units',
     'worst_fault',
 ]

@@ -30,18 +30,14 @@ from dyknow_coordinator.evaluation import (
 )
 from dyknow_coordinator.grounding.candidate_search import check_symbols, sort_names
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
+from dyknow_coordinator.grounding.completion import completed
 from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
-from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
-from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
+from dyknow_coordinator.grounding.region_relations import ground_features
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.grounding.units import (
     feature_units,
-    find_uncertainties,
-    find_units,
-    has_units,
     with_unit,
-    with_units,
 )
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.ros.context import CoordinatorContext
@@ -371,13 +367,7 @@ class FormulaEvaluation(Evaluation):
         check_symbols(symbols, self.request.grounding)
         if self.request.margin and self.request.grounding is not Grounding.SYNTACTIC:
             self._units = await feature_units(symbols, clients.query)
-        sorts = await infer_sorts(symbols, clients.query)
-        states_units = has_units(self.canonical_formula)
-        uncertainties = await find_uncertainties(self.canonical_formula, symbols, clients.query)
-        formula = with_sorts(self.canonical_formula, sorts)
-        formula = await with_relations(formula, clients.domains, clients.query)
-        units = await find_units(symbols, clients.query) if states_units else {}
-        formula = with_units(formula, units, uncertainties)
+        formula = await completed(self.canonical_formula, symbols, clients.domains, clients.query)
         if formula == self.canonical_formula:
             return formula_id, formula, symbols
         await clients.remove_formula(group_id, formula_id)
