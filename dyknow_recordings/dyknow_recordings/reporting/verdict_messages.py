@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from functools import lru_cache
@@ -14,7 +13,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from dyknow_common import SECOND_NS, ExitCode, Verdict
+from dyknow_common import SECOND_NS, ExitCode, Verdict, sourced_prefixes
 from dyknow_coordinator import EvaluationStatus, diagnose
 from dyknow_coordinator.reporting.evaluation_status import details
 from dyknow_recordings.errors import RecordingError
@@ -75,10 +74,9 @@ def header(time: int, frame: str = '') -> Any:
 
 def _definition(file: str) -> str:
     """Return the definition of a message of dyknow_interfaces."""
-    prefixes = [each for each in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if each]
     folders = (
         Path(__file__).with_name('msg'),  # of the wheel
-        *(Path(prefix, 'share', 'dyknow_interfaces', 'msg') for prefix in prefixes),
+        *(each / 'share' / 'dyknow_interfaces' / 'msg' for each in sourced_prefixes()),
         Path(__file__).resolve().parents[3] / 'dyknow_interfaces' / 'msg',  # of the sources
     )
     for folder in folders:

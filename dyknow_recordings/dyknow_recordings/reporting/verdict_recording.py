@@ -12,8 +12,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-
 from dyknow_common import SECOND_NS, DyKnowError
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, verdict_token
 from dyknow_recordings.errors import RecordingError
@@ -27,7 +25,7 @@ from dyknow_recordings.markers import (
     formula_markers,
     objects_of,
 )
-from dyknow_recordings.reading.bags.bag_writing import BAG_VERSION
+from dyknow_recordings.reading.bags.bag_writing import bag_writer
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import in_order
 from dyknow_recordings.reporting.verdict_messages import (
@@ -277,9 +275,7 @@ def write_verdicts(report: RecordingReport, path: Path) -> None:
     origin = min(report.start_time, 0)
     with TemporaryDirectory(prefix='.dyknow_', dir=path.parent) as folder:
         bag = Path(folder, path.stem)
-        writer = Writer(bag, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        with writer:
+        with bag_writer(bag) as writer:
             connections: dict[str, Any] = {}
             for time, topic, message in _messages(report):
                 if topic not in connections:

@@ -25,9 +25,7 @@ from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
 from dyknow_recordings.reading.bags.bag_metadata import CUT, cut_data
 from dyknow_recordings.reading.lost_messages import LostMessages
 
-BAG_VERSION: Final = 9
-"""The version of the metadata of bags, as rosbag2 of Jazzy writes them."""
-
+_BAG_VERSION: Final = 9
 _UNLIMITED: Final = QosTime(2147483647, 4294967295)
 _SENT_OFFSET: Final = 23
 """The place of the time of sending in the record of a message."""
@@ -55,6 +53,18 @@ def offered_profile(reliable: bool, latched: bool, depth: int) -> Qos:  # noqa: 
         _UNLIMITED,
         avoid_ros_namespace_conventions=False,
     )
+
+
+def bag_writer(
+    path: Path,
+    storage: StoragePlugin = StoragePlugin.MCAP,
+    compression: CompressionMode = CompressionMode.STORAGE,
+    writer_class: type[Writer] = Writer,
+) -> Writer:
+    """Return a writer of a bag that is compressed by zstd, with metadata as of rosbag2 of Jazzy."""
+    writer = writer_class(path, version=_BAG_VERSION, storage_plugin=storage)
+    writer.set_compression(compression, CompressionFormat.ZSTD)
+    return writer
 
 
 class _SentTimes(McapWriter):
@@ -90,10 +100,7 @@ class BagPart:
     """
 
     def __init__(self, path: Path, source: Bag) -> None:
-        self._writer = _SentTimesWriter(
-            path, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP
-        )
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._writer = bag_writer(path, writer_class=_SentTimesWriter)
         self._connections: dict[tuple[str, str], Connection] = {}
         self.count = 0
         """The number of its messages."""
