@@ -41,8 +41,7 @@ from dyknow_coordinator.reporting.evaluation_status import (
 from dyknow_coordinator.ros.actions import CancellingActionServer, ClientWatch
 from dyknow_coordinator.ros.answers import fill_answer, request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
-from dyknow_coordinator.ros.context import CoordinatorContext
-from dyknow_coordinator.ros.coordinator_limits import LIMITS
+from dyknow_coordinator.ros.context import LIMITS, CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor

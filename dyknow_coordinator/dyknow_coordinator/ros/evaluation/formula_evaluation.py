@@ -40,10 +40,12 @@ from dyknow_coordinator.grounding.units import (
     with_unit,
 )
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
-from dyknow_coordinator.ros.context import CoordinatorContext
-from dyknow_coordinator.ros.coordinator_limits import check_domains
-from dyknow_coordinator.ros.evaluation.candidates import find_candidates
-from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
+from dyknow_coordinator.ros.context import CoordinatorContext, check_domains
+from dyknow_coordinator.ros.evaluation.evaluation_group import (
+    EvaluationGroup,
+    EvaluationGroups,
+    find_candidates,
+)
 from dyknow_coordinator.ros.reporting.evaluation_messages import verdicts_from_message
 
 _MAX_SHOWN: Final = 100
