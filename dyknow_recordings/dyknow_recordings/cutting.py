@@ -150,7 +150,7 @@ class SpanFinder:
 
     Args:
         times: of the topics that formulas read.
-        unstamped: those of these topics whose messages have no stamp.
+        unstamped: the topics among these whose messages have no stamp.
         limits: the start and end of the recording, in nanoseconds.
         before: the time before each failure that is wanted, ...
         after: ... and the time after it.

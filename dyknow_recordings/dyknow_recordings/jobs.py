@@ -129,7 +129,7 @@ def run_in_processes(
     """Run jobs in a block, which gets their indices and results as they come.
 
     All processes have ended when the block ends. It starts before this process has further threads,
-    such as that of a progress bar, so that workers can be forked.
+    such as the thread of a progress bar: workers can then be forked.
 
     Args:
         jobs: the jobs.

@@ -71,7 +71,7 @@ async def with_relations(formula: str, domains: DomainFunction, query: QueryFunc
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:
-        CoordinationError: for too many cases of what is not known.
+        CoordinationError: if the unknown relations have too many cases.
         DyKnowError: if nothing is known of a region, or a request fails.
     """
     if not any(each['relation'] for each in _ATOM.finditer(formula)):

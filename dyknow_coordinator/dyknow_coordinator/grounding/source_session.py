@@ -128,7 +128,7 @@ class SourceSession:
         *,
         known_until: int,
     ) -> None:
-        """Find sources at fault: for a broken constraint, and those of silent topics.
+        """Find the sources at fault: of a broken constraint, and of silent topics.
 
         Args:
             stream: the state stream in use.
@@ -231,9 +231,9 @@ class StandbySources:
         """Use no sources that a violation concerns.
 
         Args:
-            violation: in the states in use, or in those of the standby.
+            violation: in the states in use, or in the states of the standby.
             now: the time.
-            is_own: True if it is in those of the standby.
+            is_own: True if it is in the states of the standby.
         """
         either = (*self.in_use, *self.chosen)
         affected = self._known().affected(either, violation.stream_name)

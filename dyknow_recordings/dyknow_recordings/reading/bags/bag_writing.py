@@ -31,7 +31,7 @@ _SENT_OFFSET: Final = 23
 """The place of the time of sending in the record of a message."""
 
 _NO_HASH: Final = f'RIHS01_{"0" * 64}'
-"""The hash of a type in the place of that of its publisher, which is unknown."""
+"""The hash of a type whose publisher is unknown."""
 
 
 def offered_profile(reliable: bool, latched: bool, depth: int) -> Qos:  # noqa: FBT001 - of an offer
@@ -133,7 +133,7 @@ class BagPart:
         )
 
     def write(self, message: RecordedMessage, log_time: int | None = None) -> None:
-        """Write a message, perhaps at another log time, which is then also that of its sending."""
+        """Write a message, perhaps at another log time, which is then also its time of sending."""
         storage: Any = self._writer.storage
         place = storage.chunk.bio.tell() + _SENT_OFFSET
         time = message.log_time if log_time is None else log_time
