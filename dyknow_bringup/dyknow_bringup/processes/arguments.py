@@ -1,4 +1,4 @@
-"""The arguments of launch files that configure DyKnow."""
+"""Arguments of launch files that configure DyKnow, and the files of ROS parameters they name."""
 
 from __future__ import annotations
 

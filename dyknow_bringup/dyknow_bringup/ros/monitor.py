@@ -1,4 +1,9 @@
-"""The command `dyknow monitor`: monitors the formulas of a robot.yaml, with a live table."""
+"""The command `dyknow monitor`: monitors the formulas of a robot.yaml, with a live table.
+
+`dyknow up robot.yaml` runs a `formula_monitor`. Another one for the same formulas would evaluate
+each of them again, and run their triggers twice. So the command then shows what the running monitor
+has found.
+"""
 
 from __future__ import annotations
 
@@ -54,6 +59,7 @@ NOT_MONITORED: Final = (
     f'{MONITOR} does not evaluate it: it had its verdict some time ago, which its log has, or it '
     f'is not in the file that {MONITOR} was started with; start that anew'
 )
+
 NOTICE_S = 3.0
 """Time without a connection after which a warning says what is waited for."""
 

@@ -1,4 +1,7 @@
-"""The enclaves of a whole system, and the policies of the shipped launch files."""
+"""The enclaves of a whole system, and the policies of the shipped launch files.
+
+A policy of SROS2 says what the nodes of a system may do, as `ros2 security` reads it.
+"""
 
 from __future__ import annotations
 
