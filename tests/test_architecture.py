@@ -9,15 +9,25 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 
+MOST_FILES = {
+    'a constraint': 5,
+    'an operator of the past': 5,
+    'a kind of trigger': 3,
+    'a field of an evaluation': 8,
+}
+"""The files to touch for usual changes; what more a change may want follows a full stop."""
 
 _FILE = re.compile(r'`(\w+/[\w/]+\.(?:py|lark|msg|owl|txt))`(?: \(((?:`[^`]+`(?:, )?)+)\))?')
 
 
 def _files_of_changes() -> list[tuple[str, str]]:
     """The files and the names in parentheses of the table of changes."""
+    return _FILE.findall(_table())
+
+
+def _table() -> str:
     text = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
-    table = text.partition('## Where to make which change')[2]
-    return _FILE.findall(table)
+    return text.partition('## Where to make which change')[2]
 
 
 @pytest.mark.parametrize(('path', 'names'), _files_of_changes())
@@ -27,6 +37,13 @@ def test_the_table_of_changes_names_what_is_there(path: str, names: str) -> None
     text = (folder / path).read_text(encoding='utf-8')
     for name in re.findall(r'`([^`]+)`', names):
         assert re.search(rf'\b{re.escape(name)}\b', text), name
+
+
+@pytest.mark.parametrize('change', MOST_FILES)
+def test_usual_changes_touch_few_files(change: str) -> None:
+    (row,) = (row for row in _table().splitlines() if row.startswith(f'| {change} |'))
+    files = _FILE.findall(row.partition('. ')[0])
+    assert 0 < len(files) <= MOST_FILES[change]
 
 
 def test_the_table_of_changes_has_the_usual_changes() -> None:

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult, GuardStatus, Sample
 
-from dyknow_bringup.security.policy import policy_text
-from dyknow_bringup.security.systems import SecuredSystem
+from dyknow_bringup.security.systems import SecuredSystem, policy_text
 from dyknow_bringup.simulation.link import FailingLink, free_port
 from dyknow_common import Alternatives, Value
 from dyknow_common.ros import STREAM

@@ -40,8 +40,7 @@ from dyknow_bringup.resources import (
     share,
 )
 from dyknow_bringup.security.interfaces import COORDINATOR
-from dyknow_bringup.security.policy import policy_text
-from dyknow_bringup.security.systems import SecuredSystem
+from dyknow_bringup.security.systems import SecuredSystem, policy_text
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import BlackBoxOptions, Verdict

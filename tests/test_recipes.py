@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dyknow_command import main
 from dyknow_configuration import Recipe, add_recipe, read_recipes
-from dyknow_configuration.recipes.catalogue import CATALOGUE
+from dyknow_configuration.recipes import CATALOGUE
 
 RECIPES = read_recipes()
 

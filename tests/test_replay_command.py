@@ -14,8 +14,8 @@ from std_msgs.msg import Bool
 
 from commands import command, output_of, running
 from dyknow_bringup.resources import share
-from dyknow_bringup.simulation.recording import OFFERED
 from dyknow_common import SECOND_NS
+from dyknow_recordings import offered_profile
 from system import Client, private_environment
 
 RECORDING = share() / 'recordings' / 'power_surge'
@@ -43,10 +43,11 @@ def test_a_recording_is_replayed_with_its_clock() -> None:
 def test_topics_of_several_publishers_have_several_again(tmp_path: Path) -> None:
     """Otherwise, an engine would take them for one publisher that stamps in order."""
     types, kind = get_typestore(Stores.ROS2_JAZZY), 'std_msgs/msg/Bool'
+    offered = offered_profile(reliable=True, latched=False, depth=10)
     with Writer(tmp_path / 'bag', version=9) as writer:
         for topic, count in (('/one', 1), ('/several', 3)):
             connection = writer.add_connection(
-                topic, kind, typestore=types, offered_qos_profiles=[OFFERED] * count
+                topic, kind, typestore=types, offered_qos_profiles=[offered] * count
             )
             data = types.serialize_cdr(types.types[kind](True), kind)
             writer.write(connection, SECOND_NS, data)

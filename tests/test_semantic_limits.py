@@ -15,7 +15,7 @@ import pytest
 from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus
 
-from dyknow_bringup.resources import uav_ontology_path
+from dyknow_bringup.resources import share
 from services import Nodes, assert_refused
 
 ONTOLOGY = 'ontology_manager'
@@ -54,7 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def nodes(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> Iterator[Nodes]:
     executables: dict[str, dict[str, Any]] = {
         ONTOLOGY: {
-            'ontologies': [str(uav_ontology_path())],
+            'ontologies': [str(share() / 'ontology' / 'uav.owl')],
             'ontology_path': [str(folder)],
             'allow_download': True,
             'load_limit': 2.0,

@@ -15,7 +15,7 @@ from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus, SemanticsVersion
 from sensor_msgs.msg import BatteryState
 
-from dyknow_bringup.resources import uav_ontology_path
+from dyknow_bringup.resources import share
 from services import LATCHED, Nodes, assert_refused
 from system import POLL
 
@@ -40,7 +40,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     """The nodes, with two vehicles and the annotations of a stream each of one and of all."""
     executables: dict[str, dict[str, Any]] = {
         ONTOLOGY: {
-            'ontologies': [str(uav_ontology_path())],
+            'ontologies': [str(share() / 'ontology' / 'uav.owl')],
             'ontology_path': [str(tmp_path_factory.getbasetemp())],
         },
         SEMANTICS: {},

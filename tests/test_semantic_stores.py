@@ -9,7 +9,7 @@ import pytest
 from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus
 
-from dyknow_bringup.resources import uav_ontology_path
+from dyknow_bringup.resources import share
 from services import Nodes, assert_refused
 
 ONTOLOGY = 'ontology_manager'
@@ -59,7 +59,7 @@ def test_no_answered_change_of_the_ontology_is_lost(tmp_path: Path, answers: int
         for number in range(1000, 1200)
     ]
     with Nodes(tmp_path, **{ONTOLOGY: parameters}) as nodes:
-        nodes.obtain(ONTOLOGY, srv.OntologyLoad, path_or_iri=str(uav_ontology_path()))
+        nodes.obtain(ONTOLOGY, srv.OntologyLoad, path_or_iri=str(share() / 'ontology' / 'uav.owl'))
         nodes.obtain(ONTOLOGY, srv.ConceptCreate, concept_name='Kite', parent_concepts=['UAV'])
         done = written_until_killed(nodes, ONTOLOGY, requests, answers)
     with Nodes(tmp_path, **{ONTOLOGY: parameters}) as nodes:
@@ -73,7 +73,7 @@ def test_no_answered_change_of_the_ontology_is_lost(tmp_path: Path, answers: int
 def test_no_answered_annotation_is_lost(tmp_path: Path, answers: int) -> None:
     executables: dict[str, dict[str, Any]] = {
         ONTOLOGY: {
-            'ontologies': [str(uav_ontology_path())],
+            'ontologies': [str(share() / 'ontology' / 'uav.owl')],
             'store': str(tmp_path / 'ontology.sqlite'),
         },
         SEMANTICS: {'store': str(tmp_path / 'annotations.sqlite')},

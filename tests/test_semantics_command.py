@@ -10,7 +10,7 @@ import pytest
 from dyknow_interfaces import srv
 
 from commands import command, output_of
-from dyknow_bringup.resources import uav_ontology_path
+from dyknow_bringup.resources import share
 from services import Nodes
 
 ONTOLOGY = 'ontology_manager'
@@ -22,7 +22,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
     """An ontology with one vehicle, and a stream of its power."""
     with Nodes(
         tmp_path_factory.mktemp('semantics'),
-        ontology_manager={'ontologies': [str(uav_ontology_path())]},
+        ontology_manager={'ontologies': [str(share() / 'ontology' / 'uav.owl')]},
         stream_semantics_manager={},
     ) as nodes:
         nodes.obtain(ONTOLOGY, srv.InstanceCreate, instance_name='uav1', concept_names=['UAV'])

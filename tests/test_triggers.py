@@ -24,7 +24,7 @@ from commands import command, output_of
 from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_configuration import ConfigurationError, RequestedFormula, read_robot
 from dyknow_coordinator import Answer, Progress, StandingVerdicts, ViolationEpisode
-from dyknow_reactions.ros.triggers import Triggers, commands, targets
+from dyknow_reactions.ros.triggers import Triggers, actions, targets
 from system import Client, private_environment
 
 SECOND = 1_000_000_000
@@ -285,7 +285,7 @@ def test_a_command_that_prints_much(
         files.append(tempfile.TemporaryFile(*arguments, **options))  # noqa: SIM115 - of a command
         return files[-1]
 
-    monkeypatch.setattr(commands, 'tempfile', SimpleNamespace(TemporaryFile=noted))
+    monkeypatch.setattr(actions, 'tempfile', SimpleNamespace(TemporaryFile=noted))
     program = 'head -c 10000000 /dev/zero; head -c 10000000 /dev/zero >&2; : >"$1"; read x <"$0"; '
     program += 'echo the end >&2; exit 4'
     go_on, has_printed = tmp_path / 'go_on', tmp_path / 'has_printed'
@@ -305,7 +305,7 @@ def test_a_command_that_prints_much(
         (use,) = triggers.uses
         assert use.text.startswith('exit code 4: ')
         assert use.text.endswith('the end')
-        assert len(use.text) < 2 * commands.SHOWN
+        assert len(use.text) < 2 * actions.SHOWN
 
 
 @pytest.mark.filterwarnings('ignore:subprocess:ResourceWarning')
@@ -320,7 +320,7 @@ def test_a_command_that_may_not_be_killed(
     requested = formula(tmp_path, '{false: {run: [sleep, "5"], timeout: 100 ms}}')
     with Triggers(observed.node, [requested]) as triggers:
         with monkeypatch.context() as patch:
-            patch.setattr(commands.os, 'killpg', refuse)
+            patch.setattr(actions.os, 'killpg', refuse)
             triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
             observed.client.spin_until(lambda: triggers.is_idle, 'the timeout')
         assert triggers.uses[0].text == (

@@ -58,11 +58,6 @@ def host_path(name: str) -> Path:
     return share() / 'robots' / 'fleet' / f'{name}.yaml'
 
 
-def uav_ontology_path() -> Path:
-    """Return the file with the ontology of UAVs and their features."""
-    return share() / 'ontology' / 'uav.owl'
-
-
 def executable_path(package: str, executable: str) -> Path:
     """Return the file of an executable of an installed package.
 

@@ -10,8 +10,14 @@ import pytest
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.security.interfaces import ACTIONS, COORDINATOR, SERVICES, Interfaces
-from dyknow_bringup.security.policy import Enclave, policy_text
-from dyknow_bringup.security.systems import SecuredSystem, outputs_of, shipped_policies, topics_of
+from dyknow_bringup.security.systems import (
+    Enclave,
+    SecuredSystem,
+    outputs_of,
+    policy_text,
+    shipped_policies,
+    topics_of,
+)
 from dyknow_common import LanguageError
 from dyknow_configuration import RequestedFormula, RequestedGuard
 

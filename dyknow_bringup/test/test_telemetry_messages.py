@@ -9,8 +9,14 @@ from rosbags.typesys import Stores, get_typestore
 
 from dyknow_bringup.simulation.scenario import Scenario
 from dyknow_bringup.simulation.simulation import Simulation
-from dyknow_bringup.simulation.telemetry import Battery, Channel, Odometry, Telemetry
-from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
+from dyknow_bringup.simulation.telemetry import (
+    MESSAGE_TYPES,
+    Battery,
+    Channel,
+    Odometry,
+    Telemetry,
+    ros_message,
+)
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 NORTH_WEST = Odometry(

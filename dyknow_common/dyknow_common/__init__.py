@@ -79,6 +79,7 @@ from dyknow_common.message_constants import (
     TypeConstants,
     constant_names,
     message_constant,
+    sourced_prefixes,
 )
 from dyknow_common.parsing import (
     NOWHERE,
@@ -249,6 +250,7 @@ __all__ = [
     'round_duration',
     'round_time',
     'shortened',
+    'sourced_prefixes',
     'text_value',
     'time_since',
     'unit_conversion',

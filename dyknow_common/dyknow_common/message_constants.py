@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from difflib import get_close_matches
@@ -131,8 +131,8 @@ def _value(kind: str, text: str) -> Value:
 def _installed(base: str) -> TypeConstants:
     """Return the constants of the installed types with a name in any package."""
     found: dict[str, Mapping[str, Value]] = {}
-    for share in _shares() if len(base) <= _MAX_NAME else ():
-        for path in sorted(share.glob(f'*/msg/{base}.msg')):
+    for prefix in sourced_prefixes() if len(base) <= _MAX_NAME else ():
+        for path in sorted(prefix.glob(f'share/*/msg/{base}.msg')):
             with suppress(OSError):
                 text = read_regular(path, MAX_FILE_BYTES).decode(errors='replace')
                 found.setdefault(f'{path.parent.parent.name}/msg/{base}', constants_in(text))
@@ -141,9 +141,12 @@ def _installed(base: str) -> TypeConstants:
 
 @cache
 def _installed_names() -> frozenset[str]:
-    return frozenset(path.stem for share in _shares() for path in share.glob('*/msg/*.msg'))
+    return frozenset(
+        path.stem for each in sourced_prefixes() for path in each.glob('share/*/msg/*.msg')
+    )
 
 
-def _shares() -> Iterable[Path]:
-    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    return [Path(each) / 'share' for each in prefixes if each]
+def sourced_prefixes() -> tuple[Path, ...]:
+    """Return the prefixes of the workspaces that are sourced."""
+    found = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    return tuple(Path(each) for each in found if each)

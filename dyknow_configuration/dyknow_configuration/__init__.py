@@ -29,8 +29,13 @@ from dyknow_configuration.proposals.timing import (
     timing_of,
 )
 from dyknow_configuration.reading import read_robot
-from dyknow_configuration.recipes.catalogue import Recipe, RobotPart, read_recipes
-from dyknow_configuration.recipes.insertion import AddedRecipe, add_recipe
+from dyknow_configuration.recipes import (
+    AddedRecipe,
+    Recipe,
+    RobotPart,
+    add_recipe,
+    read_recipes,
+)
 from dyknow_configuration.regions import POSITION_FEATURES
 from dyknow_configuration.robot import (
     NO_MAP,

@@ -1,12 +1,23 @@
 """Coordination: ground formulas, run their evaluations and report the answers."""
 
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer, Progress
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.evaluation.request import FOLLOWED
-from dyknow_coordinator.evaluation.standing import StandingVerdicts, ViolationEpisode
-from dyknow_coordinator.grounding.candidate_search import CandidateSearch
+from dyknow_coordinator.evaluation import (
+    FOLLOWED,
+    Answer,
+    EvaluationPhase,
+    Progress,
+    StandingVerdicts,
+    ViolationEpisode,
+)
+from dyknow_coordinator.grounding.candidate_search import (
+    CandidateSearch,
+    check_symbols,
+    feature_symbols,
+    sort_names,
+)
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
+from dyknow_coordinator.grounding.completion import completed
+from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
     FeatureSource,
@@ -15,9 +26,13 @@ from dyknow_coordinator.grounding.feature_sources import (
     parse_sources,
     with_caveat,
 )
-from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, stream_topic
-from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
-from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
+from dyknow_coordinator.grounding.known_streams import (
+    KnownStream,
+    KnownStreams,
+    field_names,
+    stream_topic,
+)
+from dyknow_coordinator.grounding.region_relations import ground_features
 from dyknow_coordinator.grounding.source_choice import (
     EXCLUSION_NS,
     SILENCE_LIMIT_NS,
@@ -29,20 +44,9 @@ from dyknow_coordinator.grounding.source_choice import (
     describe_violation,
     worst_fault,
 )
-from dyknow_coordinator.grounding.source_session import SourceSession
-from dyknow_coordinator.grounding.standby_sources import StandbySources
+from dyknow_coordinator.grounding.source_session import SourceSession, StandbySources
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
-from dyknow_coordinator.grounding.stream_fields import field_names
-from dyknow_coordinator.grounding.symbols import check_symbols, feature_symbols, sort_names
-from dyknow_coordinator.grounding.units import (
-    feature_units,
-    find_uncertainties,
-    find_units,
-    has_units,
-    with_unit,
-    with_units,
-)
-from dyknow_coordinator.grounding.unknown_features import unknown_features
+from dyknow_coordinator.grounding.units import feature_units, with_unit
 from dyknow_coordinator.plan import (
     Event,
     FormulaPosition,
@@ -97,18 +101,15 @@ __all__ = [
     'ViolationEpisode',
     'check_compared_objects',
     'check_symbols',
+    'completed',
     'describe_sources',
     'describe_violation',
     'diagnose',
     'feature_symbols',
     'feature_units',
     'field_names',
-    'find_uncertainties',
-    'find_units',
     'ground_features',
     'has_loaded',
-    'has_units',
-    'infer_sorts',
     'parse_sources',
     'sort_names',
     'state_specification',
@@ -116,9 +117,6 @@ __all__ = [
     'unknown_features',
     'verdict_token',
     'with_caveat',
-    'with_relations',
-    'with_sorts',
     'with_unit',
-    'with_units',
     'worst_fault',
 ]

@@ -6,7 +6,7 @@ import pytest
 
 from dyknow_common import ExitCode, Verdict
 from dyknow_coordinator import Answer, CoordinationError, EvaluationPhase
-from dyknow_coordinator.evaluation.evaluation import Evaluation
+from dyknow_coordinator.evaluation import Evaluation
 
 
 @pytest.fixture

@@ -4,6 +4,12 @@ import pytest
 
 from dyknow_common import ExitCode, Symbol, SymbolKind
 from dyknow_coordinator import CoordinationError, Grounding
+from dyknow_coordinator.grounding.candidate_search import (
+    check_symbols,
+    concept_query,
+    feature_symbols,
+    sort_names,
+)
 from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
     FeatureSource,
@@ -13,12 +19,6 @@ from dyknow_coordinator.grounding.feature_sources import (
 )
 from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
 from dyknow_coordinator.grounding.state_specification import state_specification
-from dyknow_coordinator.grounding.symbols import (
-    check_symbols,
-    concept_query,
-    feature_symbols,
-    sort_names,
-)
 from dyknow_stream_processing import SinkDeclaration, StreamReference, Sync, parse_specification
 
 POWER = Symbol(SymbolKind.FEATURE, 'Power', ('UAV',))

@@ -7,8 +7,7 @@ import pytest
 from dyknow_common import SECOND_NS, StreamConstraints, Symbol, SymbolKind
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import FeatureSource, referenced_source
-from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
-from dyknow_coordinator.grounding.stream_fields import field_names
+from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, field_names
 
 ODOMETRY = '/uav1/odometry'
 RATE = 'compunit v: float slope(a: float)'

@@ -12,8 +12,9 @@ from random import Random
 import pytest
 
 from dyknow_common import DyKnowError, Verdict
-from dyknow_coordinator import CoordinationError, ground_features, with_relations
-from dyknow_coordinator.grounding.unknown_features import unknown_features
+from dyknow_coordinator import CoordinationError, ground_features
+from dyknow_coordinator.grounding.declared_properties import unknown_features
+from dyknow_coordinator.grounding.region_relations import with_relations
 from dyknow_reasoning import FormulaGroup, UnknownFeatures
 from dyknow_space import (
     RELATION_NAMES,

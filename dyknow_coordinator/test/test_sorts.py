@@ -34,6 +34,8 @@ def test_a_feature_inherits_a_sort_that_it_does_not_state() -> None:
     inherited = [('Measured', 'Vehicle')]
     assert declared_sorts(POWER, inherited) == {'Vehicle'}
     assert declared_sorts(POWER, [*inherited, ('Power', 'UAV')]) == {'UAV'}
+    # The prefix tells it from a feature of that name in another ontology.
+    assert declared_sorts(POWER, [*inherited, ('uav:Power', 'UAV')]) == {'UAV'}
     assert declared_sorts(POWER, []) == frozenset()
 
 

@@ -18,10 +18,10 @@ from dyknow_coordinator import (
     SourceChoice,
     StateFault,
     describe_violation,
-    infer_sorts,
     parse_sources,
     worst_fault,
 )
+from dyknow_coordinator.grounding.sorts import infer_sorts
 from dyknow_coordinator.grounding.source_choice import may_be_silent
 from dyknow_stream_processing import Violation
 

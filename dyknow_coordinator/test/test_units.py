@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dyknow_common import Symbol, SymbolKind
-from dyknow_coordinator import CoordinationError, find_uncertainties, has_units, with_units
-from dyknow_coordinator.grounding.units import only_unit
+from dyknow_coordinator import CoordinationError
+from dyknow_coordinator.grounding.units import find_uncertainties, has_units, only_unit, with_units
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board
 from dyknow_dashboard.model.metrics import CONTENT_TYPE
-from dyknow_dashboard.server.guards import RateLimit, is_loopback, is_own_host, is_same_origin
+from dyknow_dashboard.server.requests import RateLimit, is_loopback, is_own_host, is_same_origin
 from dyknow_dashboard.server.serving import (
     MAX_BODY,
     MAX_FRAME,

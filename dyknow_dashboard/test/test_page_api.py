@@ -15,8 +15,7 @@ from test_history import FAILED, LOST_STREAM
 
 from dyknow_common import SECOND_NS
 from dyknow_dashboard.model.requests import MAX_IDS
-from dyknow_dashboard.server.guards import RateLimit
-from dyknow_dashboard.server.requests import ACTIONS
+from dyknow_dashboard.server.requests import ACTIONS, RateLimit
 
 API: Any = json.loads(
     resources.files('dyknow_dashboard.page').joinpath('openapi.json').read_text('utf-8')

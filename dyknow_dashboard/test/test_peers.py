@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from dyknow_common import SECOND_NS
-from dyknow_dashboard.model.board import Board, PageState
-from dyknow_dashboard.model.peers import MAX_PEERS_SHOWN
+from dyknow_dashboard.model.board import MAX_PEERS_SHOWN, Board, PageState
 from dyknow_dashboard.model.requests import Interest
 from dyknow_federation.report import FederationReport, LinkState, PeerReport
 

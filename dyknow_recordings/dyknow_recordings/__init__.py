@@ -7,7 +7,6 @@ from dyknow_recordings.black_boxes import (
     horizon,
     read_black_box,
 )
-from dyknow_recordings.cutting.bag_writing import BAG_VERSION, offered_profile
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording, load_vocabulary
@@ -23,6 +22,7 @@ from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles, Vocabulary
 from dyknow_recordings.health.observing import observe_recording
 from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
+from dyknow_recordings.reading.bags.bag_writing import bag_writer, offered_profile
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.messages.message_types import MessageTypes
 from dyknow_recordings.reading.opening import (
@@ -42,7 +42,6 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 
 __all__ = [
-    'BAG_VERSION',
     'BLACK_BOX',
     'Bag',
     'BlackBoxContent',
@@ -72,6 +71,7 @@ __all__ = [
     'TopicContent',
     'Vocabulary',
     'add_reading_options',
+    'bag_writer',
     'evaluate_recording',
     'horizon',
     'in_order',

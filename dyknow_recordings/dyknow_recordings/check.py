@@ -28,8 +28,13 @@ from dyknow_recordings.check_inputs import add_input_options, given_robot, read_
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
 from dyknow_recordings.health.measures import health_of
-from dyknow_recordings.jobs.progress import ProgressBar
-from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob, run_here
+from dyknow_recordings.jobs import (
+    JobResult,
+    ProgressBar,
+    RecordingJob,
+    run_here,
+    run_in_processes,
+)
 from dyknow_recordings.reading.opening import message_types, open_recording
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.documents import failure_document, topics_document
@@ -224,7 +229,7 @@ def _outputs(options: argparse.Namespace) -> Iterator[CheckOutput]:
     if _draws(options):
         yield PictureFiles(options.html, options.png, options.undecided, options.geojson)
     if options.verdicts is not None:
-        from dyknow_recordings.reporting.verdicts.verdict_recording import (  # noqa: PLC0415
+        from dyknow_recordings.reporting.verdict_recording import (  # noqa: PLC0415
             VerdictRecordings,
         )
 
@@ -291,12 +296,10 @@ def _results(
 ) -> AbstractContextManager[Iterator[tuple[int, JobResult]]]:
     """Return the indices and results of jobs, as they come; no job runs after the block."""
     if options.cluster is not None:
-        from dyknow_recordings.jobs.cluster import run_on_cluster  # noqa: PLC0415
+        from dyknow_recordings.cluster import run_on_cluster  # noqa: PLC0415
 
         return closing(run_on_cluster(jobs, options.cluster))
     if min(options.jobs, len(jobs)) > 1:
-        from dyknow_recordings.jobs.processes import run_in_processes  # noqa: PLC0415
-
         return run_in_processes(jobs, options.jobs)
     return closing(run_here(jobs))
 

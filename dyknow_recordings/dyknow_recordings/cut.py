@@ -19,11 +19,11 @@ from dyknow_common import (
 )
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe
 from dyknow_recordings.check_inputs import add_input_options, given_robot, read_configuration
-from dyknow_recordings.cutting.parts import cut
-from dyknow_recordings.cutting.spans import (
+from dyknow_recordings.cutting import (
     RecordedFailure,
     RecordingSpan,
     SpanFinder,
+    cut,
     failures_of,
     joined_spans,
 )
@@ -31,7 +31,7 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.health.expectations import MAX_MEASURED
 from dyknow_recordings.health.observing import observed_topics
-from dyknow_recordings.jobs.recording_job import RecordingJob
+from dyknow_recordings.jobs import RecordingJob
 from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.opening import message_types, open_recording
 from dyknow_recordings.reading.recording import RecordingReader

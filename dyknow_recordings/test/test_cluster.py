@@ -26,8 +26,8 @@ from running_checks import (
     wait_for,
 )
 
+from dyknow_recordings import cluster as cluster_module
 from dyknow_recordings.check import main
-from dyknow_recordings.jobs import cluster as cluster_module
 
 pytestmark = [
     pytest.mark.long,

@@ -17,7 +17,7 @@ from dyknow_configuration import RequestedFormula
 from dyknow_recordings import Bag, MonitoringFiles, Outcome, RecordingError, offered_profile
 from dyknow_recordings.cut import add_cut_options
 from dyknow_recordings.evaluation.results import RecordingReport
-from dyknow_recordings.jobs.recording_job import RecordingJob
+from dyknow_recordings.jobs import RecordingJob
 
 pytestmark = pytest.mark.long
 

@@ -31,8 +31,7 @@ from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import SIGNALLED
 from dyknow_common.worker_pool import PROGRAM
 from dyknow_recordings import MonitoringFiles, RequestedFormula
-from dyknow_recordings.jobs.processes import run_in_processes
-from dyknow_recordings.jobs.recording_job import RecordingJob, run_here
+from dyknow_recordings.jobs import RecordingJob, run_here, run_in_processes
 
 pytestmark = pytest.mark.long
 
@@ -165,7 +164,7 @@ def test_faults_are_errors_of_their_recording(
     def fail(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr('dyknow_recordings.jobs.recording_job.evaluate_recording', fail)
+    monkeypatch.setattr('dyknow_recordings.jobs.evaluate_recording', fail)
     result = job(Path(bags[0])).run()
     assert isinstance(result, DyKnowError)
     assert result.code is ExitCode.INTERNAL_ERROR

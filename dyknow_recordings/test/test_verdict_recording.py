@@ -25,8 +25,8 @@ from dyknow_recordings import (
 )
 from dyknow_recordings.check import main
 from dyknow_recordings.evaluation.recorded_map import RecordedMap
-from dyknow_recordings.reporting.verdicts import message_types
-from dyknow_recordings.reporting.verdicts.verdict_recording import (
+from dyknow_recordings.reporting import verdict_messages
+from dyknow_recordings.reporting.verdict_recording import (
     DIAGNOSTICS,
     MARKERS,
     RESULTS,
@@ -332,23 +332,23 @@ def test_a_target_that_cannot_be_written(
 
 @pytest.fixture
 def _forgotten_types() -> Any:
-    message_types.message_types.cache_clear()
+    verdict_messages.message_types.cache_clear()
     yield
-    message_types.message_types.cache_clear()
+    verdict_messages.message_types.cache_clear()
 
 
 @pytest.mark.usefixtures('_forgotten_types')
 def test_definitions_that_are_installed_or_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sources = Path(message_types.__file__).resolve().parents[4] / 'dyknow_interfaces' / 'msg'
-    moved = tmp_path / 'a' / 'b' / 'c' / 'd' / 'e' / 'message_types.py'
-    monkeypatch.setattr(message_types, '__file__', str(moved))
+    sources = Path(verdict_messages.__file__).resolve().parents[3] / 'dyknow_interfaces' / 'msg'
+    moved = tmp_path / 'a' / 'b' / 'c' / 'd' / 'e' / 'verdict_messages.py'
+    monkeypatch.setattr(verdict_messages, '__file__', str(moved))
     monkeypatch.setenv('AMENT_PREFIX_PATH', '')
     with pytest.raises(RecordingError, match=r'ConstraintViolation.msg of .* is not installed'):
-        message_types.message_types()
+        verdict_messages.message_types()
     share = tmp_path / 'prefix' / 'share' / 'dyknow_interfaces'
     share.mkdir(parents=True)
     (share / 'msg').symlink_to(sources)
     monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{tmp_path / "prefix"}')
-    assert message_types.RESULT in message_types.message_types().types
+    assert verdict_messages.RESULT in verdict_messages.message_types().types

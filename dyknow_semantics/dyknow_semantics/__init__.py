@@ -10,15 +10,16 @@ from dyknow_semantics.annotations.annotation import (
     Range,
 )
 from dyknow_semantics.annotations.annotation_store import AnnotationStore
-from dyknow_semantics.annotations.checking import check_annotation, check_concept
-from dyknow_semantics.annotations.field_checking import check_fields
-from dyknow_semantics.annotations.parsing import parse_annotations, parse_concept
-from dyknow_semantics.annotations.rechecking import (
+from dyknow_semantics.annotations.checking import (
     AnnotationFaults,
     Origin,
+    check_annotation,
     check_annotations,
+    check_concept,
+    check_fields,
     origins_of,
 )
+from dyknow_semantics.annotations.parsing import parse_annotations, parse_concept
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.matching import Matcher, match
 from dyknow_semantics.matching.specifications import Match

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from dyknow_common import InlineText, ValueType
 from dyknow_semantics import Knowledge, parse_annotations
+from dyknow_semantics.annotations.checking import Origin, check_annotations, origins_of
 from dyknow_semantics.annotations.parsing import parse_concept
-from dyknow_semantics.annotations.rechecking import Origin, check_annotations, origins_of
 from dyknow_semantics.matching.matching import Matcher
 
 TEXT = """\

@@ -13,7 +13,7 @@ from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
 from dyknow_stream_processing.dataflow.drift import GAP_PERIODS, Coverage
 from dyknow_stream_processing.dataflow.forecasts import MAX_STEPS, Forecast
 from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
-from dyknow_stream_processing.dataflow.received_violations import OVERTAKEN, ReceivedViolations
+from dyknow_stream_processing.dataflow.received import OVERTAKEN, ReceivedViolations
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
 from dyknow_stream_processing.language.parsing import parse_specification

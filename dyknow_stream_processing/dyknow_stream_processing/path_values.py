@@ -1,8 +1,8 @@
 """Values in messages that are found by keys, or computed from arrays.
 
 A message is any object with attributes: one of rclpy, or one that was decoded from a recording.
-A path is taken apart once, into functions of which each reads the value of the one before. Those of
-`max(status[name = "lidar"].values.x)` return
+A path is taken apart once, into functions that each read the value of the one before. The functions
+of `max(status[name = "lidar"].values.x)` return
 
     the status whose name is "lidar" -> the `x` of each of its `values` -> the greatest
 """

@@ -3,7 +3,7 @@
 import pytest
 
 from dyknow_stream_processing import StreamError
-from dyknow_stream_processing.management.namespaces import Namespaces, namespace_of
+from dyknow_stream_processing.management.naming import Namespaces, namespace_of
 
 
 @pytest.mark.parametrize(

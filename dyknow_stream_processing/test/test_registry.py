@@ -4,8 +4,7 @@ import pytest
 
 from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
 from dyknow_stream_processing import StreamError
-from dyknow_stream_processing.management.namespaces import Namespaces
-from dyknow_stream_processing.management.naming import NamingConvention, check_name
+from dyknow_stream_processing.management.naming import Namespaces, NamingConvention, check_name
 from dyknow_stream_processing.management.registry import (
     StreamRegistry,
     engines_missing,

@@ -40,8 +40,12 @@ from dyknow_stream_processing import (
     made,
     parse_specification,
 )
-from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
-from dyknow_stream_processing.language.specification import LANGUAGE, BuiltIn
+from dyknow_stream_processing.language.specification import (
+    LANGUAGE,
+    Assignment,
+    BuiltIn,
+    SinkMessage,
+)
 
 EXAMPLE = """
 source (pose.pose.position.z: float, twist.twist.linear.x: float) "/uav1/odometry";  # a comment

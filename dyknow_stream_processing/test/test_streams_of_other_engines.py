@@ -23,7 +23,7 @@ from dyknow_stream_processing import (
     Violation,
     parse_specification,
 )
-from dyknow_stream_processing.dataflow.received_watermarks import (
+from dyknow_stream_processing.dataflow.received import (
     PATIENCE,
     SPACING,
     ReceivedWatermarks,

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.security.interfaces import ENGINE
-from dyknow_bringup.security.policy import policy_text
-from dyknow_bringup.security.systems import SecuredSystem, outputs_of, topics_of
+from dyknow_bringup.security.systems import SecuredSystem, outputs_of, policy_text, topics_of
 from dyknow_common import read_file
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import read_robot

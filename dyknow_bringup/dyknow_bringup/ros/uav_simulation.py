@@ -7,8 +7,7 @@ from typing import Any
 from dyknow_bringup.resources import scenario_path
 from dyknow_bringup.simulation.scenario import load_scenario
 from dyknow_bringup.simulation.simulation import Simulation
-from dyknow_bringup.simulation.telemetry import Channel, topic
-from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
+from dyknow_bringup.simulation.telemetry import MESSAGE_TYPES, Channel, ros_message, topic
 from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common.ros import DyKnowNode, run
 from dyknow_stream_processing.ros import message_class

@@ -15,10 +15,10 @@ from rich.console import Console
 from rich.text import Text
 
 from dyknow_bringup.errors import BringupError
+from dyknow_bringup.processes.arguments import for_any_namespace
 from dyknow_bringup.processes.composition import composed, name_in, names_in
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.logs import LogReader, LogThrottle, log_folder
-from dyknow_bringup.processes.parameters import for_any_namespace
 from dyknow_bringup.processes.processes import (
     Process,
     SystemConfiguration,

@@ -6,29 +6,21 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.simulation.scenario import Scenario
 from dyknow_bringup.simulation.simulation import Simulation
-from dyknow_bringup.simulation.telemetry import topic
-from dyknow_bringup.simulation.telemetry_messages import MESSAGE_TYPES, ros_message
+from dyknow_bringup.simulation.telemetry import MESSAGE_TYPES, ros_message, topic
 from dyknow_common import ExitCode
 from dyknow_recordings import (
-    BAG_VERSION,
     MonitoringFiles,
     PictureFiles,
     RequestedFormula,
+    bag_writer,
     evaluate_recording,
+    offered_profile,
     open_recording,
 )
 
@@ -37,20 +29,6 @@ STORAGES: Final = {
     'sqlite3': (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
 }
 """The storage formats of rosbag2, with the compression (zstd) that suits each of them."""
-
-_UNLIMITED: Final = QosTime(0, 0)
-OFFERED: Final = Qos(
-    history=QosHistory.KEEP_LAST,
-    depth=10,
-    reliability=QosReliability.RELIABLE,
-    durability=QosDurability.VOLATILE,
-    deadline=_UNLIMITED,
-    lifespan=_UNLIMITED,
-    liveliness=QosLiveliness.AUTOMATIC,
-    liveliness_lease_duration=_UNLIMITED,
-    avoid_ros_namespace_conventions=False,
-)
-"""The quality of service of a recording's publishers."""
 
 
 def record(
@@ -73,17 +51,15 @@ def record(
     if path.exists():
         raise BringupError(f'{path}: exists already; move it away', ExitCode.ALREADY_EXISTS)
     simulation = Simulation(scenario, vehicles, start)
-    plugin, compression = STORAGES[storage]
-    writer = Writer(path, version=BAG_VERSION, storage_plugin=plugin)
-    writer.set_compression(compression, CompressionFormat.ZSTD)
     types = get_typestore(Stores.ROS2_JAZZY)
-    with writer:
+    offered = offered_profile(reliable=True, latched=False, depth=10)
+    with bag_writer(path, *STORAGES[storage]) as writer:
         connections = {
             (vehicle, channel): writer.add_connection(
                 f'/{topic(vehicle, channel)}',
                 message_type,
                 typestore=types,
-                offered_qos_profiles=[OFFERED],
+                offered_qos_profiles=[offered],
             )
             for vehicle in vehicles
             for channel, message_type in MESSAGE_TYPES.items()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup.processes.parameters import for_any_namespace
+from dyknow_bringup.processes.arguments import for_any_namespace
 
 NAV2 = """\
 stream_manager:

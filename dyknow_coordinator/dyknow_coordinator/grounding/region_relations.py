@@ -20,9 +20,9 @@ from typing import Final
 
 from dyknow_common import Symbol
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.candidate_search import OPEN_RELATION, feature_symbols
 from dyknow_coordinator.grounding.compared_objects import NAME, bound_sorts
 from dyknow_coordinator.grounding.declared_properties import QueryFunction
-from dyknow_coordinator.grounding.symbols import OPEN_RELATION, feature_symbols
 from dyknow_space import RELATION_NAMES, RegionRelation, SpatialKnowledge, SpatialStatement
 
 MAX_CASES: Final = 64
@@ -71,7 +71,7 @@ async def with_relations(formula: str, domains: DomainFunction, query: QueryFunc
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:
-        CoordinationError: for too many cases of what is not known.
+        CoordinationError: if the unknown relations have too many cases.
         DyKnowError: if nothing is known of a region, or a request fails.
     """
     if not any(each['relation'] for each in _ATOM.finditer(formula)):

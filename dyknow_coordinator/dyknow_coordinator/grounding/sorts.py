@@ -15,7 +15,12 @@ from typing import Final
 
 from dyknow_common import Symbol, SymbolKind
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.grounding.declared_properties import QueryFunction, Rows, property_query
+from dyknow_coordinator.grounding.declared_properties import (
+    QueryFunction,
+    Rows,
+    own_or_inherited,
+    property_query,
+)
 
 # A text in quotes, or a quantifier without a sort.
 _UNSORTED: Final = re.compile(
@@ -75,8 +80,8 @@ def declared_sorts(place: ArgumentPlace, rows: Rows) -> frozenset[str]:
 
     A feature that states the sort itself does not inherit it.
     """
-    own = frozenset(sort for concept, sort in rows if concept == place.feature)
-    return own or frozenset(sort for _, sort in rows)
+    stated = ((concept, sort) for concept, sort in rows)
+    return frozenset(own_or_inherited(place.feature, stated))
 
 
 def only_sort(variable: str, sorts: Mapping[ArgumentPlace, Iterable[str]]) -> str:

@@ -22,6 +22,7 @@ from typing import Final
 
 from dyknow_common import ExitCode, Margin, Symbol, quoted
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.candidate_search import feature_symbols
 from dyknow_coordinator.grounding.declared_properties import (
     FEATURE_QUERY,
     QueryFunction,
@@ -29,7 +30,6 @@ from dyknow_coordinator.grounding.declared_properties import (
     own_or_inherited,
     property_query,
 )
-from dyknow_coordinator.grounding.symbols import feature_symbols
 
 # The unit of a number, or another text in quotes.
 _QUOTED: Final = re.compile(r'(?P<unit>(?<=[0-9]) )?"(?:\\.|[^"\\])*"')

@@ -18,8 +18,7 @@ from dyknow_common import (
     time_since,
     with_readable_times,
 )
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
-from dyknow_coordinator.evaluation.standing import StandingVerdicts
+from dyknow_coordinator.evaluation import EvaluationPhase, StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 

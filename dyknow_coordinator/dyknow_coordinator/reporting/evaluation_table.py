@@ -20,7 +20,7 @@ from dyknow_common.tables import (
     json_document,
     named,
 )
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, outcome
 
 _VERDICTS = {Verdict.TRUE: 'green', Verdict.FALSE: 'bold red', Verdict.UNDECIDED: 'dim'}

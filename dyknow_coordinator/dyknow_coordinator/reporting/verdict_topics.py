@@ -14,7 +14,7 @@ from itertools import chain, count
 from typing import Final, Self
 
 from dyknow_common import DyKnowError, Margin, Verdict
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 
 MAX_TOKEN: Final = 100

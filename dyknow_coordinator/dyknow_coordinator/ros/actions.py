@@ -11,7 +11,8 @@ from rclpy.qos import QoSProfile
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import SERVICE, DyKnowNode, RCLError, snake_case
-from dyknow_coordinator.ros.client_watch import ClientWatch
+
+PERIOD_S: Final = 1.0
 
 RESULT_TIMEOUT_S: Final = 30
 """Time for which a client may ask for the result of a goal that has ended.
@@ -19,6 +20,28 @@ RESULT_TIMEOUT_S: Final = 30
 Until then, rclpy keeps the goal, whose formula may have a million characters. Its default is 15
 minutes.
 """
+
+
+class ClientWatch:
+    """Detects that a service has no client left on the ROS graph.
+
+    Args:
+        service: the absolute name of the service; of an action, the hidden one for its results.
+        on_gone: called every second while no client is left.
+    """
+
+    def __init__(self, node: DyKnowNode, service: str, on_gone: Callable[[], None]) -> None:
+        self._node = node
+        self._service = service
+        self._on_gone = on_gone
+        self._missed = 0
+        node.create_timer(PERIOD_S, self._check, clock=node.wall_clock)
+
+    def _check(self) -> None:
+        self._missed = 0 if self._node.count_clients(self._service) else self._missed + 1
+        # One check may miss a client that is just being discovered.
+        if self._missed > 1:
+            self._on_gone()
 
 
 class CancellingActionServer:

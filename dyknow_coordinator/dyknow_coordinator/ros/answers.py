@@ -15,18 +15,15 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer, Progress
-from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.evaluation import Answer, EvaluationRequest, Progress
 from dyknow_coordinator.grounding.feature_sources import Grounding
-from dyknow_coordinator.ros.reporting.episode_messages import (
-    verdicts_from_message,
-    verdicts_to_message,
-)
 from dyknow_coordinator.ros.reporting.evaluation_messages import (
     black_box_from_message,
     error_from_status,
     symbol_grounding_from_message,
     symbol_grounding_to_message,
+    verdicts_from_message,
+    verdicts_to_message,
 )
 
 

@@ -18,8 +18,7 @@ from dyknow_common.ros import (
     fill_exit_status,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer
-from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.evaluation import Answer, EvaluationRequest
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plan import (
     NO_STATE,

@@ -57,7 +57,7 @@ _MOST_QUERIES: Final = 4
 """The queries of the ontology that are sent at a time."""
 
 _MOST_SOLUTIONS: Final = 1000
-"""The queries of which the solutions are kept."""
+"""Queries whose solutions are kept."""
 
 _PLACED_ERROR: Final = re.compile(
     r'stream specification:\d+:\d+: (?P<reason>[^\n]*)\n.*', re.DOTALL

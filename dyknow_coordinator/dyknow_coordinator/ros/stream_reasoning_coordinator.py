@@ -30,8 +30,7 @@ from dyknow_common.ros import (
     run,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer
-from dyknow_coordinator.evaluation.request import EvaluationRequest
+from dyknow_coordinator.evaluation import Answer, EvaluationRequest
 from dyknow_coordinator.grounding.source_choice import SILENCE_LIMIT_NS, SILENCE_LIMITS_S
 from dyknow_coordinator.reporting.evaluation_status import (
     EvaluationStatus,
@@ -39,18 +38,16 @@ from dyknow_coordinator.reporting.evaluation_status import (
     alarm_level,
     diagnosis_of_ended,
 )
-from dyknow_coordinator.ros.actions import CancellingActionServer
+from dyknow_coordinator.ros.actions import CancellingActionServer, ClientWatch
 from dyknow_coordinator.ros.answers import fill_answer, request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
-from dyknow_coordinator.ros.client_watch import ClientWatch
-from dyknow_coordinator.ros.context import CoordinatorContext
-from dyknow_coordinator.ros.coordinator_limits import LIMITS
-from dyknow_coordinator.ros.evaluation.change_listener import ChangeListener
+from dyknow_coordinator.ros.context import LIMITS, CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
 from dyknow_coordinator.ros.plan_monitoring import PlanMonitoring
-from dyknow_coordinator.ros.reporting.episode_messages import verdicts_to_message
+from dyknow_coordinator.ros.reporting.changes import ChangeListener
+from dyknow_coordinator.ros.reporting.evaluation_messages import verdicts_to_message
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
 from dyknow_coordinator.ros.reporting.nodes_report import NodesReport
 from dyknow_coordinator.ros.reporting.verdict_publishers import VerdictPublishers

@@ -17,8 +17,7 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams
-from dyknow_coordinator.grounding.stream_fields import field_names
+from dyknow_coordinator.grounding.known_streams import KnownStream, KnownStreams, field_names
 from dyknow_stream_processing import in_namespace
 from dyknow_stream_processing.ros import message_class, scalar_fields, source_type
 

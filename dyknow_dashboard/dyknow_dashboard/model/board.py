@@ -25,12 +25,15 @@ from dyknow_dashboard.model.health import HealthTable
 from dyknow_dashboard.model.history import FailureHistory
 from dyknow_dashboard.model.live_map import LiveMap
 from dyknow_dashboard.model.live_signals import LiveSignals
-from dyknow_dashboard.model.peers import PeerTable
 from dyknow_dashboard.model.requests import Interest
 from dyknow_dashboard.model.streams import StreamTable, graph
 from dyknow_dashboard.model.verdict_events import EventCounts, VerdictEvent, VerdictWatch
+from dyknow_federation.report import FederationReport, peer_texts, shares_text
 from dyknow_semantics import Knowledge, Matcher
 from dyknow_semantics.hierarchy import HierarchyEntry, hierarchy_entries
+
+MAX_PEERS_SHOWN: Final = 200
+"""The number of peers that are shown."""
 
 MAX_KEPT: Final = 100
 """The number of formulas whose signals are kept."""
@@ -49,6 +52,32 @@ MAX_OBJECTS: Final = 200
 
 State = tuple[str, int, Mapping[str, Value]]
 """A state: its topic, its valid time in nanoseconds, and its fields."""
+
+
+class PeerTable:
+    """The latest report of the federation node, where there is one."""
+
+    def __init__(self) -> None:
+        self.version = 0
+        self._report: FederationReport | None = None
+
+    def update(self, report: FederationReport) -> None:
+        """Take a report."""
+        self._report = report
+        self.version += 1
+
+    def document(self) -> dict[str, Any]:
+        """Return the peers, with their links and clocks; nothing is shared without a federation."""
+        report = self._report
+        if report is None:
+            return {'shares': '', 'peers': [], 'faults': [], 'hidden': 0}
+        shown = report.peers[:MAX_PEERS_SHOWN]
+        return {
+            'shares': shares_text(report),
+            'peers': [peer_texts(each) for each in shown],
+            'faults': list(report.faults),
+            'hidden': len(report.peers) - len(shown),
+        }
 
 
 class ConceptTable:

@@ -20,7 +20,7 @@ from dyknow_common.ros import (
 )
 from dyknow_coordinator import Level
 from dyknow_coordinator.reporting.node_status import NodeState
-from dyknow_coordinator.ros.reporting.watched_nodes import WatchedNodes
+from dyknow_coordinator.ros.reporting.nodes_report import WatchedNodes
 from dyknow_dashboard.model.health import NodeHealth
 
 COORDINATOR: Final = 'stream_reasoning_coordinator'

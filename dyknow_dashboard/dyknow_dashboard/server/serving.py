@@ -27,14 +27,17 @@ from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.board import Board, PageState
 from dyknow_dashboard.model.metrics import CONTENT_TYPE, metrics_of
 from dyknow_dashboard.model.requests import interest, read_document
-from dyknow_dashboard.server.guards import HEADERS, RateLimit, is_own_host, is_same_origin
 from dyknow_dashboard.server.requests import (
+    HEADERS,
     ActionHandler,
     FileHandler,
     HistoryHandler,
     MissingHandler,
+    RateLimit,
     ServedSystem,
     SystemOperator,
+    is_own_host,
+    is_same_origin,
 )
 from dyknow_recordings.reporting.pictures.libraries import plotly_script
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import re
 import shutil
 from collections.abc import Mapping, Sequence
@@ -16,13 +15,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from rosbags.interfaces import Nodetype
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
+from rosbags.rosbag2 import WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, sourced_prefixes
 from dyknow_reactions.black_box.message_ring import SerialisedMessage
-from dyknow_recordings import BAG_VERSION, BLACK_BOX, BlackBoxContent, offered_profile
+from dyknow_recordings import BLACK_BOX, BlackBoxContent, bag_writer, offered_profile
 
 _MAX_NAME: Final = 60
 _OVERHEAD: Final = 100_000
@@ -162,8 +161,7 @@ def _write_bag(
     topics: Mapping[str, TopicOffer],
 ) -> None:
     path.parent.mkdir(exist_ok=True)
-    writer = Writer(path, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    writer = bag_writer(path)
     for key, text in content.custom_data.items():
         writer.set_custom_data(key, text)
     with writer:
@@ -227,6 +225,6 @@ def _named(description: Any) -> str:
 
 def _installed_file(name: str) -> Path | None:
     package, _, message = name.partition('/msg/')
-    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    prefixes = sourced_prefixes()
     paths = (Path(each, 'share', package, 'msg', f'{message}.msg') for each in prefixes)
     return next((path for path in paths if path.is_file()), None)

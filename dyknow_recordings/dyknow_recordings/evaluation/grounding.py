@@ -22,18 +22,12 @@ from dyknow_coordinator import (
     Grounding,
     check_compared_objects,
     check_symbols,
+    completed,
     feature_units,
-    find_uncertainties,
-    find_units,
     ground_features,
-    has_units,
-    infer_sorts,
     parse_sources,
     sort_names,
     unknown_features,
-    with_relations,
-    with_sorts,
-    with_units,
 )
 from dyknow_reasoning import (
     NO_CONSTANTS,
@@ -175,11 +169,7 @@ class FormulaGrounder:
         symbols: Sequence[Symbol] = group.symbols()
         check_symbols(symbols, Grounding.AUTO)
         canonical = str(group.formulas[formula_id])
-        formula = with_sorts(canonical, _finished(infer_sorts(symbols, self._query)))
-        formula = _finished(with_relations(formula, self._instances, self._query))
-        units = _finished(find_units(symbols, self._query)) if has_units(canonical) else {}
-        uncertainties = _finished(find_uncertainties(canonical, symbols, self._query))
-        return with_units(formula, units, uncertainties)
+        return _finished(completed(canonical, symbols, self._instances, self._query))
 
     async def _instances(self, sorts: Sequence[str]) -> Mapping[str, tuple[str, ...]]:
         return {sort: self._vocabulary.instances(sort) for sort in sorts}

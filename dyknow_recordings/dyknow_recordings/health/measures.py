@@ -96,7 +96,7 @@ class RecordingHealth:
 def health_of(
     recording: RecordingReader, expectations: Sequence[TopicExpectation] = ()
 ) -> RecordingHealth:
-    """Return the health of a recording, of which all messages are read.
+    """Return the health of a recording; all its messages are read.
 
     Raises:
         RecordingError: if it cannot be read.

@@ -8,14 +8,13 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
-from dyknow_common import ExitCode
+from dyknow_common import ExitCode, sourced_prefixes
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.messages.message_types import (
     DISTROS,
     MessageTypes,
     check_folder,
-    sourced_prefixes,
 )
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reading.trace_recording import TraceRecording

@@ -1,12 +1,12 @@
-"""Judgement of formulas that are undecided at the end of a recording, and exit codes."""
+"""Judgement of formulas at the end of a recording, exit codes, and the reasons for outcomes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from enum import StrEnum
 
 from dyknow_common.executables import ERROR, FALSE, SUCCESS
-from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
+from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
 
 
 class Judgement(StrEnum):
@@ -35,3 +35,40 @@ class Judgement(StrEnum):
             return ERROR
         is_well = all(map(self.passes, formulas)) and not any(each.broken for each in reports)
         return SUCCESS if is_well else FALSE
+
+
+def decisive_episode(report: FormulaReport) -> Episode | None:
+    """Return the first episode with the outcome of the formula.
+
+    Of undecided ones, an obligation that was not met comes first: it may be a failure.
+    """
+    found = [each for each in report.episodes if each.outcome is report.outcome]
+    return next((each for each in found if each.presumably_false), found[0] if found else None)
+
+
+def reasons(report: FormulaReport, decisive: Episode | None) -> Iterator[str]:
+    """Yield the lines that say why a formula has its outcome.
+
+    Args:
+        report: of the formula.
+        decisive: its decisive episode.
+    """
+    if len(report.episodes) > 1:
+        counts = dict.fromkeys(Outcome, 0)
+        for episode in report.episodes:
+            counts[episode.outcome] += 1
+        listed = ', '.join(f'{count} {outcome}' for outcome, count in counts.items() if count)
+        yield f'{len(report.episodes)} episodes: {listed}'
+    if report.error is not None:
+        yield report.error.message
+    elif decisive is None:
+        yield 'no episode has begun'
+    elif decisive.error is not None:
+        yield decisive.error.message
+    elif report.outcome is Outcome.UNDECIDED:
+        yield decisive.remainder
+        if report.waits_for:
+            yield report.waits_for
+    else:
+        yield decisive.explanation
+    yield from report.events

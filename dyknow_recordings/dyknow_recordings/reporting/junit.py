@@ -18,11 +18,10 @@ from dyknow_common import SECOND_NS, DyKnowError, ExitCode, with_readable_times
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.health.expectations import BrokenExpectation
-from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.judgement import Judgement, decisive_episode, reasons
 from dyknow_recordings.reporting.outputs import check_place, write_report
 from dyknow_recordings.reporting.pictures.panels import formula_text
 from dyknow_recordings.reporting.pictures.timeline import extent
-from dyknow_recordings.reporting.reasons import decisive_episode, reasons
 
 _INVALID: Final = re.compile('[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]')
 """The characters that XML cannot contain."""

@@ -22,9 +22,8 @@ from dyknow_common.tables import Terminal, figure, fixed, folded, framed_table
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.health.report import print_broken
 from dyknow_recordings.reading.recording import RecordingReader
-from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.judgement import Judgement, decisive_episode, reasons
 from dyknow_recordings.reporting.pictures.timeline import extent
-from dyknow_recordings.reporting.reasons import decisive_episode, reasons
 
 _PLACE = '\n  '
 """What is before the line that an error quotes, with its caret."""

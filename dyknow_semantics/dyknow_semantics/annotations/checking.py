@@ -1,11 +1,33 @@
-"""Checks of annotations and concepts against an ontology."""
+"""Checks of annotations and concepts against an ontology, and against the fields of streams.
+
+Stored annotations are checked anew as the ontology and the types of streams become known or change.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
+from typing import Final
 
-from dyknow_common import Language, StreamConstraints, ValueType, check_unit
+from dyknow_common import (
+    ExitCode,
+    InlineText,
+    Language,
+    LanguageError,
+    StreamConstraints,
+    TextPosition,
+    ValueType,
+    absence,
+    check_unit,
+    element_fields,
+    field_type,
+    listed_as,
+    number_of,
+    value_text,
+)
 from dyknow_semantics.annotations.annotation import (
     ANNOTATION,
     CONCEPT,
@@ -13,11 +35,18 @@ from dyknow_semantics.annotations.annotation import (
     Concept,
     Content,
     FeatureTerm,
+    Key,
     Range,
 )
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.features import FeatureSignature, converts
 from dyknow_semantics.ontology.knowledge import Knowledge
+
+Fields = tuple[str, Mapping[str, ValueType]]
+"""A message type, and the type of each of its fields."""
+
+_PLACE: Final = re.compile(r'# (?P<place>.+:[0-9]+:[0-9]+)')
+"""A comment with the place in another file that the annotations below it were made from."""
 
 
 def check_annotation(annotation: Annotation, knowledge: Knowledge) -> None:
@@ -144,3 +173,176 @@ def _count(sorts: tuple[str, ...]) -> str:
         return 'no arguments'
     plural = '' if len(sorts) == 1 else 's'
     return f'{len(sorts)} argument{plural} ({", ".join(sorts)})'
+
+
+def check_fields(
+    annotation: Annotation, knowledge: Knowledge, owner: str, fields: Mapping[str, ValueType]
+) -> None:
+    """Check an annotation, which fits its ontology, against the fields of its stream.
+
+    Args:
+        annotation: of the stream.
+        knowledge: the ontology.
+        owner: of the fields in messages, such as the type of the stream's messages.
+        fields: the type of each field.
+
+    Raises:
+        LanguageError: with the position, for a missing field, a field whose type is not that of its
+            feature (a float feature may have an int field), and a field that names objects but is
+            not a string.
+    """
+    type_of = partial(_type_of, annotation, owner, _available(annotation, owner, fields))
+    for content in annotation.contents:
+        feature = knowledge.feature(content.feature.name)
+        is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
+        field = number_of(content.field) if is_number else content.field
+        found = type_of(field, content.feature.position)
+        if not feature.value_type.accepts(found):
+            raise ANNOTATION.error(
+                f"feature '{feature.name}' has values of the type {feature.value_type}, "
+                f"but field '{field}' of {owner} is of the type {found}",
+                annotation.text,
+                content.feature.position,
+            )
+        _check_unless(annotation, owner, content, type_of)
+    for key in annotation.keys:
+        _check_key(annotation, owner, key, type_of)
+
+
+def _check_unless(
+    annotation: Annotation,
+    owner: str,
+    content: Content,
+    type_of: Callable[[str, TextPosition], ValueType],
+) -> None:
+    """Check that the field of the condition can be compared."""
+    if content.unless is None:
+        return
+    field, condition = content.unless
+    found, wanted = type_of(field, content.feature.position), ValueType.of(condition.value)
+    if not (found.accepts(wanted) or wanted.accepts(found)):
+        message = (
+            f"field '{field}' of {owner} is of the type {found}, which cannot be compared with "
+        )
+        raise ANNOTATION.error(
+            message + value_text(condition.value), annotation.text, content.feature.position
+        )
+
+
+def _check_key(
+    annotation: Annotation, owner: str, key: Key, type_of: Callable[[str, TextPosition], ValueType]
+) -> None:
+    """Check that a field holds the names of objects, or numbers that are parts of these."""
+    field, *_ = key.parts
+    found = type_of(field, key.position)
+    if found is ValueType.STRING or (found is ValueType.INT and field != key.field):
+        return
+    hint = f'; write {key.variable} = "name_%{field}%"' if found is ValueType.INT else ''
+    raise ANNOTATION.error(
+        f"the field that names the object '{key.variable}' must be of the type string, "
+        f"but '{field}' of {owner} is of the type {found}{hint}",
+        annotation.text,
+        key.position,
+    )
+
+
+def _available(
+    annotation: Annotation, owner: str, fields: Mapping[str, ValueType]
+) -> Mapping[str, ValueType | None]:
+    """Return the fields of the samples of an annotated stream."""
+    if annotation.elements is None:
+        return fields
+    found = element_fields(fields, annotation.elements)
+    if isinstance(found, str):
+        position = annotation.contents[0].feature.position
+        raise ANNOTATION.error(f'{owner}: {found}', annotation.text, position, ExitCode.NOT_FOUND)
+    return found
+
+
+def _type_of(
+    annotation: Annotation,
+    owner: str,
+    fields: Mapping[str, ValueType | None],
+    field: str,
+    position: TextPosition,
+) -> ValueType:
+    found = field_type(fields, field) if listed_as(fields, field) else None
+    if found is None:
+        message = absence(owner, fields, field)
+        raise ANNOTATION.error(message, annotation.text, position, ExitCode.NOT_FOUND)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """The file that an annotation was read from, and the annotation with its position there."""
+
+    file: Path | InlineText
+    annotation: Annotation
+
+
+def origins_of(file: Path | InlineText, annotations: Sequence[Annotation]) -> dict[str, Origin]:
+    """Return the origins of the annotations of a file, by canonical text."""
+    files: list[Path | InlineText] = [file]
+    for line in annotations[0].text.split('\n') if annotations else ():
+        found = _PLACE.fullmatch(line)
+        files.append(InlineText(found['place'], line) if found else files[-1])
+    return {
+        str(each): Origin(files[each.contents[0].feature.position.line], each)
+        for each in annotations
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class AnnotationFaults:
+    """The faults of all annotations.
+
+    Args:
+        messages: for people, with the file, the line and the place if they are known.
+        field_faults: why streams do not fit their annotations, by canonical text.
+    """
+
+    messages: tuple[str, ...] = ()
+    field_faults: Mapping[str, str] = field(default_factory=dict)
+
+
+def check_annotations(
+    annotations: Mapping[str, Annotation],
+    fields: Mapping[str, Fields],
+    knowledge: Knowledge,
+    origins: Mapping[str, Origin],
+) -> AnnotationFaults:
+    """Check all annotations.
+
+    Args:
+        annotations: by canonical text, as all other arguments.
+        fields: of the streams whose fields are known.
+        knowledge: the ontology.
+        origins: of those annotations that were read from files.
+    """
+    messages: list[str] = []
+    field_faults: dict[str, str] = {}
+    for text, stored in annotations.items():
+        origin = origins.get(text)
+        annotation = stored if origin is None else origin.annotation
+        try:
+            check_annotation(annotation, knowledge)
+        except LanguageError as error:
+            # Matching checks annotations against its own ontology.
+            messages.append(_located(error, origin))
+            continue
+        try:
+            if text in fields:
+                check_fields(annotation, knowledge, *fields[text])
+        except LanguageError as error:
+            messages.append(_located(error, origin))
+            field_faults[text] = error.reason
+    return AnnotationFaults(tuple(messages), field_faults)
+
+
+def _located(error: LanguageError, origin: Origin | None) -> str:
+    if origin is None:
+        return error.message
+    # Users know the place of a part of another file, not the text that is made of it.
+    is_made = isinstance(origin.file, InlineText)
+    return f'{origin.file}: {error.reason if is_made else error.message}'

@@ -155,7 +155,7 @@ class Ontology:
 
         Raises:
             SemanticsError: if the name exists or is reserved, a parent or an argument sort is
-                unknown, or the signature is invalid, incomplete or contradicts that of a parent.
+                unknown, or the signature is invalid, incomplete or contradicts a parent's.
         """
         above = checked_parents(name, parents, signature, self.knowledge)
         stated = checked_signature(name, above, signature, self.knowledge)

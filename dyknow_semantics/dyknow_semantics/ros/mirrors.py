@@ -1,4 +1,4 @@
-"""Copies of the ontologies and annotations that other nodes hold."""
+"""Copies of the ontologies and annotations of other nodes, and the versions that date them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from dyknow_interfaces.msg import SemanticsVersion
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
+from std_msgs.msg import Header
 
 from dyknow_common import read_file
-from dyknow_common.ros import LONG_TIMEOUT_S, DyKnowNode, RemoteNode
+from dyknow_common.ros import LATCHED, LONG_TIMEOUT_S, DyKnowNode, RemoteNode
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
@@ -117,3 +119,23 @@ def read_bridges(paths: Iterable[str]) -> tuple[Bridge, ...]:
         for path in paths
         for bridge in read_file(Path(path), 'bridges', parse_bridges, SemanticsError)
     )
+
+
+class VersionPublisher:
+    """Counts changes, and publishes each on the latched topic `~/version`."""
+
+    def __init__(self, node: DyKnowNode) -> None:
+        self.number = 0
+        self._node = node
+        self._publisher = node.create_publisher(SemanticsVersion, '~/version', LATCHED)
+
+    def publish_change(self, concepts: Iterable[str] = ()) -> None:
+        """Publish the concepts whose matches or instances may have changed; empty: any concept."""
+        self.number += 1
+        self._publisher.publish(
+            SemanticsVersion(
+                header=Header(stamp=self._node.get_clock().now().to_msg()),
+                version=self.number,
+                concepts=list(concepts),
+            )
+        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from itertools import chain
@@ -22,7 +21,7 @@ from dyknow_interfaces.srv import (
     OntologyQuery,
 )
 
-from dyknow_common import shortened
+from dyknow_common import shortened, sourced_prefixes
 from dyknow_common.ros import RUNNING, DyKnowNode, run
 from dyknow_common.worker_pool import WorkerPool
 from dyknow_semantics.errors import SemanticsError
@@ -34,10 +33,8 @@ from dyknow_semantics.ontology.new_entities import assumed_signature
 from dyknow_semantics.ontology.ontology import Ontology, Row
 from dyknow_semantics.ontology.queries import answer_query, check_query
 from dyknow_semantics.ontology.reasoner import Reasoner, ReasonerProcess
-from dyknow_semantics.ros.inference import Inference
-from dyknow_semantics.ros.mirrors import read_bridges
-from dyknow_semantics.ros.version import VersionPublisher
-from dyknow_semantics.ros.worker import Worker
+from dyknow_semantics.ros.inference import Inference, Worker
+from dyknow_semantics.ros.mirrors import VersionPublisher, read_bridges
 from dyknow_semantics.workers import Work
 
 _MEBIBYTE: Final = 1024 * 1024
@@ -221,7 +218,7 @@ def _access(node: DyKnowNode, files: Iterable[str]) -> Access:
     configured = tuple(dict.fromkeys(map(_folder, filter(_is_file, files))))
     return Access(
         folders or configured,
-        () if folders else _package_folders(),
+        () if folders else tuple(each / 'share' for each in sourced_prefixes()),
         allow_download=node.parameter(
             'allow_download', False, 'Clients may load ontologies from the web.'
         ),
@@ -333,11 +330,6 @@ def _folder(path_or_iri: str) -> Path:
     parts = urlsplit(path_or_iri)
     path = unquote(parts.path) if parts.scheme == 'file' else path_or_iri
     return Path(path).absolute().parent
-
-
-def _package_folders() -> tuple[Path, ...]:
-    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
-    return tuple(Path(prefix, 'share') for prefix in prefixes)
 
 
 def main() -> int:

@@ -21,21 +21,20 @@ from dyknow_common import DyKnowError, read_file
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, RemoteNode, only_owner, run
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.annotation_store import AnnotationStore
-from dyknow_semantics.annotations.checking import check_annotation
-from dyknow_semantics.annotations.field_checking import check_fields
-from dyknow_semantics.annotations.parsing import parse_annotations
-from dyknow_semantics.annotations.rechecking import (
+from dyknow_semantics.annotations.checking import (
     AnnotationFaults,
     Fields,
     Origin,
+    check_annotation,
     check_annotations,
+    check_fields,
     origins_of,
 )
+from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.lengths import check_length, max_characters
-from dyknow_semantics.ros.mirrors import mirror_ontologies
-from dyknow_semantics.ros.version import VersionPublisher
+from dyknow_semantics.ros.mirrors import VersionPublisher, mirror_ontologies
 from dyknow_stream_processing.ros import message_class, scalar_fields
 
 CHECK_PERIOD_S: Final = 1.0

@@ -27,8 +27,7 @@ from dyknow_stream_processing.dataflow.constraint_checks import (
     OrderOperator,
     ReorderOperator,
 )
-from dyknow_stream_processing.dataflow.distances import DistanceOperator, Distances
-from dyknow_stream_processing.dataflow.expiry import ExpiryOperator
+from dyknow_stream_processing.dataflow.distances import DistanceOperator, Distances, ExpiryOperator
 from dyknow_stream_processing.dataflow.operators import (
     DelayLimits,
     MergeOperator,

@@ -28,10 +28,11 @@ from dyknow_common import (
 )
 from dyknow_stream_processing.language import specification as syntax
 from dyknow_stream_processing.language.built_in_sources import built_in_source
-from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
 from dyknow_stream_processing.language.specification import (
     LANGUAGE,
+    Assignment,
     Declaration,
+    SinkMessage,
     Specification,
     Term,
 )

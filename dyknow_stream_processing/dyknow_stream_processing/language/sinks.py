@@ -7,10 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from dyknow_common import NOWHERE
-from dyknow_stream_processing.language.sink_message import SinkMessage
 from dyknow_stream_processing.language.specification import (
     Call,
     SinkDeclaration,
+    SinkMessage,
     SourceDeclaration,
     Specification,
     StreamDeclaration,

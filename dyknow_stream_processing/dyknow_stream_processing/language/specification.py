@@ -23,7 +23,6 @@ from dyknow_common import (
     quoted,
     value_text,
 )
-from dyknow_stream_processing.language.sink_message import SinkMessage
 
 LANGUAGE: Final = Language(
     'stream specification',
@@ -41,6 +40,46 @@ LANGUAGE: Final = Language(
         'MESSAGE_TYPE': 'a message type, such as std_msgs/msg/Float64',
     },
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment(SyntaxNode):
+    """The value of a field of the messages, `point.x = east` or `header.frame_id = "map"`.
+
+    Args:
+        path: of the field in a message.
+        field: of the stream; empty for a constant.
+        constant: the value; `None` for a field of the stream.
+    """
+
+    path: str
+    field: str = ''
+    constant: Value | None = None
+
+    def __str__(self) -> str:
+        value = quoted(self.constant) if isinstance(self.constant, str) else repr(self.constant)
+        return f'{self.path} = {self.field or value}'
+
+
+@dataclass(frozen=True, slots=True)
+class SinkMessage(SyntaxNode):
+    """The messages as which a stream is published too.
+
+    Args:
+        message_type: such as `std_msgs/msg/Float64`.
+        assignments: empty: the fields of the stream have the names of those of the message, or
+            there is one field in both.
+        topic: empty: the topic of the stream, and `/message`.
+    """
+
+    message_type: str
+    assignments: tuple[Assignment, ...] = ()
+    topic: str = ''
+
+    def __str__(self) -> str:
+        assigned = f' ({", ".join(map(str, self.assignments))})' if self.assignments else ''
+        topic = f' on {quoted(self.topic)}' if self.topic else ''
+        return f'as {self.message_type}{assigned}{topic}'
 
 
 @dataclass(frozen=True, slots=True)

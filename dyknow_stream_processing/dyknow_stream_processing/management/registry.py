@@ -16,8 +16,7 @@ from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.resolution import free_names
 from dyknow_stream_processing.language.specification import Specification
-from dyknow_stream_processing.management.namespaces import Namespaces, namespace_of
-from dyknow_stream_processing.management.naming import NamingConvention
+from dyknow_stream_processing.management.naming import Namespaces, NamingConvention, namespace_of
 from dyknow_stream_processing.management.relocation import (
     aliases,
     with_absolute_topics,

@@ -34,10 +34,10 @@ from dyknow_stream_processing.ros.topics.publications import (
     next_request,
     publishers_of,
     source_type,
+    take_waiting,
 )
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
-from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.ros.topics.watermark_topics import WATERMARKS, watermarks_topic
 
 __all__ = [

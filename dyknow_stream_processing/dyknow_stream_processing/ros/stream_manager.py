@@ -28,8 +28,7 @@ from dyknow_common.ros import (
     run,
 )
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.management.namespaces import Namespaces
-from dyknow_stream_processing.management.naming import NamingConvention, check_name
+from dyknow_stream_processing.management.naming import Namespaces, NamingConvention, check_name
 from dyknow_stream_processing.management.persistence import PersistenceFile
 from dyknow_stream_processing.management.registry import DEFAULT_CONVENTION, StreamRegistry
 from dyknow_stream_processing.management.streams import (

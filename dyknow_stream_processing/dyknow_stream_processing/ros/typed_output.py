@@ -12,7 +12,7 @@ from dyknow_common import Alternatives, ExitCode, Value, ValueType, absence, lis
 from dyknow_common.ros import RCLError, absolute_topic, nanoseconds_to_time
 from dyknow_stream_processing.errors import StreamError, open_value
 from dyknow_stream_processing.language.resolution import Fields
-from dyknow_stream_processing.language.sink_message import Assignment, SinkMessage
+from dyknow_stream_processing.language.specification import Assignment, SinkMessage
 from dyknow_stream_processing.ros.messages.message_types import message_class, scalar_fields
 from dyknow_stream_processing.ros.messages.writing import MessageWriter
 from dyknow_stream_processing.ros.topics.publications import find_publication

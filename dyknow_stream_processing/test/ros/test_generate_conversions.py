@@ -17,7 +17,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from dyknow_stream_processing.ros import message_conversion
-from dyknow_stream_processing.ros.messages.conversion_code import module_text
+from dyknow_stream_processing.ros.messages.conversions import module_text
 from dyknow_stream_processing.ros.messages.generate_conversions import main
 
 ROOT = Path(__file__).parents[3]

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import NodeAdapter
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer
+from dyknow_coordinator.evaluation import Answer
 from dyknow_coordinator.ros.answers import answer_from_message
 from dyknow_coordinator.ros.client.action_call import ActionCall
 

@@ -35,7 +35,7 @@ from dyknow_common.ros import (
     snake_case,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer, Progress
+from dyknow_coordinator.evaluation import Answer, Progress
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plan import Plan, PlanOutcome, PlanVerdict
 from dyknow_coordinator.ros.answers import answer_from_message, progress_from_message

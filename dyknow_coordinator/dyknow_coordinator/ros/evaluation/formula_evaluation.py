@@ -20,31 +20,33 @@ from rclpy.task import Future
 from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed, one_line
 from dyknow_common.ros import margin_from_message, probability_from_message, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.answer import Answer
-from dyknow_coordinator.evaluation.evaluation import Evaluation, EvaluationPhase, History
-from dyknow_coordinator.evaluation.request import EvaluationRequest
-from dyknow_coordinator.evaluation.standing import StandingVerdicts
+from dyknow_coordinator.evaluation import (
+    Answer,
+    Evaluation,
+    EvaluationPhase,
+    EvaluationRequest,
+    History,
+    StandingVerdicts,
+)
+from dyknow_coordinator.grounding.candidate_search import check_symbols, sort_names
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
+from dyknow_coordinator.grounding.completion import completed
+from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
-from dyknow_coordinator.grounding.region_relations import ground_features, with_relations
-from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
+from dyknow_coordinator.grounding.region_relations import ground_features
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
-from dyknow_coordinator.grounding.symbols import check_symbols, sort_names
 from dyknow_coordinator.grounding.units import (
     feature_units,
-    find_uncertainties,
-    find_units,
-    has_units,
     with_unit,
-    with_units,
 )
-from dyknow_coordinator.grounding.unknown_features import unknown_features
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
-from dyknow_coordinator.ros.context import CoordinatorContext
-from dyknow_coordinator.ros.coordinator_limits import check_domains
-from dyknow_coordinator.ros.evaluation.candidates import find_candidates
-from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroup, EvaluationGroups
-from dyknow_coordinator.ros.reporting.episode_messages import verdicts_from_message
+from dyknow_coordinator.ros.context import CoordinatorContext, check_domains
+from dyknow_coordinator.ros.evaluation.evaluation_group import (
+    EvaluationGroup,
+    EvaluationGroups,
+    find_candidates,
+)
+from dyknow_coordinator.ros.reporting.evaluation_messages import verdicts_from_message
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -371,13 +373,7 @@ class FormulaEvaluation(Evaluation):
         check_symbols(symbols, self.request.grounding)
         if self.request.margin and self.request.grounding is not Grounding.SYNTACTIC:
             self._units = await feature_units(symbols, clients.query)
-        sorts = await infer_sorts(symbols, clients.query)
-        states_units = has_units(self.canonical_formula)
-        uncertainties = await find_uncertainties(self.canonical_formula, symbols, clients.query)
-        formula = with_sorts(self.canonical_formula, sorts)
-        formula = await with_relations(formula, clients.domains, clients.query)
-        units = await find_units(symbols, clients.query) if states_units else {}
-        formula = with_units(formula, units, uncertainties)
+        formula = await completed(self.canonical_formula, symbols, clients.domains, clients.query)
         if formula == self.canonical_formula:
             return formula_id, formula, symbols
         await clients.remove_formula(group_id, formula_id)

@@ -20,7 +20,7 @@ from rclpy.task import Future
 
 from dyknow_common import DyKnowError, StreamConstraints
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
-from dyknow_coordinator.grounding.standby_sources import StandbySources
+from dyknow_coordinator.grounding.source_session import StandbySources
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
 from dyknow_stream_processing import Violation

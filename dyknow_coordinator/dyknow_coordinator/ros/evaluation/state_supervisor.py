@@ -32,7 +32,7 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from dyknow_common import DyKnowError, ExitCode, with_readable_times
 from dyknow_common.ros import full_name
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
 from dyknow_coordinator.grounding.source_choice import (

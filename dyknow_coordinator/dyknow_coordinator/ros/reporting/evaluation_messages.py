@@ -1,11 +1,11 @@
-"""Conversion between evaluation statuses and their messages."""
+"""Conversion between the statuses and verdicts of evaluations and their messages."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, Final
 
-from dyknow_interfaces.msg import BlackBoxRequest, ExitStatus
+from dyknow_interfaces.msg import BlackBoxRequest, Episode, ExitStatus, FormulaEpisodes
 from dyknow_interfaces.msg import EvaluationStatus as StatusMessage
 from dyknow_interfaces.msg import SymbolGrounding as GroundingMessage
 
@@ -21,13 +21,12 @@ from dyknow_common.ros import (
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation import EvaluationPhase, StandingVerdicts, ViolationEpisode
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
-from dyknow_coordinator.ros.reporting.episode_messages import (
-    verdicts_from_message,
-    verdicts_to_message,
-)
+
+_FIELDS: Final = ('holds', 'fails', 'undecided', 'unknown', 'is_violated', 'episode_count')
+_EPISODE_FIELDS: Final = ('states', 'has_ended', 'explanation')
 
 _COMMON_FIELDS: Final = (
     'name',
@@ -47,6 +46,40 @@ _COMMON_FIELDS: Final = (
 
 _MAX_TEXT: Final = 10_000
 """The most characters of a text in a status."""
+
+
+def verdicts_to_message(verdicts: StandingVerdicts) -> FormulaEpisodes:
+    """Return a FormulaEpisodes message, without the names of the formula."""
+    return FormulaEpisodes(
+        **{name: getattr(verdicts, name) for name in _FIELDS},
+        latest_episodes=[
+            Episode(
+                begin=nanoseconds_to_time(each.begin),
+                end=nanoseconds_to_time(each.end),
+                decided_at=nanoseconds_to_time(each.decided_at),
+                worst=margin_to_message(each.worst),
+                **{name: getattr(each, name) for name in _EPISODE_FIELDS},
+            )
+            for each in verdicts.latest_episodes
+        ],
+    )
+
+
+def verdicts_from_message(message: FormulaEpisodes) -> StandingVerdicts:
+    """Return the verdicts in a FormulaEpisodes message."""
+    return StandingVerdicts(
+        **{name: getattr(message, name) for name in _FIELDS},
+        latest_episodes=tuple(
+            ViolationEpisode(
+                begin=time_to_nanoseconds(each.begin),
+                end=time_to_nanoseconds(each.end),
+                decided_at=time_to_nanoseconds(each.decided_at),
+                worst=margin_from_message(each.worst),
+                **{name: getattr(each, name) for name in _EPISODE_FIELDS},
+            )
+            for each in message.latest_episodes
+        ),
+    )
 
 
 def status_to_message(status: EvaluationStatus) -> StatusMessage:

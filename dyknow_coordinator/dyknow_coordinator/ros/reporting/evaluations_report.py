@@ -11,7 +11,7 @@ from dyknow_interfaces.msg import EvaluationStatusArray
 from dyknow_common import SECOND_NS, with_readable_times
 from dyknow_common.ros import LATCHED, DiagnosticsPublisher, DyKnowNode
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, details, diagnose
-from dyknow_coordinator.ros.reporting.change_batch import ChangeBatch
+from dyknow_coordinator.ros.reporting.changes import ChangeBatch
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_to_message
 from dyknow_coordinator.ros.reporting.nodes_report import NO_HARDWARE
 

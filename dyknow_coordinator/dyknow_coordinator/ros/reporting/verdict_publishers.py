@@ -18,10 +18,10 @@ from dyknow_common.ros import (
     fill_exit_status,
     nanoseconds_to_time,
 )
-from dyknow_coordinator.evaluation.evaluation import EvaluationPhase
+from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.reporting.verdict_topics import NamedVerdict, VerdictTopicNames
-from dyknow_coordinator.ros.reporting.change_batch import ChangeBatch
+from dyknow_coordinator.ros.reporting.changes import ChangeBatch
 
 PERIOD_S: Final = 1.0
 

@@ -18,10 +18,11 @@ from dyknow_reactions.ros.triggers.actions import (
     CallAction,
     CancelGoalAction,
     PublishAction,
+    RunAction,
     SendGoalAction,
     TriggerAction,
+    command_of,
 )
-from dyknow_reactions.ros.triggers.commands import RunAction, command_of
 from dyknow_reactions.ros.triggers.message_template import template_of
 from dyknow_reactions.ros.triggers.targets import (
     find_target_faults,

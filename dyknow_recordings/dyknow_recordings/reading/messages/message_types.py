@@ -84,12 +84,6 @@ def check_folder(folder: Path) -> None:
         raise RecordingError(f'{folder}: no such folder with messages', ExitCode.NOT_FOUND)
 
 
-def sourced_prefixes() -> tuple[Path, ...]:
-    """Return the prefixes of the workspaces that are sourced."""
-    found = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
-    return tuple(Path(each) for each in found if each)
-
-
 @cache
 def _members(types: MessageTypes, name: str) -> Members | None:
     for folder in types.folders:

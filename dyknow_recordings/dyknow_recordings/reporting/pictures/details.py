@@ -8,7 +8,7 @@ from typing import Final
 
 from dyknow_common import with_readable_times
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome
-from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.reporting.judgement import Judgement, decisive_episode
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.panels import Panel, formula_text, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import (
@@ -16,7 +16,6 @@ from dyknow_recordings.reporting.pictures.timeline import (
     episode_runs,
     gaps,
 )
-from dyknow_recordings.reporting.reasons import decisive_episode
 
 _MAX_ROWS: Final = 20
 _FEW: Final = 2

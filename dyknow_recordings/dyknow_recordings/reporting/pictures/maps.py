@@ -11,8 +11,8 @@ import numpy as np
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, Track
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.markers import objects_of
+from dyknow_recordings.reporting.judgement import decisive_episode
 from dyknow_recordings.reporting.pictures.timeline import Span, extent
-from dyknow_recordings.reporting.reasons import decisive_episode
 from dyknow_space import WGS84, LocalPlane, shapely
 
 _HEIGHT: Final = 26.0

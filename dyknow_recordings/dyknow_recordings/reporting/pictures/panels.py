@@ -34,6 +34,7 @@ from dyknow_recordings.evaluation.observation import (
     with_inner_atoms,
 )
 from dyknow_recordings.evaluation.results import FormulaReport
+from dyknow_recordings.reporting.judgement import decisive_episode
 from dyknow_recordings.reporting.pictures.timeline import (
     MAX_MARKS,
     Span,
@@ -42,7 +43,6 @@ from dyknow_recordings.reporting.pictures.timeline import (
     last_state,
     pending_windows,
 )
-from dyknow_recordings.reporting.reasons import decisive_episode
 
 MAX_PANELS: Final = 24
 """The number of panels that are shown of one formula."""

@@ -26,7 +26,7 @@ from dyknow_common.ros import (
     only_owner,
     time_to_nanoseconds,
 )
-from dyknow_stream_processing.management.namespaces import Namespaces
+from dyknow_stream_processing.management.naming import Namespaces
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.messages.stream_report_messages import report_from_message
 

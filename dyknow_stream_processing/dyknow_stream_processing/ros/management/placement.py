@@ -28,7 +28,7 @@ from rclpy.task import Future
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, constraints_to_message, identities_to_message
 from dyknow_stream_processing.errors import stream_replaced
-from dyknow_stream_processing.management.namespaces import namespace_of
+from dyknow_stream_processing.management.naming import namespace_of
 from dyknow_stream_processing.management.registry import (
     StreamRegistry,
     engines_missing,

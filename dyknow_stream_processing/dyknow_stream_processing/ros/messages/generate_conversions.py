@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dyknow_common.executables import SUCCESS, run_main
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.ros.messages.conversion_code import module_text
+from dyknow_stream_processing.ros.messages.conversions import module_text
 from dyknow_stream_processing.ros.messages.message_types import message_class
 
 _COMMAND = 'generate_conversions'

@@ -8,7 +8,7 @@ trees, as YAML has them, `{'ranges': [0, 0, 1.5]}`. For both alike:
 - A byte is an int from 0 to 255, and a `char` or `wchar` of IDL one character.
 - A text has neither NUL, at which rclpy would cut it, nor surrogates, which UTF-8 lacks.
 
-What is not given keeps its default value.
+Other fields keep their default values.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The publishers of a topic, and the quality of service that a subscription may request."""
+"""The publishers of a topic, the quality of service to request of them, and waiting messages."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from rclpy.qos import (
 )
 
 from dyknow_common import SECOND_NS, shortened
-from dyknow_common.ros import full_name, is_time_simulated, topic_fault
+from dyknow_common.ros import MessageGuard, full_name, is_time_simulated, topic_fault
 from dyknow_stream_processing.dataflow.operators import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.reporting.silence import nearest_topics, several_publishers
@@ -220,3 +220,20 @@ def type_of_class(
         # What an engine makes has its watermarks, which are not kept.
         is_kept=is_kept and not is_sample(class_),
     )
+
+
+def take_waiting(subscription: Any) -> Iterator[tuple[Any, Any]]:
+    """Take the messages that wait for the callback of a subscription, with their infos."""
+    guard = subscription.callback
+    take = guard.take if isinstance(guard, MessageGuard) and guard.needs_sender else _take
+    with subscription.handle:
+        # A fast publisher must not keep the caller busy without end.
+        for _ in range(QUEUE_DEPTH):
+            taken = take(subscription)
+            if taken is None:
+                return
+            yield taken
+
+
+def _take(subscription: Any) -> Any:
+    return subscription.handle.take_message(subscription.msg_type, subscription.raw)

@@ -19,7 +19,7 @@ from dyknow_common.ros import (
     RCLError,
     time_to_nanoseconds,
 )
-from dyknow_stream_processing.dataflow.received_watermarks import ReceivedWatermarks, SampleOrigin
+from dyknow_stream_processing.dataflow.received import ReceivedWatermarks, SampleOrigin
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import is_sample, message_class
 from dyknow_stream_processing.ros.messages.sample_messages import sample_violated_at
@@ -29,10 +29,10 @@ from dyknow_stream_processing.ros.topics.publications import (
     incompatible_publisher,
     next_request,
     publishers_of,
+    take_waiting,
 )
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
 from dyknow_stream_processing.ros.topics.violation_relay import ViolationRelay
-from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
 from dyknow_stream_processing.ros.topics.watermark_topics import WatermarkSubscriptions
 from dyknow_stream_processing.violation import Violation, ViolationKind
 

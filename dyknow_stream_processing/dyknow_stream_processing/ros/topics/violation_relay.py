@@ -25,10 +25,9 @@ from dyknow_common.ros import (
     PublisherWatch,
     only_publishers_of,
 )
-from dyknow_stream_processing.dataflow.received_violations import OVERTAKEN, ReceivedViolations
+from dyknow_stream_processing.dataflow.received import OVERTAKEN, ReceivedViolations
 from dyknow_stream_processing.ros.messages.sample_messages import violation_from_message
-from dyknow_stream_processing.ros.topics.publications import publishers_remark
-from dyknow_stream_processing.ros.topics.waiting_messages import take_waiting
+from dyknow_stream_processing.ros.topics.publications import publishers_remark, take_waiting
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
 VIOLATIONS_SUFFIX: Final = '/violations'

@@ -25,15 +25,13 @@ from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
 from dyknow_recordings.reading.bags.bag_metadata import CUT, cut_data
 from dyknow_recordings.reading.lost_messages import LostMessages
 
-BAG_VERSION: Final = 9
-"""The version of the metadata of bags, as rosbag2 of Jazzy writes them."""
-
+_BAG_VERSION: Final = 9
 _UNLIMITED: Final = QosTime(2147483647, 4294967295)
 _SENT_OFFSET: Final = 23
 """The place of the time of sending in the record of a message."""
 
 _NO_HASH: Final = f'RIHS01_{"0" * 64}'
-"""The hash of a type in the place of that of its publisher, which is unknown."""
+"""The hash of a type whose publisher is unknown."""
 
 
 def offered_profile(reliable: bool, latched: bool, depth: int) -> Qos:  # noqa: FBT001 - of an offer
@@ -55,6 +53,18 @@ def offered_profile(reliable: bool, latched: bool, depth: int) -> Qos:  # noqa: 
         _UNLIMITED,
         avoid_ros_namespace_conventions=False,
     )
+
+
+def bag_writer(
+    path: Path,
+    storage: StoragePlugin = StoragePlugin.MCAP,
+    compression: CompressionMode = CompressionMode.STORAGE,
+    writer_class: type[Writer] = Writer,
+) -> Writer:
+    """Return a writer of a bag that is compressed by zstd, with metadata as of rosbag2 of Jazzy."""
+    writer = writer_class(path, version=_BAG_VERSION, storage_plugin=storage)
+    writer.set_compression(compression, CompressionFormat.ZSTD)
+    return writer
 
 
 class _SentTimes(McapWriter):
@@ -90,10 +100,7 @@ class BagPart:
     """
 
     def __init__(self, path: Path, source: Bag) -> None:
-        self._writer = _SentTimesWriter(
-            path, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP
-        )
-        self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._writer = bag_writer(path, writer_class=_SentTimesWriter)
         self._connections: dict[tuple[str, str], Connection] = {}
         self.count = 0
         """The number of its messages."""
@@ -126,7 +133,7 @@ class BagPart:
         )
 
     def write(self, message: RecordedMessage, log_time: int | None = None) -> None:
-        """Write a message, perhaps at another log time, which is then also that of its sending."""
+        """Write a message, perhaps at another log time, which is then also its time of sending."""
         storage: Any = self._writer.storage
         place = storage.chunk.bio.tell() + _SENT_OFFSET
         time = message.log_time if log_time is None else log_time

@@ -1,13 +1,18 @@
-"""The check of one recording, as a process of its own or another machine can run it."""
+"""Checks of recordings: each as it can run here, in a process of its own or on another machine."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+import sys
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Self
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.executables import error_text
+from dyknow_common.worker_pool import WorkerPool
 from dyknow_configuration import NO_MAP, RequestedFormula, RobotMap, TopicExpectation
 from dyknow_recordings.black_boxes import BlackBoxContent, suffix_report
 from dyknow_recordings.errors import RecordingError
@@ -115,3 +120,107 @@ def run_here(jobs: Sequence[RecordingJob]) -> Generator[tuple[int, JobResult], N
     """Run jobs one after the other in this process; yield their indices and results."""
     for index, job in enumerate(jobs):
         yield index, job.run()
+
+
+@contextmanager
+def run_in_processes(
+    jobs: Sequence[RecordingJob], number: int
+) -> Iterator[Iterator[tuple[int, JobResult]]]:
+    """Run jobs in a block, which gets their indices and results as they come.
+
+    All processes have ended when the block ends. It starts before this process has further threads,
+    such as the thread of a progress bar: workers can then be forked.
+
+    Args:
+        jobs: the jobs.
+        number: of processes.
+    """
+    number = max(1, min(number, len(jobs)))
+    pool = WorkerPool(number, forks=True)
+    threads = ThreadPoolExecutor(number)
+    try:
+        yield _results(jobs, pool, threads)
+    finally:
+        threads.shutdown(wait=False, cancel_futures=True)
+        pool.stop()
+        threads.shutdown()
+
+
+def _results(
+    jobs: Sequence[RecordingJob], pool: WorkerPool, threads: ThreadPoolExecutor
+) -> Generator[tuple[int, JobResult], None, None]:
+    running = {threads.submit(_run, job, pool): index for index, job in enumerate(jobs)}
+    for future in as_completed(running):
+        yield running.pop(future), future.result()
+
+
+def _run(job: RecordingJob, pool: WorkerPool) -> JobResult:
+    """Return the result of a job; an error if its process dies."""
+    try:
+        result: JobResult = pool.run(RecordingJob.run, (job,))
+    except ChildProcessError as error:
+        return RecordingError(f'{job.name}: {error}; use fewer --jobs', ExitCode.UNAVAILABLE)
+    return result
+
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+
+class ProgressBar:
+    """The number of recordings that are checked, on the standard error output if it is a terminal.
+
+    Args:
+        total: the number of recordings; of one, nothing is shown.
+    """
+
+    def __init__(self, total: int) -> None:
+        is_shown = total > 1 and sys.stderr.isatty()
+        self._progress = _progress(total) if is_shown else None
+
+    def __enter__(self) -> Self:
+        if self._progress is not None:
+            self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+    def advance(self) -> None:
+        """Count a recording."""
+        if self._progress is not None:
+            self._progress.advance(self._progress.task_ids[0])
+
+    @contextmanager
+    def hidden(self) -> Iterator[None]:
+        """Remove the bar from the terminal for a while."""
+        self.__exit__()
+        yield
+        self.__enter__()
+
+
+def _progress(total: int) -> Progress:
+    # Only a bar that is shown needs the time to import rich.
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import (  # noqa: PLC0415
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    progress = Progress(
+        TextColumn('checking'),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        # It is removed while results are printed, perhaps to somewhere else.
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
+    progress.add_task('', total=total)
+    return progress

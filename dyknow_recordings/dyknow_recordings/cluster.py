@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_configuration import TextSource
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.jobs.recording_job import JobResult, RecordingJob
+from dyknow_recordings.jobs import JobResult, RecordingJob
 
 if TYPE_CHECKING:
     from distributed import Client, Future

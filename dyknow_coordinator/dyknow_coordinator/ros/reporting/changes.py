@@ -1,4 +1,4 @@
-"""Changes of annotations and objects, as the semantic nodes report them."""
+"""Changes that are reported together, and those that the semantic nodes report."""
 
 from __future__ import annotations
 
@@ -8,10 +8,34 @@ from typing import Any, Final
 from dyknow_interfaces.msg import SemanticsVersion
 
 from dyknow_common.ros import LATCHED, DyKnowNode, only_owner
-from dyknow_coordinator.ros.reporting.change_batch import ChangeBatch
 
 DELAYS_S: Final = (0.3, 2.0)
 """Times of reactions to a change: soon, and when every node must have received it."""
+
+
+class ChangeBatch:
+    """Calls a function once for all changes within a time: hundreds of evaluations change together.
+
+    Args:
+        delay_s: the time from the first change to the call.
+    """
+
+    def __init__(self, node: DyKnowNode, delay_s: float, report: Callable[[], None]) -> None:
+        self._node = node
+        self._delay_s = delay_s
+        self._report = report
+        self._is_pending = False
+
+    def add(self) -> None:
+        """Report soon."""
+        if not self._is_pending:
+            self._is_pending = True
+            due = self._node.deadlines.after(self._delay_s)
+            due.add_done_callback(lambda _: self._finish())
+
+    def _finish(self) -> None:
+        self._is_pending = False
+        self._report()
 
 
 class ChangeListener:

@@ -1,1 +1,0 @@
-"""Recipes: formulas that many robots must keep, and their copies in a robot.yaml."""

@@ -1,1 +1,0 @@
-"""Life cycle of one evaluation, from request to answer."""

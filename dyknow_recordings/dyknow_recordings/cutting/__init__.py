@@ -1,1 +1,0 @@
-"""Parts of recordings, cut out around failures."""

@@ -1,1 +1,0 @@
-"""Checks of recordings, one after the other or several at a time."""

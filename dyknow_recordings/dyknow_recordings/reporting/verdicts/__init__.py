@@ -1,1 +1,0 @@
-"""Verdicts as a recording: messages at their times."""
