@@ -13,11 +13,15 @@ from dyknow_configuration.forecasts import table_text
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES, is_parameter_file, parameter_faults
 from dyknow_configuration.proposals.observations import (
+    FRAME,
     MAX_MESSAGES,
     ObservedTopic,
     ReadFields,
     SeenValues,
     fields_of_interest,
+    frame_difference,
+    frames_of,
+    is_coordinate,
 )
 from dyknow_configuration.proposals.robot_text import robot_text
 from dyknow_configuration.proposals.timing import (
@@ -61,6 +65,7 @@ from dyknow_configuration.yaml_values import YamlValue, add_quotes, read_yaml
 
 __all__ = [
     'ACTION_KEYS',
+    'FRAME',
     'MAX_COMPARED',
     'MAX_COMPARED_NUMBER',
     'MAX_MESSAGES',
@@ -105,6 +110,9 @@ __all__ = [
     'fields_of_interest',
     'filled',
     'find_faults',
+    'frame_difference',
+    'frames_of',
+    'is_coordinate',
     'is_parameter_file',
     'parameter_faults',
     'proposed_timing',

@@ -7,17 +7,20 @@ regions state their frame, and each sample is checked; here, plain fields are co
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Final
+from collections.abc import Iterator, Mapping
 
 from dyknow_command.linting.findings import Finding, warning_at
 from dyknow_command.linting.inputs import LintInputs
 from dyknow_command.linting.vocabulary_checks import annotations_of, streams_of
 from dyknow_command.observing import absolute_topic
-from dyknow_common import listed
-from dyknow_configuration import ObservedTopic
+from dyknow_configuration import (
+    FRAME,
+    ObservedTopic,
+    frame_difference,
+    frames_of,
+    is_coordinate,
+)
 from dyknow_reasoning import (
     Comparison,
     Feature,
@@ -34,11 +37,6 @@ from dyknow_stream_processing import (
     subterms,
 )
 
-FRAME: Final = 'header.frame_id'
-"""The field that names the frame of a message."""
-
-_COORDINATE: Final = re.compile(r'(?:.*\.)?(?:position|translation|point)\.[xyz]')
-
 Topics = frozenset[str]
 
 
@@ -49,18 +47,19 @@ def frame_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> I
         inputs: the files.
         topics: that were observed, with the texts of `FRAME`, by absolute name.
     """
-    frames = {
-        name: frozenset(each.values[FRAME].texts)
-        for name, each in topics.items()
-        if FRAME in each.values
-    }
+    frames = frames_of(topics.values())
+
+    def difference(used: Topics) -> str:
+        found = frame_difference({name: frames[name] for name in used & frames.keys()})
+        return f'positions in several frames are calculated with: {found}' if found else ''
+
     features = _position_features(inputs)
     for formula in inputs.formulas:
         for first, used in _compared(parse_formula(formula.requested.text), features):
-            if text := _difference(used, frames):
+            if text := difference(used):
                 yield warning_at(formula.place_of(first), text)
     for place, declaration in streams_of(inputs):
-        if text := _difference(_selected(declaration), frames):
+        if text := difference(_selected(declaration)):
             yield warning_at(place, f'{declaration.name}: {text}')
 
 
@@ -69,7 +68,7 @@ def _position_features(inputs: LintInputs) -> Mapping[str, Topics]:
     found: defaultdict[str, set[str]] = defaultdict(set)
     for _, annotation in annotations_of(inputs):
         for content in annotation.contents:
-            if annotation.is_topic and _COORDINATE.fullmatch(content.field):
+            if annotation.is_topic and is_coordinate(content.field):
                 found[content.feature.name].add(absolute_topic(annotation.stream))
     return {name: frozenset(topics) for name, topics in found.items()}
 
@@ -88,7 +87,7 @@ def _compared(formula: Formula, features: Mapping[str, Topics]) -> Iterator[tupl
 def _topics_of(term: Formula | Term, features: Mapping[str, Topics]) -> Topics:
     if isinstance(term, Feature):
         return features.get(term.name, frozenset())
-    if isinstance(term, FieldReference) and _COORDINATE.fullmatch(term.path):
+    if isinstance(term, FieldReference) and is_coordinate(term.path):
         return frozenset({absolute_topic(term.stream)})
     return frozenset()
 
@@ -102,18 +101,5 @@ def _selected(declaration: StreamDeclaration) -> Topics:
         and isinstance(each.source, StreamReference)
         and each.source.is_topic
         and FRAME not in each.demand  # Whatever reads the frame can check it.
-        and any(_COORDINATE.fullmatch(selection.field) for selection in each.selections)
-    )
-
-
-def _difference(used: Iterable[str], frames: Mapping[str, Iterable[str]]) -> str:
-    """Return how the frames of topics differ; empty if they do not, as far as they are known."""
-    known = {name: sorted(frames.get(name, ())) for name in sorted(used)}
-    _, *others = {frame for found in known.values() for frame in found} or {''}
-    if not others:
-        return ''
-    named = [f'{name} is in {listed(found)}' for name, found in known.items() if found]
-    return (
-        f'positions in several frames are calculated with: {"; ".join(named)}; let tf transform '
-        'them, or publish them in one frame'
+        and any(is_coordinate(selection.field) for selection in each.selections)
     )
