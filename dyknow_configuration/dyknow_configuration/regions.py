@@ -98,7 +98,9 @@ class MovingRegion:
         sorts: the sorts of that object, as they are stated.
         frame: of the outline, in metres.
         altitude: its lowest and highest height, in metres; infinite without a bound.
-        source: the stream of its `outline`, and of its `frame` if that is to be checked.
+        source: the stream of its `outline`, and of its `frame` if that is to be checked, without
+            its constraints.
+        constraints: of that stream.
         fields: of that stream, with their types.
         origin: where the file states it.
     """
@@ -108,6 +110,7 @@ class MovingRegion:
     frame: str
     altitude: tuple[float, float]
     source: str
+    constraints: str
     fields: str
     origin: YamlValue
 
@@ -247,13 +250,13 @@ def _moving(
     is_checked = 'header' not in stated or stated['header'].truth()
     checked = 'header.frame_id as frame, ' if is_checked else ''
     topic = quoted(stated['topic'].text('a topic').strip())
-    constraints = constraints_text(stated)
     return MovingRegion(
         name,
         sorts,
         frame,
         altitude,
-        f'select {checked}{WKT}({points}) as outline from {topic}{constraints}',
+        f'select {checked}{WKT}({points}) as outline from {topic}',
+        constraints_text(stated),
         'frame: string, outline: string' if is_checked else 'outline: string',
         stated['topic'],
     )
