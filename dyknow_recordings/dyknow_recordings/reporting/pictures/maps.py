@@ -74,7 +74,11 @@ def map_image(
         *(_track(name, each, size / 160, points) for name, each in tracks.items()),
         *(_place_mark(*place, size / 80, text) for place, text in failures),
         *(_label(*place, size / 40, text.rpartition(': ')[2]) for place, text in failures),
-        *(_label(*_inside(each.geometry), size / 30, each.name) for each in shapes if each.outcome),
+        *(
+            _label(*_inside(each.geometry), size / 30, each.name)
+            for each in shapes
+            if each.outcome or each.time
+        ),
     ]
     label = escape(f'map in frame {found.frame}')
     return (
