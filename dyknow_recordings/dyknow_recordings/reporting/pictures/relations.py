@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from dyknow_reasoning import (
     Number,
     Over,
     StateAtom,
+    Term,
     as_written,
     best_estimate,
     ground_atoms,
@@ -25,6 +26,7 @@ from dyknow_reasoning import (
     walk,
 )
 from dyknow_recordings.evaluation.observation import (
+    MAX_SIGNALS,
     Signal,
     StateSignals,
     features_of,
@@ -36,7 +38,6 @@ MAX_RELATIONS: Final = 40
 """The relations of a formula that are shown: the first that held."""
 
 _NAMES: Final = {text: name for name, text in SPATIAL.items()}
-_BOOLEAN: Final = ('false', 'true')
 
 
 def held_spans(formula: str, known: StateSignals) -> dict[str, tuple[Span, ...]]:
@@ -48,26 +49,45 @@ def held_spans(formula: str, known: StateSignals) -> dict[str, tuple[Span, ...]]
     """
     domains = tuple((sort, tuple(objects)) for sort, objects in known.domains.items())
     found: dict[str, tuple[Span, ...]] = {}
-    for text, atom in _relations(formula, domains).items():
-        if len(found) < MAX_RELATIONS and (spans := _spans(atom, known)):
+    for text, relation in _relations(formula, domains).items():
+        if len(found) < MAX_RELATIONS and (spans := _spans(relation, known)):
             found[text] = spans
     return found
+
+
+class _Relation(NamedTuple):
+    """A comparison of two signals by name, or of one with a number; true is 1."""
+
+    left: str | float
+    operator: str
+    right: str | float
 
 
 @lru_cache(maxsize=64)
 def _relations(
     formula: str, domains: tuple[tuple[str, tuple[str, ...]], ...]
-) -> Mapping[str, StateAtom]:
-    """Return the atoms about positions, and what holds at the objects that links join."""
+) -> Mapping[str, _Relation]:
+    """Return the relations of positions, and what holds at the objects that links join."""
     parsed = parse_formula(formula)
     has_links = any(isinstance(each, Over) for each in walk(parsed))
-    found: dict[str, StateAtom] = {}
-    for _, atoms in ground_atoms(parsed, dict(domains)):
-        for atom in atoms:
-            names = {each.name for each in features_of(atom) if isinstance(each, Feature)}
-            if (names and names <= POSITION_FEATURES) or (has_links and isinstance(atom, Feature)):
-                found[_text(atom)] = atom
+    found: dict[str, _Relation] = {}
+    for atom in (atom for _, atoms in ground_atoms(parsed, dict(domains)) for atom in atoms):
+        names = {each.name for each in features_of(atom) if isinstance(each, Feature)}
+        if (names and names <= POSITION_FEATURES) or (has_links and isinstance(atom, Feature)):
+            found[_text(atom)] = _relation(atom)
+        if len(found) == MAX_SIGNALS:
+            break  # Of others, there are no signals.
     return found
+
+
+def _relation(atom: StateAtom) -> _Relation:
+    if isinstance(atom, Comparison):
+        return _Relation(_side(atom.left), atom.operator, _side(atom.right))
+    return _Relation(_side(atom), '=', 1.0)
+
+
+def _side(term: Term) -> str | float:
+    return float(term.value) if isinstance(term, Number) else signal_name(term)
 
 
 def _text(atom: StateAtom) -> str:
@@ -79,31 +99,23 @@ def _text(atom: StateAtom) -> str:
     return f'{name}({arguments})' if name else written
 
 
-def _spans(atom: StateAtom, known: StateSignals) -> tuple[Span, ...]:
-    """Return the spans in which an atom holds, each from a state to the first where it does not."""
-    sides = (atom.left, atom.right) if isinstance(atom, Comparison) else (atom,)
-    names = [signal_name(each) for each in sides if not isinstance(each, Number)]
-    signals = [known.signals[name] for name in names if name in known.signals]
-    if len(signals) < len(names) or (len(sides) == 1 and signals[0].words != _BOOLEAN):
+def _spans(relation: _Relation, known: StateSignals) -> tuple[Span, ...]:
+    """Return the spans in which a relation holds, each to the first state where it does not."""
+    sides = relation.left, relation.right
+    lines = [known.signals.get(each) if isinstance(each, str) else each for each in sides]
+    signals = [each for each in lines if isinstance(each, Signal)]
+    if None in lines or not signals:
         return ()
     times = np.unique(np.concatenate([each.times for each in signals]))
-    rest = iter(signals)
-    values = np.array(
-        [
-            np.full(len(times), float(each.value))
-            if isinstance(each, Number)
-            else _values_at(next(rest), times)
-            for each in sides
-        ]
-    )
-    if isinstance(atom, Comparison):
-        compared = np.asarray(COMPARISONS[atom.operator](*values), np.bool_)
-        return spans_where(times, compared & ~np.isnan(values).any(axis=0))
-    return spans_where(times, values[0] == 1)
+    left, right = (_values_at(each, times) for each in lines)
+    holds = np.asarray(COMPARISONS[relation.operator](left, right), np.bool_)
+    return spans_where(times, holds & ~(np.isnan(left) | np.isnan(right)))
 
 
-def _values_at(signal: Signal, times: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the values that a signal has at times; NaN before its first."""
-    indices = np.searchsorted(signal.times, times, 'right') - 1
-    found: NDArray[np.float64] = np.where(indices < 0, np.nan, signal.values[indices])
+def _values_at(line: Signal | float | None, times: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the latest values of a signal at times; NaN before its first."""
+    if not isinstance(line, Signal):
+        return np.full(len(times), line, np.float64)
+    indices = np.searchsorted(line.times, times, 'right') - 1
+    found: NDArray[np.float64] = np.where(indices < 0, np.nan, line.values[indices])
     return found
