@@ -104,7 +104,7 @@ def read_positions(
     return PositionTexts(tuple(streams), tuple(annotations), _map_of(regions, sources))
 
 
-def _map_of(regions: Sequence[StatedRegion], sources: Iterable[_PositionSource]) -> RobotMap:
+def _map_of(regions: Sequence[StatedRegion], sources: Sequence[_PositionSource]) -> RobotMap:
     """Return the map, in the frame of the first region; of one that stands still, if there is."""
     drawn, everything = drawn_regions(regions), [each.region for each in regions]
     frame = next((each.frame for each in (*drawn, *everything)), '')
@@ -115,7 +115,7 @@ def _map_of(regions: Sequence[StatedRegion], sources: Iterable[_PositionSource])
         {
             each.name: f'stream outline = {each.source}'
             for each in everything
-            if isinstance(each, MovingRegion) and each.frame == frame
+            if isinstance(each, MovingRegion) and each.frame == frame and sources
         },
     )
 

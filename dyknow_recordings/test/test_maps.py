@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from recorded import RecordedSample, at, recording, sample
 
-from dyknow_common import Verdict
+from dyknow_common import InlineText, Verdict
 from dyknow_configuration import RobotMap
 from dyknow_coordinator import Grounding, SymbolGrounding
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, recorded_map
@@ -207,3 +207,16 @@ def test_a_stream_that_cannot_be_made_has_no_track() -> None:
     }
     known = RobotMap('map', (DOCK,), positions)
     assert not recorded_map(recording(messages), known).tracks
+
+
+def test_positions_from_a_stream_of_a_file() -> None:
+    messages = [
+        sample('/fleet', index / 10, id='r1' if index % 2 else 'r2', east=float(index), north=0.0)
+        for index in range(10)
+    ]
+    text = 'stream first = select east, north from "/fleet" where id = "r1"; sink first'
+    known = RobotMap(
+        'map', (DOCK,), {'r1': 'stream position = select east as x, north as y from first'}
+    )
+    found = recorded_map(recording(messages), known, [InlineText('robot.yaml', text)])
+    assert found.tracks['r1'][1].tolist() == [1, 3, 5, 7, 9]

@@ -90,7 +90,8 @@ class LiveMap:
         traces = {name: self._traces[name] for name in sorted(objects & self._traces.keys())}
         outlines = {
             name: [(time, str(fields['outline'])) for time, fields in traces[name]]
-            for name in traces.keys() & known.outlines
+            for name in traces
+            if name in known.outlines
         }
         tracks = {name: _track(each) for name, each in traces.items() if name not in outlines}
         most = max(MAX_POINTS // max(len(tracks), 1), 2)
