@@ -1,19 +1,22 @@
 """Checks against observed frames: are positions that are calculated with in one frame.
 
 Formulas and streams calculate with coordinates as with any numbers. Those of `positions:` and
-regions state their frame, and each sample is checked; here, plain fields are compared with what
+regions state their frame, which each sample must have. Here, both are compared with what
 `header.frame_id` was in some time.
 """
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
+from typing import Final
 
-from dyknow_command.linting.findings import Finding, warning_at
+from dyknow_command.linting.findings import Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
 from dyknow_command.linting.vocabulary_checks import annotations_of, streams_of
 from dyknow_command.observing import absolute_topic
+from dyknow_common import listed
 from dyknow_configuration import (
     FRAME,
     ObservedTopic,
@@ -31,11 +34,16 @@ from dyknow_reasoning import (
     walk,
 )
 from dyknow_stream_processing import (
+    Call,
     Select,
     StreamDeclaration,
     StreamReference,
     subterms,
 )
+from dyknow_stream_processing import Term as StreamTerm
+
+_STATED: Final = re.compile(r'(?:^|; )frame ([^;]+)')
+"""The frame of a region in the settings of a unit."""
 
 Topics = frozenset[str]
 
@@ -61,6 +69,23 @@ def frame_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> I
     for place, declaration in streams_of(inputs):
         if text := difference(_selected(declaration)):
             yield warning_at(place, f'{declaration.name}: {text}')
+        for topic, stated in _stated_frames(declaration):
+            if others := {*frames.get(topic, ())} - {stated}:
+                yield error_at(
+                    place,
+                    f'{topic} is in {listed(sorted(others))}, but its frame is stated as {stated}; '
+                    'correct it, or let tf transform the positions',
+                )
+
+
+def _stated_frames(declaration: StreamDeclaration) -> Iterator[tuple[str, str]]:
+    """Yield the topics whose frame a stream checks, each with the frame that is stated."""
+    for call in subterms(declaration.stream):
+        for each in call.arguments if isinstance(call, Call) else ():
+            stated = [each.value] if each.name == 'frame' else _STATED.findall(str(each.value))
+            for topic, select in _selects(call) if stated else ():
+                if FRAME in select.demand:
+                    yield topic, str(stated[0])
 
 
 def _position_features(inputs: LintInputs) -> Mapping[str, Topics]:
@@ -95,11 +120,19 @@ def _topics_of(term: Formula | Term, features: Mapping[str, Topics]) -> Topics:
 def _selected(declaration: StreamDeclaration) -> Topics:
     """Return the topics whose coordinates a stream is made of, without their frames."""
     return frozenset(
-        absolute_topic(each.source.name)
-        for each in subterms(declaration.stream)
-        if isinstance(each, Select)
-        and isinstance(each.source, StreamReference)
-        and each.source.is_topic
-        and FRAME not in each.demand  # Whatever reads the frame can check it.
-        and any(is_coordinate(selection.field) for selection in each.selections)
+        topic
+        for topic, select in _selects(declaration.stream)
+        if FRAME not in select.demand  # Whatever reads the frame can check it.
+        and any(is_coordinate(selection.field) for selection in select.selections)
     )
+
+
+def _selects(term: StreamTerm) -> Iterator[tuple[str, Select]]:
+    """Yield the topics that a term selects fields of."""
+    for each in subterms(term):
+        if (
+            isinstance(each, Select)
+            and isinstance(each.source, StreamReference)
+            and each.source.is_topic
+        ):
+            yield absolute_topic(each.source.name), each
