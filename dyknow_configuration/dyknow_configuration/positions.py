@@ -113,11 +113,16 @@ def _map_of(regions: Sequence[StatedRegion], sources: Sequence[_PositionSource])
         tuple(drawn),
         {name: text for each in sources if each.frame == frame for name, text in each.positions()},
         {
-            each.name: f'stream outline = {each.source}'
+            each.name: f'stream outline = {each.source}{_condition(frame) * each.is_checked}'
             for each in everything
             if isinstance(each, MovingRegion) and each.frame == frame and sources
         },
     )
+
+
+def _condition(frame: str) -> str:
+    """Return the condition that messages are in a frame: maps omit the others."""
+    return f' where header.frame_id = {quoted(frame)}'
 
 
 def _objects(sources: Iterable[_PositionSource]) -> set[str]:
@@ -361,7 +366,7 @@ class _PositionSource:
     def positions(self) -> Iterator[tuple[str, str]]:
         """Yield each object with the stream of its x and y, without constraints."""
         for name in self.objects:
-            source = self._source_of(name)
+            source = self._source_of(name) + _condition(self.frame) * bool(self._frame_field)
             yield name, f'stream position = select {self._selections("xy")} from {source}'
 
     def _selections(self, axes: str) -> str:

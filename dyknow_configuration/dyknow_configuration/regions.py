@@ -98,10 +98,10 @@ class MovingRegion:
         sorts: the sorts of that object, as they are stated.
         frame: of the outline, in metres.
         altitude: its lowest and highest height, in metres; infinite without a bound.
-        source: the stream of its `outline`, and of its `frame` if that is to be checked, without
-            its constraints.
+        source: the stream of its `outline`, and of its `frame` if that is checked, without its
+            constraints.
         constraints: of that stream.
-        fields: of that stream, with their types.
+        is_checked: True if the frame of each message is compared.
         origin: where the file states it.
     """
 
@@ -111,8 +111,13 @@ class MovingRegion:
     altitude: tuple[float, float]
     source: str
     constraints: str
-    fields: str
+    is_checked: bool
     origin: YamlValue
+
+    @property
+    def fields(self) -> str:
+        """The fields of its stream, with their types."""
+        return 'frame: string, outline: string' if self.is_checked else 'outline: string'
 
     @property
     def text(self) -> str:
@@ -257,7 +262,7 @@ def _moving(
         altitude,
         f'select {checked}{WKT}({points}) as outline from {topic}',
         constraints_text(stated),
-        'frame: string, outline: string' if is_checked else 'outline: string',
+        is_checked,
         stated['topic'],
     )
 

@@ -278,13 +278,11 @@ def choices(domains: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
 class RobotMap:
     """The regions of a robot, and the streams that tell where its objects are.
 
-    A stream has the field `frame` if the frame of its samples is to be checked.
-
     Args:
         frame: of the map: that of the first region; empty without regions.
         regions: that stand still, of all frames, in the order of the file.
-        positions: for each object in this frame, the text of the stream of its `x` and `y`.
-        outlines: for each region in this frame that moves, that of its `outline`.
+        positions: the text of the stream of `x` and `y` of each object, in this frame alone.
+        outlines: that of the `outline` of each region that moves.
     """
 
     frame: str = ''

@@ -486,7 +486,7 @@ def test_the_map_has_the_streams_of_its_frame(tmp_path: Path) -> None:
     assert (found.frame, found.regions, [*found.streams]) == ('odom', (), ['b1', 'cell'])
     assert found.outlines['cell'] == (
         'stream outline = select header.frame_id as frame, wkt(polygon.points) as outline'
-        ' from "/cell"'
+        ' from "/cell" where header.frame_id = "odom"'
     )
     path.write_text('objects: {Robot: [r1]}\n')
     assert read_robot(path).map == NO_MAP

@@ -38,7 +38,7 @@ FALSE = replace(
 
 
 def place(name: str, time: int, x: float, y: float) -> MapSample:
-    return name, time, {'frame': 'map', 'x': x, 'y': y}
+    return name, time, {'x': x, 'y': y}
 
 
 def board_of(status: EvaluationStatus = RUNNING) -> Board:
@@ -122,7 +122,6 @@ def test_a_region_that_moves_is_drawn_at_the_failure_and_lately() -> None:
     for second in range(10, 21):
         outline = f'POLYGON (({second} 5, {second + 1} 5, {second} 6, {second} 5))'
         board.map.add([('cell', second * SECOND_NS, {'outline': outline})])
-    board.map.add([('cell', 30 * SECOND_NS, {'frame': 'odom', 'outline': 'POLYGON EMPTY'})])
     (key,) = board.formulas.by_key()
     titles = ['dock: undecided', 'cell at 10.000 s: undecided']
     assert titles_of(board.map.image(key, running)) == titles

@@ -143,8 +143,8 @@ def moving(*cells: RecordedSample, moments: tuple[float, ...] = (), batch: int =
     known = RobotMap(
         'map',
         (),
-        {'r1': 'stream position = select frame, x, y from "/r1/pose"'},
-        {'cell': 'stream outline = select frame, outline from "/cell"'},
+        {'r1': 'stream position = select x, y from "/r1/pose" where frame = "map"'},
+        {'cell': 'stream outline = select outline from "/cell" where frame = "map"'},
     )
     read = recording([*poses, *cells], batch)
     return recorded_map(read, known, moments=[at(each) for each in moments])

@@ -65,14 +65,11 @@ class LiveMap:
         self._traces = {name: each for name, each in self._traces.items() if name in names}
 
     def add(self, samples: Iterable[MapSample]) -> None:
-        """Add samples; one in another frame, or not later than those before, is not drawn."""
-        frame = self._known.frame
+        """Add samples; one that is not later than those before is not drawn."""
         for name, time, fields in samples:
             is_outline = name in self._known.outlines
-            is_shown = fields.get('frame', frame) == frame and (
-                is_outline or all(isinstance(fields[axis], int | float) for axis in 'xy')
-            )
-            if is_shown and name in self.streams:
+            is_drawn = is_outline or all(isinstance(fields[axis], int | float) for axis in 'xy')
+            if is_drawn and name in self.streams:
                 most = MAX_OUTLINES if is_outline else MAX_POSITIONS
                 trace = self._traces.setdefault(name, deque(maxlen=most))
                 if not trace or trace[-1][0] < time:

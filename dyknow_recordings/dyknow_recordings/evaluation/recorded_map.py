@@ -65,7 +65,7 @@ def recorded_map(
     fields = streams.prepare(parse_sources(known.streams.values()))
     traces: dict[str, _Trace] = {}
     for name, text in known.streams.items():
-        traces[name] = trace = _Trace(known.frame, moments, is_outline=name in known.outlines)
+        traces[name] = trace = _Trace(moments, is_outline=name in known.outlines)
         with suppress(DyKnowError):
             streams.create(_LABEL + name, text, NO_CONSTRAINTS, trace.samples.append, _ignore)
     for batch in batches(recording.columns(fields)) if fields else ():
@@ -103,10 +103,10 @@ def _progressed(
 class _Trace:
     """The samples of a stream that a map may show."""
 
-    def __init__(self, frame: str, moments: Collection[int], *, is_outline: bool) -> None:
+    def __init__(self, moments: Collection[int], *, is_outline: bool) -> None:
         self.samples: list[Sample] = []
         """Those that have come one by one; see `add_samples`."""
-        self._frame, self._moments, self._is_outline = frame, [*moments], is_outline
+        self._moments, self._is_outline = [*moments], is_outline
         self._parts: list[tuple[NDArray[np.int64], Mapping[str, NDArray[Any]]]] = []
 
     def add_samples(self) -> None:
@@ -119,11 +119,7 @@ class _Trace:
             self.add(times, columns)
 
     def add(self, times: NDArray[np.int64], columns: Mapping[str, NDArray[Any]]) -> None:
-        """Add samples as columns; those of another frame are not shown."""
-        if 'frame' in columns:
-            is_shown = columns['frame'] == self._frame
-            times = times[is_shown]
-            columns = {name: each[is_shown] for name, each in columns.items()}
+        """Add samples as columns."""
         self._parts.append((times, columns))
         if self._is_outline:
             # Outlines are large: only those are kept that are shown.
@@ -135,7 +131,7 @@ class _Trace:
         self._keep(MAX_POINTS)
         for times, columns in self._parts:
             x, y = columns['x'], columns['y']
-            if len(times) and {x.dtype.kind, y.dtype.kind} <= {*'biuf'}:
+            if {x.dtype.kind, y.dtype.kind} <= {*'biuf'}:
                 return times, x.astype(np.float64), y.astype(np.float64)
         return None
 
