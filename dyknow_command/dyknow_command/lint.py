@@ -20,7 +20,7 @@ from dyknow_command.linting.inputs import YAML_ENDINGS, LintInputs, read_inputs
 from dyknow_command.observing import add_duration_option, observe
 from dyknow_common import DyKnowError, ValueType, listed_as, round_duration
 from dyknow_common.executables import SUCCESS, describe
-from dyknow_configuration import ObservedTopic, add_quotes
+from dyknow_configuration import FRAME, ObservedTopic, add_quotes
 from dyknow_reasoning import notes_on
 from dyknow_recordings import add_reading_options, message_types, observe_recording
 
@@ -159,7 +159,6 @@ def _success(files: Iterable[Path], inputs: LintInputs) -> str:
 def _observed(options: argparse.Namespace, inputs: LintInputs) -> tuple[ObservedTopic, ...] | None:
     if options.recording is None and not options.live:
         return None
-    from dyknow_command.linting.frame_checks import FRAME  # noqa: PLC0415 - as above
     from dyknow_command.linting.topic_checks import named_fields  # noqa: PLC0415 - as above
 
     named = named_fields(inputs) | {FRAME}

@@ -148,6 +148,52 @@ def test_what_is_not_used_can_be_used(tmp_path: Path) -> None:
     assert len(robot.formulas) == 5
 
 
+@pytest.mark.parametrize(
+    ('frames', 'proposed'),
+    [
+        (
+            ('map', 'map'),
+            """\
+positions:
+  - {of: {r: R}, frame: map, topic: '/{r}/pose', field: pose.position, max_delay: 500 ms,\
+ max_gap: 500 ms}
+""",
+        ),
+        (
+            ('r1/odom', 'r2/odom'),
+            """\
+# positions:
+  # In several frames: /r1/pose is in r1/odom; /r2/pose is in r2/odom; let tf transform them, or\
+ publish them in one frame.
+  # - {of: {r: R}, frame: map, tf: '{r}/base_link'}
+""",
+        ),
+        (('', ''), ''),
+    ],
+)
+def test_positions_have_the_frames_of_their_headers(
+    tmp_path: Path, frames: tuple[str, ...], proposed: str
+) -> None:
+    kind, types = 'geometry_msgs/msg/PoseStamped', STORE.types
+    pose = types['geometry_msgs/msg/Pose'](
+        types['geometry_msgs/msg/Point'](1.0, 2.0, 3.0),
+        types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0),
+    )
+    with Writer(tmp_path / 'bag', version=9) as writer:
+        for number, frame in enumerate(frames, 1):
+            connection = writer.add_connection(f'/r{number}/pose', kind, typestore=STORE)
+            for time in range(START, START + 10**9, 10**8):
+                stamp = header(time).stamp
+                message = types[kind](types['std_msgs/msg/Header'](stamp, frame), pose)
+                writer.write(connection, time, bytes(STORE.serialize_cdr(message, kind)))
+    robot = tmp_path / 'robot.yaml'
+    assert run('init', tmp_path / 'bag', '--output', robot) == 0
+    text = robot.read_text(encoding='utf-8')
+    assert proposed in text
+    assert ('positions:' in text) is bool(proposed)
+    assert run('lint', robot, '--recording', tmp_path / 'bag') == 0
+
+
 def test_several_recordings_of_one_robot(tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     names = RECORDINGS / 'nominal', RECORDINGS / 'power_surge'

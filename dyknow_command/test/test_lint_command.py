@@ -258,6 +258,36 @@ streams: |
     assert all('/a/position is in map; /b/position is in b/odom' in line for line in found)
 
 
+def test_a_topic_in_another_frame_than_is_stated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Positions without a header are not compared."""
+    path, recording, types = tmp_path / 'robot.yaml', tmp_path / 'bag', STORE.types
+    path.write_text(
+        """\
+objects: {Robot: [r1], Boat: [b1]}
+regions: {dock: {is: Dock, frame: map, circle: {center: [0, 0], radius: 1}}}
+positions:
+  - {of: {r: Robot}, frame: map, topic: '/{r}/pose', field: point}
+  - {of: {b: Boat}, frame: map, topic: '/{b}/pose', field: point, header: false}
+formulas: [{name: out, formula: 'forall r in Robot, d in Dock: always not inside(r, d)'}]
+"""
+    )
+    with Writer(recording, version=9) as writer:
+        for topic in ('/r1/pose', '/b1/pose'):
+            connection = writer.add_connection(topic, POINT, typestore=STORE)
+            for time, frame in ((1, 'map'), (2, 'odom')):
+                stamp = types['builtin_interfaces/msg/Time'](time, 0)
+                point = types['geometry_msgs/msg/Point'](1.0, 2.0, 3.0)
+                message = types[POINT](types['std_msgs/msg/Header'](stamp, frame), point)
+                writer.write(connection, time * 10**9, STORE.serialize_cdr(message, POINT))
+    code, shown = lint(capsys, path, '--recording', recording)
+    assert code == 1
+    text = '/r1/pose is in odom, but its frame is stated as map; correct it, or let tf transform'
+    assert f'{path}:4:5: error: {text} the positions' in shown
+    assert '/b1/pose is in odom' not in shown
+
+
 def test_an_open_text_ends_the_statements() -> None:
     """The text after an unclosed quotation mark is one statement."""
     text = 'stream a contains = x; stream "b; c; d;'

@@ -13,11 +13,15 @@ from dyknow_configuration.forecasts import table_text
 from dyknow_configuration.formulas import read_formulas, warn_of_notes
 from dyknow_configuration.nodes import PACKAGES, is_parameter_file, parameter_faults
 from dyknow_configuration.proposals.observations import (
+    FRAME,
     MAX_MESSAGES,
     ObservedTopic,
     ReadFields,
     SeenValues,
     fields_of_interest,
+    frame_difference,
+    frames_of,
+    is_coordinate,
 )
 from dyknow_configuration.proposals.robot_text import robot_text
 from dyknow_configuration.proposals.timing import (
@@ -43,7 +47,6 @@ from dyknow_configuration.robot import (
     FeatureForecast,
     ForecastSource,
     ParameterValue,
-    PositionFields,
     RequestedFormula,
     RequestedGuard,
     RobotConfiguration,
@@ -66,6 +69,7 @@ from dyknow_configuration.yaml_values import YamlValue, add_quotes, read_yaml
 
 __all__ = [
     'ACTION_KEYS',
+    'FRAME',
     'MAX_COMPARED',
     'MAX_COMPARED_NUMBER',
     'MAX_MESSAGES',
@@ -81,7 +85,6 @@ __all__ = [
     'FormulaTriggers',
     'ObservedTopic',
     'ParameterValue',
-    'PositionFields',
     'ProposedTiming',
     'ReadFields',
     'Recipe',
@@ -110,6 +113,9 @@ __all__ = [
     'fields_of_interest',
     'filled',
     'find_faults',
+    'frame_difference',
+    'frames_of',
+    'is_coordinate',
     'is_parameter_file',
     'parameter_faults',
     'proposed_timing',

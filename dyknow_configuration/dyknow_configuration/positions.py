@@ -25,7 +25,7 @@ of sight between the objects and all in their frame, computed by `sight_distance
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations_with_replacement, product
 from typing import Final
 
@@ -42,7 +42,7 @@ from dyknow_configuration.regions import (
     frame_of,
     position_variable,
 )
-from dyknow_configuration.robot import PositionFields, RobotVocabulary
+from dyknow_configuration.robot import NO_MAP, RobotMap, RobotVocabulary
 from dyknow_configuration.topics import MAX_TEXTS
 from dyknow_configuration.yaml_values import YamlValue
 from dyknow_space import ALL_HEIGHTS, WGS84, Region
@@ -61,12 +61,12 @@ class PositionTexts:
     Args:
         streams: of the distances to regions, and of poses.
         annotations: of these streams.
-        topics: of each object that has one, and whose position is in the frame of the first region.
+        map: of the regions.
     """
 
     streams: tuple[InlineText, ...] = ()
     annotations: tuple[InlineText, ...] = ()
-    topics: Mapping[str, PositionFields] = field(default_factory=dict)
+    map: RobotMap = NO_MAP
 
 
 def read_positions(
@@ -84,7 +84,7 @@ def read_positions(
             object has a position, or headings are in several frames, or walls are in another one.
     """
     if 'positions' not in values:
-        return PositionTexts()
+        return PositionTexts(map=_map_of(regions, ()))
     value = values['positions']
     sources = [_PositionSource(each, vocabulary) for each in value.one_or_more()]
     _check_frames(regions, {each.frame for each in sources})
@@ -101,11 +101,28 @@ def read_positions(
     for stream, annotation in _sight(sources, vocabulary, regions):
         streams.append(stream)
         annotations.append(annotation)
-    drawn = next((each.frame for each in drawn_regions(regions)), '')
-    topics = {
-        name: fields for each in sources if each.frame == drawn for name, fields in each.topics()
-    }
-    return PositionTexts(tuple(streams), tuple(annotations), topics)
+    return PositionTexts(tuple(streams), tuple(annotations), _map_of(regions, sources))
+
+
+def _map_of(regions: Sequence[StatedRegion], sources: Sequence[_PositionSource]) -> RobotMap:
+    """Return the map, in the frame of the first region; of one that stands still, if there is."""
+    drawn, everything = drawn_regions(regions), [each.region for each in regions]
+    frame = next((each.frame for each in (*drawn, *everything)), '')
+    return RobotMap(
+        frame,
+        tuple(drawn),
+        {name: text for each in sources if each.frame == frame for name, text in each.positions()},
+        {
+            each.name: f'stream outline = {each.source}{_condition(frame) * each.is_checked}'
+            for each in everything
+            if isinstance(each, MovingRegion) and each.frame == frame and sources
+        },
+    )
+
+
+def _condition(frame: str) -> str:
+    """Return the condition that messages are in a frame: maps omit the others."""
+    return f' where header.frame_id = {quoted(frame)}'
 
 
 def _objects(sources: Iterable[_PositionSource]) -> set[str]:
@@ -271,6 +288,7 @@ class _PositionSource:
             text.add(f'stream {name}_distance_to_{region.name} = moving_distance(', self.value)
             self._add_position(text, name, axes)
             text.add(', ', self.value).add(region.source, region.origin)
+            text.add(region.constraints, region.origin)
             text.add(f', {region.name} = {quoted(region.text)});\n', self.value)
             text.add(f'sink {name}_distance_to_{region.name};\n', self.value)
         return self._checked(text)
@@ -345,13 +363,11 @@ class _PositionSource:
         """Return the field of each feature of a pose; of an object without a heading, no yaw."""
         return {name: field for name, (field, _) in POSES.items() if name != 'yaw' or self._heading}
 
-    def topics(self) -> Iterator[tuple[str, PositionFields]]:
-        """Yield each object with its topic and the fields of x and y, if it has a topic."""
-        before = f'{self._field}.' if self._field else ''
-        for name in self.objects if self._kind == 'topic' else ():
-            topic = ComposedText().add_template(self._source, {self._variable: name})
-            x, y, _ = self._axes
-            yield name, (str(topic).strip(), f'{before}{x}', f'{before}{y}')
+    def positions(self) -> Iterator[tuple[str, str]]:
+        """Yield each object with the stream of its x and y, without constraints."""
+        for name in self.objects:
+            source = self._source_of(name) + _condition(self.frame) * bool(self._frame_field)
+            yield name, f'stream position = select {self._selections("xy")} from {source}'
 
     def _selections(self, axes: str) -> str:
         frame = [f'{self._frame_field} as frame'] if self._frame_field else []
@@ -370,14 +386,15 @@ class _PositionSource:
         self._add_source(text, name)
 
     def _add_source(self, text: ComposedText, name: str) -> None:
+        text.add(f' from {self._source_of(name)}', self._source)
+        text.add(self._constraints, self.value)
+
+    def _source_of(self, name: str) -> str:
         objects = {self._variable: name}
         source = str(ComposedText().add_template(self._source, objects)).strip()
         if self._kind == 'tf':
-            source = f'tf({quoted(self.frame)}, {quoted(source)})'
-        elif self._kind == 'topic':
-            source = quoted(source)
-        text.add(f' from {source}', self._source)
-        text.add(self._constraints, self.value)
+            return f'tf({quoted(self.frame)}, {quoted(source)})'
+        return quoted(source) if self._kind == 'topic' else source
 
 
 def _axes(value: YamlValue | None, frame: str) -> tuple[str, str, str]:

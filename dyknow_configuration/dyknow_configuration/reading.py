@@ -42,14 +42,12 @@ from dyknow_configuration.nodes import read_parameters
 from dyknow_configuration.positions import read_positions
 from dyknow_configuration.regions import (
     StatedRegion,
-    drawn_regions,
     read_regions,
     read_relations,
 )
 from dyknow_configuration.robot import (
     RobotConfiguration,
     RobotFeature,
-    RobotMap,
     RobotSort,
     RobotVocabulary,
     TextSource,
@@ -147,7 +145,7 @@ def robot_of(
         topics=read_expectations(values['topics']) if 'topics' in values else (),
         federation=read_federation(values['federation']) if 'federation' in values else None,
         forecasts=tuple(forecasts.features),
-        map=RobotMap(tuple(drawn_regions(regions)), positions.topics),
+        map=positions.map,
     )
 
 

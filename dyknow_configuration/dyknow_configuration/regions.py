@@ -98,8 +98,10 @@ class MovingRegion:
         sorts: the sorts of that object, as they are stated.
         frame: of the outline, in metres.
         altitude: its lowest and highest height, in metres; infinite without a bound.
-        source: the stream of its `outline`, and of its `frame` if that is to be checked.
-        fields: of that stream, with their types.
+        source: the stream of its `outline`, and of its `frame` if that is checked, without its
+            constraints.
+        constraints: of that stream.
+        is_checked: True if the frame of each message is compared.
         origin: where the file states it.
     """
 
@@ -108,8 +110,14 @@ class MovingRegion:
     frame: str
     altitude: tuple[float, float]
     source: str
-    fields: str
+    constraints: str
+    is_checked: bool
     origin: YamlValue
+
+    @property
+    def fields(self) -> str:
+        """The fields of its stream, with their types."""
+        return 'frame: string, outline: string' if self.is_checked else 'outline: string'
 
     @property
     def text(self) -> str:
@@ -247,14 +255,14 @@ def _moving(
     is_checked = 'header' not in stated or stated['header'].truth()
     checked = 'header.frame_id as frame, ' if is_checked else ''
     topic = quoted(stated['topic'].text('a topic').strip())
-    constraints = constraints_text(stated)
     return MovingRegion(
         name,
         sorts,
         frame,
         altitude,
-        f'select {checked}{WKT}({points}) as outline from {topic}{constraints}',
-        'frame: string, outline: string' if is_checked else 'outline: string',
+        f'select {checked}{WKT}({points}) as outline from {topic}',
+        constraints_text(stated),
+        is_checked,
         stated['topic'],
     )
 

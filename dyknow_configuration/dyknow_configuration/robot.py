@@ -274,21 +274,26 @@ def choices(domains: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
             yield dict(zip(domains, objects, strict=True))
 
 
-PositionFields = tuple[str, str, str]
-"""A topic of positions, and the fields of x and y."""
-
-
 @dataclass(frozen=True, slots=True)
 class RobotMap:
-    """The regions of a robot, and the topics that tell where its objects are.
+    """The regions of a robot, and the streams that tell where its objects are.
 
     Args:
-        regions: in the order of the file.
-        positions: of each object; in the frame of the first region.
+        frame: of the map: that of the first region; empty without regions.
+        regions: that stand still, of all frames, in the order of the file.
+        positions: the text of the stream of `x` and `y` of each object, in this frame alone.
+        outlines: that of the `outline` of each region that moves.
     """
 
+    frame: str = ''
     regions: tuple[Region, ...] = ()
-    positions: Mapping[str, PositionFields] = field(default_factory=dict)
+    positions: Mapping[str, str] = field(default_factory=dict)
+    outlines: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def streams(self) -> dict[str, str]:
+        """The texts of all streams."""
+        return {**self.positions, **self.outlines}
 
 
 NO_MAP: Final = RobotMap()

@@ -9,6 +9,7 @@ import pytest
 
 from dyknow_common import InlineText, ValueType
 from dyknow_configuration import (
+    NO_MAP,
     PACKAGES,
     ConfigurationError,
     RequestedFormula,
@@ -456,3 +457,36 @@ def test_the_parameters_of_nodes_are_those_of_the_reference() -> None:
     assert {*COMMON} - {'use_sim_time'} == {*found['Every node']}
     assert {name: found[name] for name in PARAMETERS} == PARAMETERS
     assert PARAMETERS.keys() == {*PACKAGES, 'black_box_recorder'}
+
+
+MAP = """\
+objects: {Robot: [r1], Boat: [b1]}
+regions:
+  cell: {is: Storm, frame: odom, topic: /cell, max_gap: 5 s}
+  cloud: {is: Storm, frame: map, topic: /cloud, header: false, field: points}
+  dock: {is: Dock, frame: map, circle: {center: [0, 0], radius: 1}}
+positions:
+  - {of: {r: Robot}, frame: map, tf: '{r}/base', max_delay: 1 s}
+  - {of: {b: Boat}, frame: odom, topic: '/{b}/odom', field: pose.pose.position}
+"""
+
+
+def test_the_map_has_the_streams_of_its_frame(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(MAP)
+    found = read_robot(path).map
+    assert (found.frame, [each.name for each in found.regions]) == ('map', ['dock'])
+    assert found.streams == {
+        'r1': 'stream position = select translation.x as x, translation.y as y'
+        ' from tf("map", "r1/base")',
+        'cloud': 'stream outline = select wkt(points) as outline from "/cloud"',
+    }
+    path.write_text('\n'.join(each for each in MAP.splitlines() if 'dock' not in each))
+    found = read_robot(path).map
+    assert (found.frame, found.regions, [*found.streams]) == ('odom', (), ['b1', 'cell'])
+    assert found.outlines['cell'] == (
+        'stream outline = select header.frame_id as frame, wkt(polygon.points) as outline'
+        ' from "/cell" where header.frame_id = "odom"'
+    )
+    path.write_text('objects: {Robot: [r1]}\n')
+    assert read_robot(path).map == NO_MAP

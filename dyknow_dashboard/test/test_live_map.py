@@ -12,11 +12,14 @@ from dyknow_configuration import RobotMap
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, SymbolGrounding
 from dyknow_coordinator.evaluation import StandingVerdicts, ViolationEpisode
 from dyknow_dashboard.model.board import Board
-from dyknow_dashboard.model.live_map import MAX_POSITIONS
+from dyknow_dashboard.model.live_map import MAX_POSITIONS, MapSample
 from dyknow_space import Region, geometry_of
 
 DOCK = Region('dock', (), 'map', geometry_of('POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0))'))
-KNOWN = RobotMap((DOCK,), {name: (f'/{name}/pose', 'x', 'y') for name in ('r1', 'r2')})
+POSITIONS = {name: f'stream position = select x, y from "/{name}/pose"' for name in ('r1', 'r2')}
+KNOWN = RobotMap(
+    'map', (DOCK,), POSITIONS, {'cell': 'stream outline = select outline from "/cell"'}
+)
 RUNNING = EvaluationStatus(
     'out',
     'forall r in Robot, z in KeepOut: always not inside(r, z)',
@@ -34,11 +37,15 @@ FALSE = replace(
 )
 
 
+def place(name: str, time: int, x: float, y: float) -> MapSample:
+    return name, time, {'x': x, 'y': y}
+
+
 def board_of(status: EvaluationStatus = RUNNING) -> Board:
     """A board on whose map r1 drives one metre a second, from 10 s on."""
     board = Board(lambda: 0, known=KNOWN)
     board.report([status], 10 * SECOND_NS)
-    board.map.add(('r1', t * SECOND_NS, float(t), 1.0) for t in range(10, 21))
+    board.map.add(place('r1', t * SECOND_NS, float(t), 1.0) for t in range(10, 21))
     return board
 
 
@@ -55,13 +62,13 @@ def shown(board: Board, status: EvaluationStatus) -> tuple[str | None, int, list
 
 def test_positions_are_read_of_objects_that_running_formulas_are_about() -> None:
     board = board_of()
-    assert board.map.topics == {'r1': ('/r1/pose', 'x', 'y')}
-    board.map.add([('r2', 1, 0.0, 0.0), ('r1', 15 * SECOND_NS, 99.0, 99.0)])
+    assert board.map.streams == {'r1': POSITIONS['r1']}
+    board.map.add([place('r2', 1, 0.0, 0.0), place('r1', 15 * SECOND_NS, 99.0, 99.0)])
     assert shown(board, RUNNING) == ('is-undecided', 11, [])
-    board.map.add(('r1', t * SECOND_NS, 1.0, 1.0) for t in range(30, 30 + MAX_POSITIONS))
+    board.map.add(place('r1', t * SECOND_NS, 1.0, 1.0) for t in range(30, 30 + MAX_POSITIONS))
     assert shown(board, RUNNING)[1] == MAX_POSITIONS
     board.report([FALSE], 30 * SECOND_NS)
-    assert board.map.topics == {}
+    assert board.map.streams == {}
 
 
 def test_the_map_of_an_ended_formula_is_that_of_its_end() -> None:
@@ -71,7 +78,7 @@ def test_the_map_of_an_ended_formula_is_that_of_its_end() -> None:
     assert shown(board, FALSE) == failed
     other = replace(RUNNING, name='other')
     board.report([FALSE, other], 21 * SECOND_NS)
-    board.map.add([('r1', 22 * SECOND_NS, 50.0, 50.0)])
+    board.map.add([place('r1', 22 * SECOND_NS, 50.0, 50.0)])
     first, _ = board.formulas.by_key()
     assert len(drawn(board.map.image(first, FALSE)).findall('polyline')) == 1
     late = Board(lambda: 0, known=KNOWN)
@@ -100,12 +107,32 @@ def test_a_page_gets_the_map_of_an_opened_formula_when_it_has_changed() -> None:
     assert 'dock: undecided' in messages(board, page)['map']['image']
     board.report([RUNNING], 22 * SECOND_NS)
     assert 'map' not in messages(board, page)
-    board.map.add([('r1', 23 * SECOND_NS, 1.0, 1.0)])
+    board.map.add([place('r1', 23 * SECOND_NS, 1.0, 1.0)])
     board.report([RUNNING], 23 * SECOND_NS)
     assert 'map' in messages(board, page)
     about_others = replace(RUNNING, groundings=())
     board.report([about_others], 24 * SECOND_NS)
     assert messages(board, page)['map']['image'] == ''
+
+
+def test_a_region_that_moves_is_drawn_at_the_failure_and_lately() -> None:
+    about = (*RUNNING.groundings, SymbolGrounding('distance[r1, cell]', Grounding.SEMANTIC, ''))
+    running = replace(RUNNING, groundings=about)
+    board = board_of(running)
+    for second in range(10, 21):
+        outline = f'POLYGON (({second} 5, {second + 1} 5, {second} 6, {second} 5))'
+        board.map.add([('cell', second * SECOND_NS, {'outline': outline})])
+    (key,) = board.formulas.by_key()
+    titles = ['dock: undecided', 'cell at 10.000 s: undecided']
+    assert titles_of(board.map.image(key, running)) == titles
+    explanation = 'for r = r1, z = cell: at 3.000 s, distance[r1, cell] = -1'
+    failed = replace(FALSE, groundings=about, explanation=explanation)
+    titles = ['dock', 'cell at 3.000 s: false', 'cell at 10.000 s']
+    assert titles_of(board.map.image(key, failed)) == titles
+
+
+def titles_of(image: str) -> list[str | None]:
+    return [each.findtext('title') for each in drawn(image).findall('path')]
 
 
 def test_without_a_robot_there_is_no_map() -> None:

@@ -33,6 +33,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_constants, parse_formula
 from dyknow_reasoning.language.soon import ForecastBound, ForecastFeature
+from dyknow_reasoning.language.spatial import Over
 from dyknow_reasoning.language.sugar import SPATIAL
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.terms import (
@@ -114,6 +115,7 @@ __all__ = [
     'Kind',
     'Number',
     'Once',
+    'Over',
     'PastFormula',
     'PastTerm',
     'Previous',

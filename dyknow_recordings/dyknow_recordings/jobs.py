@@ -86,8 +86,11 @@ class RecordingJob:
                 probabilities=self.probabilities,
             )
             report = replace(report, broken=broken_in(recording, self.expectations))
-            if self.map.regions:
-                report = replace(report, map=recorded_map(recording, self.map))
+            if self.map.frame:
+                failures = [each.failure for each in report.formulas]
+                moments = [each.decided_at for each in failures if each and each.decided_at]
+                found = recorded_map(recording, self.map, self.files.streams, moments)
+                report = replace(report, map=found)
             is_suffix = recording.is_suffix and self.black_box is None
         if self.black_box is not None:
             report = self.black_box.judged(report)

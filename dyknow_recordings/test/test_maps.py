@@ -8,9 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from recorded import at, recording, sample
+import pytest
+from recorded import RecordedSample, at, recording, sample
 
-from dyknow_common import Verdict
+from dyknow_common import InlineText, Verdict
 from dyknow_configuration import RobotMap
 from dyknow_coordinator import Grounding, SymbolGrounding
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, recorded_map
@@ -23,13 +24,14 @@ from dyknow_space import Region, geometry_of
 
 HOLE = 'POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 2 1, 2 2, 1 2, 1 1))'
 DOCK = Region('dock', ('Zone',), 'map', geometry_of(HOLE))
+POSITION = 'stream position = select x, y from "/{}/pose"'
 FAR = Region('far', ('Zone',), 'odom', geometry_of('POLYGON ((90 0, 94 0, 94 4, 90 0))'))
 
 
 def recorded(count: int = 10) -> RecordedMap:
     messages = [sample('/r1/pose', index / 10, x=float(index), y=2.0) for index in range(count)]
-    known = RobotMap((DOCK, FAR), {'r1': ('/r1/pose', 'x', 'y'), 'r2': ('/r2/pose', 'x', 'y')})
-    return recorded_map(recording(messages, batch=4), known)
+    positions = {name: POSITION.format(name) for name in ('r1', 'r2')}
+    return recorded_map(recording(messages, batch=4), RobotMap('map', (DOCK, FAR), positions))
 
 
 def drawn(image: str) -> ET.Element:
@@ -116,12 +118,105 @@ def test_tracks_end_at_their_last_place() -> None:
         'a': (times, np.array([1.0, np.nan, 2.0]), np.zeros(3)),
         'b': (times, np.full(3, np.inf), np.zeros(3)),
     }
-    root = drawn(map_image(RecordedMap((DOCK,), bad), (), Span(0, 1), 1))
+    root = drawn(map_image(RecordedMap('map', (DOCK,), bad), (), Span(0, 1), 1))
     (line,) = root.findall('polyline')
     assert line.get('points') == '2,-0', 'one point is asked for'
 
 
 def test_without_regions_there_is_no_map() -> None:
     assert not map_image(RecordedMap(), (), Span(0, 1))
-    lonely = RecordedMap((DOCK,))
+    lonely = RecordedMap('map', (DOCK,))
     assert '<path' in map_image(lonely, (), Span(0, 1))
+
+
+def cell(seconds: float, x: float, frame: str = 'map') -> RecordedSample:
+    outline = f'POLYGON (({x} 0, {x + 1} 0, {x + 1} 1, {x} 0))'
+    return sample('/cell', seconds, frame=frame, outline=outline)
+
+
+def moving(*cells: RecordedSample, moments: tuple[float, ...] = (), batch: int = 4) -> RecordedMap:
+    """The map of a robot whose topic has a frame, and of a cell that moves."""
+    poses = [
+        sample('/r1/pose', index / 10, frame='odom' if index == 9 else 'map', x=float(index), y=2.0)
+        for index in range(10)
+    ]
+    known = RobotMap(
+        'map',
+        (),
+        {'r1': 'stream position = select x, y from "/r1/pose" where frame = "map"'},
+        {'cell': 'stream outline = select outline from "/cell" where frame = "map"'},
+    )
+    read = recording([*poses, *cells], batch)
+    return recorded_map(read, known, moments=[at(each) for each in moments])
+
+
+@pytest.mark.parametrize('batch', [1, 4, 1 << 14])
+def test_a_region_that_moves_is_drawn_at_failures_and_at_the_end(batch: int) -> None:
+    cells = [cell(index / 5, float(index)) for index in range(5)]
+    found = moving(*cells, cell(0.9, 50.0, 'odom'), moments=(0.25, 0.45), batch=batch)
+    assert [time for time, _ in found.outlines['cell']] == [at(each) for each in (0.2, 0.4, 0.8)]
+    assert found.tracks['r1'][0].tolist() == [at(index / 10) for index in range(9)], 'in the frame'
+    episode = Episode(at(0), Verdict.FALSE, at(0.45), objects='r = r1, z = cell')
+    report = FormulaReport('clear', 'true', (episode,))
+    whole = Span(at(0), at(1))
+    failed, last = drawn(map_image(found, [report], whole)).findall('path')
+    assert (failed.get('class'), failed.findtext('title')) == ('is-false', 'cell at 0.400 s: false')
+    assert (last.get('class'), last.findtext('title')) == (None, 'cell at 0.800 s')
+    about = (SymbolGrounding('distance[r1, cell]', Grounding.SEMANTIC, ''),)
+    good = FormulaReport('clear', 'true', (Episode(at(0), Verdict.TRUE, at(0)),), groundings=about)
+    (only,) = drawn(map_image(found, [good], whole)).findall('path')
+    assert (only.get('class'), only.findtext('title')) == ('is-true', 'cell at 0.800 s: true')
+    early = replace(report, episodes=(replace(episode, decided_at=at(-1)),))
+    assert len(drawn(map_image(found, [early], whole)).findall('path')) == 1, 'before the first'
+    bag = RecordingReport('bag', at(0), at(1), (report,), map=found)
+    times = [each['properties'].get('time') for each in map_features(bag)]
+    assert times == ['0.400 s', '0.800 s', None, None]
+
+
+def test_outlines_that_cannot_be_drawn() -> None:
+    bow = sample('/cell', 0.5, frame='map', outline='POLYGON ((0 0, 2 2, 0 2, 2 0, 0 0))')
+    assert not map_image(moving(bow), (), Span(at(0), at(1)))
+    assert not map_image(moving(), (), Span(at(0), at(1))), 'the cell has no message'
+
+
+def test_the_place_at_a_failure_is_exact_on_a_long_track() -> None:
+    count = 3 * MAX_POINTS
+    messages = [sample('/r1/pose', index / 10, x=float(index), y=2.0) for index in range(count)]
+    known = RobotMap('map', (DOCK,), {'r1': POSITION.format('r1')})
+    times, x, _ = recorded_map(recording(messages), known, moments=[at(100.1)]).tracks['r1']
+    assert len(times) <= MAX_POINTS + 2
+    assert {1001.0, count - 1.0} <= {*x.tolist()}
+
+
+def test_stamps_far_from_the_clock_are_on_the_map() -> None:
+    late = [
+        sample('/r1/pose', index, delay=-90 if index > 5 else 5, x=1.0 * index, y=2.0)
+        for index in range(10)
+    ]
+    known = RobotMap('map', (DOCK,), {'r1': POSITION.format('r1')})
+    assert len(recorded_map(recording(late), known).tracks['r1'][0]) > 3
+
+
+def test_a_stream_that_cannot_be_made_has_no_track() -> None:
+    messages = [sample('/r1/pose', index / 10, x='east', y=2.0) for index in range(3)]
+    positions = {
+        'r1': POSITION.format('r1'),
+        'r2': 'stream position = select z as x, y from "/r1/pose"',
+        'r3': 'stream position = select x, y from nothing',
+        'r4': 'stream position = select x, y from "/r4/pose"',
+    }
+    known = RobotMap('map', (DOCK,), positions)
+    assert not recorded_map(recording(messages), known).tracks
+
+
+def test_positions_from_a_stream_of_a_file() -> None:
+    messages = [
+        sample('/fleet', index / 10, id='r1' if index % 2 else 'r2', east=float(index), north=0.0)
+        for index in range(10)
+    ]
+    text = 'stream first = select east, north from "/fleet" where id = "r1"; sink first'
+    known = RobotMap(
+        'map', (DOCK,), {'r1': 'stream position = select east as x, north as y from first'}
+    )
+    found = recorded_map(recording(messages), known, [InlineText('robot.yaml', text)])
+    assert found.tracks['r1'][1].tolist() == [1, 3, 5, 7, 9]

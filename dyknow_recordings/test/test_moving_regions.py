@@ -118,3 +118,22 @@ def test_another_message_with_points(tmp_path: Path) -> None:
     texts = [each.text for each in read_robot(tmp_path / 'robot.yaml').streams]
     assert 'select wkt(points) as outline from "/cell" with max_gap = 5 s' in texts[1]
     assert 'cell = "frame map; altitude 0.0 3.0"' in texts[1]
+
+
+def test_a_cell_is_on_the_map_where_it_was(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    checked(tmp_path, capsys, [square(x) for x in (20, 14, 9.25, 6)])
+    arguments = [str(tmp_path / 'bag'), '--config', str(tmp_path / 'robot.yaml')]
+    main([*arguments, '--geojson', str(tmp_path / 'map.json')])
+    features = json.loads((tmp_path / 'map.json').read_text())['features']
+    cells = [each for each in features if each['properties']['name'] == 'cell']
+    corners = [
+        (
+            each['properties']['time'],
+            each['properties']['outcome'],
+            each['geometry']['coordinates'][0][0],
+        )
+        for each in cells
+    ]
+    assert corners == [('2.000 s', 'false', [9.25, -1]), ('3.000 s', None, [6, -1])]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from small_bags import START, STORE
 
 from dyknow_common import Verdict
 from dyknow_recordings import MonitoringFiles, RequestedFormula, evaluate_recording, open_recording
+from dyknow_recordings.check import main
 
 TYPES = STORE.types
 TRANSFORMS, STATUSES = 'tf2_msgs/msg/TFMessage', 'action_msgs/msg/GoalStatusArray'
@@ -187,3 +189,28 @@ def test_the_rate_of_a_topic_in_a_formula(
     assert found is verdict, explanation
     if verdict is Verdict.FALSE:
         assert explanation.startswith('rate("/tf", 2 s).hz = 7.5 at 1700000005.400 s is not > 8')
+
+
+def test_a_position_by_tf_is_on_the_map(tmp_path: Path) -> None:
+    """The frame moves 1 m each second; odom is known later than the base."""
+    path, robot = tmp_path / 'bag', tmp_path / 'robot.yaml'
+    recorded = [transforms('/tf_static', 0, link('map', 'odom', 0, 100.0))]
+    recorded += [transforms('/tf', each, link('odom', 'base', each, each)) for each in range(1, 9)]
+    write(path, 'MCAP', recorded)
+    robot.write_text(
+        """\
+objects: {Robot: [base]}
+regions:
+  gate: {is: Zone, frame: map, wkt: 'POLYGON ((104.5 -1, 106 -1, 106 1, 104.5 -1))'}
+positions: {of: {r: Robot}, frame: map, tf: '{r}'}
+formulas: [{name: out, formula: 'forall r in Robot, z in Zone: always not inside(r, z)'}]
+"""
+    )
+    out = tmp_path / 'map.json'
+    assert main([str(path), '--config', str(robot), '--geojson', str(out)]) == 1
+    region, track, failure = json.loads(out.read_text())['features']
+    assert (region['properties']['outcome'], failure['geometry']['coordinates']) == (
+        'false',
+        [106, 0],
+    )
+    assert track['geometry']['coordinates'] == [[100 + each, 0] for each in range(1, 9)]

@@ -284,7 +284,7 @@ def test_markers_show_the_regions_of_the_frame(flight: Path, tmp_path: Path) -> 
         SymbolGrounding(f'distance[uav1, {each.name}]', Grounding.SEMANTIC, 's') for each in zones
     )
     formula = FormulaReport('out', 'always true', (FALSE,), states=9, groundings=groundings)
-    drawn = replace(report(formula, recording=str(flight)), map=RecordedMap(zones))
+    drawn = replace(report(formula, recording=str(flight)), map=RecordedMap('map', zones))
     lines = [
         marker
         for marker in written_of(drawn, tmp_path, MARKERS)[-1].message.markers

@@ -1,7 +1,7 @@
 """Checks against observed frames: are positions that are calculated with in one frame.
 
 Formulas and streams calculate with coordinates as with any numbers. Those of `positions:` and
-regions state their frame, and each sample is checked; here, plain fields are compared with what
+regions state their frame, which each sample must have. Here, both are compared with what
 `header.frame_id` was in some time.
 """
 
@@ -9,15 +9,21 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
-from dyknow_command.linting.findings import Finding, warning_at
+from dyknow_command.linting.findings import Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
 from dyknow_command.linting.vocabulary_checks import annotations_of, streams_of
 from dyknow_command.observing import absolute_topic
 from dyknow_common import listed
-from dyknow_configuration import ObservedTopic
+from dyknow_configuration import (
+    FRAME,
+    ObservedTopic,
+    frame_difference,
+    frames_of,
+    is_coordinate,
+)
 from dyknow_reasoning import (
     Comparison,
     Feature,
@@ -28,16 +34,16 @@ from dyknow_reasoning import (
     walk,
 )
 from dyknow_stream_processing import (
+    Call,
     Select,
     StreamDeclaration,
     StreamReference,
     subterms,
 )
+from dyknow_stream_processing import Term as StreamTerm
 
-FRAME: Final = 'header.frame_id'
-"""The field that names the frame of a message."""
-
-_COORDINATE: Final = re.compile(r'(?:.*\.)?(?:position|translation|point)\.[xyz]')
+_STATED: Final = re.compile(r'(?:^|; )frame ([^;]+)')
+"""The frame of a region in the settings of a unit."""
 
 Topics = frozenset[str]
 
@@ -49,19 +55,37 @@ def frame_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> I
         inputs: the files.
         topics: that were observed, with the texts of `FRAME`, by absolute name.
     """
-    frames = {
-        name: frozenset(each.values[FRAME].texts)
-        for name, each in topics.items()
-        if FRAME in each.values
-    }
+    frames = frames_of(topics.values())
+
+    def difference(used: Topics) -> str:
+        found = frame_difference({name: frames[name] for name in used & frames.keys()})
+        return f'positions in several frames are calculated with: {found}' if found else ''
+
     features = _position_features(inputs)
     for formula in inputs.formulas:
         for first, used in _compared(parse_formula(formula.requested.text), features):
-            if text := _difference(used, frames):
+            if text := difference(used):
                 yield warning_at(formula.place_of(first), text)
     for place, declaration in streams_of(inputs):
-        if text := _difference(_selected(declaration), frames):
+        if text := difference(_selected(declaration)):
             yield warning_at(place, f'{declaration.name}: {text}')
+        for topic, stated in _stated_frames(declaration):
+            if others := {*frames.get(topic, ())} - {stated}:
+                yield error_at(
+                    place,
+                    f'{topic} is in {listed(sorted(others))}, but its frame is stated as {stated}; '
+                    'correct it, or let tf transform the positions',
+                )
+
+
+def _stated_frames(declaration: StreamDeclaration) -> Iterator[tuple[str, str]]:
+    """Yield the topics whose frame a stream checks, each with the frame that is stated."""
+    for call in subterms(declaration.stream):
+        for each in call.arguments if isinstance(call, Call) else ():
+            stated = [each.value] if each.name == 'frame' else _STATED.findall(str(each.value))
+            for topic, select in _selects(call) if stated else ():
+                if FRAME in select.demand:
+                    yield topic, str(stated[0])
 
 
 def _position_features(inputs: LintInputs) -> Mapping[str, Topics]:
@@ -69,7 +93,7 @@ def _position_features(inputs: LintInputs) -> Mapping[str, Topics]:
     found: defaultdict[str, set[str]] = defaultdict(set)
     for _, annotation in annotations_of(inputs):
         for content in annotation.contents:
-            if annotation.is_topic and _COORDINATE.fullmatch(content.field):
+            if annotation.is_topic and is_coordinate(content.field):
                 found[content.feature.name].add(absolute_topic(annotation.stream))
     return {name: frozenset(topics) for name, topics in found.items()}
 
@@ -88,7 +112,7 @@ def _compared(formula: Formula, features: Mapping[str, Topics]) -> Iterator[tupl
 def _topics_of(term: Formula | Term, features: Mapping[str, Topics]) -> Topics:
     if isinstance(term, Feature):
         return features.get(term.name, frozenset())
-    if isinstance(term, FieldReference) and _COORDINATE.fullmatch(term.path):
+    if isinstance(term, FieldReference) and is_coordinate(term.path):
         return frozenset({absolute_topic(term.stream)})
     return frozenset()
 
@@ -96,24 +120,19 @@ def _topics_of(term: Formula | Term, features: Mapping[str, Topics]) -> Topics:
 def _selected(declaration: StreamDeclaration) -> Topics:
     """Return the topics whose coordinates a stream is made of, without their frames."""
     return frozenset(
-        absolute_topic(each.source.name)
-        for each in subterms(declaration.stream)
-        if isinstance(each, Select)
-        and isinstance(each.source, StreamReference)
-        and each.source.is_topic
-        and FRAME not in each.demand  # Whatever reads the frame can check it.
-        and any(_COORDINATE.fullmatch(selection.field) for selection in each.selections)
+        topic
+        for topic, select in _selects(declaration.stream)
+        if FRAME not in select.demand  # Whatever reads the frame can check it.
+        and any(is_coordinate(selection.field) for selection in select.selections)
     )
 
 
-def _difference(used: Iterable[str], frames: Mapping[str, Iterable[str]]) -> str:
-    """Return how the frames of topics differ; empty if they do not, as far as they are known."""
-    known = {name: sorted(frames.get(name, ())) for name in sorted(used)}
-    _, *others = {frame for found in known.values() for frame in found} or {''}
-    if not others:
-        return ''
-    named = [f'{name} is in {listed(found)}' for name, found in known.items() if found]
-    return (
-        f'positions in several frames are calculated with: {"; ".join(named)}; let tf transform '
-        'them, or publish them in one frame'
-    )
+def _selects(term: StreamTerm) -> Iterator[tuple[str, Select]]:
+    """Yield the topics that a term selects fields of."""
+    for each in subterms(term):
+        if (
+            isinstance(each, Select)
+            and isinstance(each.source, StreamReference)
+            and each.source.is_topic
+        ):
+            yield absolute_topic(each.source.name), each

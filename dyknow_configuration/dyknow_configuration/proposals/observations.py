@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -10,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import ValueType
+from dyknow_common import ValueType, listed
 from dyknow_configuration.proposals.message_types import proposals_of
 from dyknow_configuration.proposals.timing import TopicTimes
 
@@ -19,6 +20,11 @@ MAX_MESSAGES: Final = 1_000_000
 
 MAX_TEXTS_SEEN: Final = 100
 """The number of different texts in a field that are kept."""
+
+FRAME: Final = 'header.frame_id'
+"""The field that names the frame of a message."""
+
+_COORDINATE: Final = re.compile(r'(?:.*\.)?(?:position|translation|point)\.[xyz]')
 
 ReadFields = Callable[[str, Mapping[str, ValueType] | None], Collection[str]]
 """Returns the fields whose values are wanted, given a message type with its fields."""
@@ -98,4 +104,29 @@ def fields_of_interest(
 ) -> tuple[str, ...]:
     """Return the fields, among those of a message type, whose values proposals are made from."""
     proposals = proposals_of(message_type, fields)
-    return tuple(dict.fromkeys(path for each in proposals for path in each.read_fields))
+    found = dict.fromkeys(path for each in proposals for path in each.read_fields)
+    has_frame = FRAME in (fields or ()) and any(map(is_coordinate, found))
+    return (*found, FRAME) if has_frame else tuple(found)
+
+
+def is_coordinate(field: str) -> bool:
+    """Return True if a field of a message is a coordinate of a position."""
+    return _COORDINATE.fullmatch(field) is not None
+
+
+def frames_of(topics: Iterable[ObservedTopic]) -> dict[str, list[str]]:
+    """Return the frames that the messages of topics name, as far as these were read."""
+    found = {
+        each.name: sorted(each.values[FRAME].texts - {''})
+        for each in topics
+        if FRAME in each.values
+    }
+    return {name: frames for name, frames in found.items() if frames}
+
+
+def frame_difference(frames: Mapping[str, Iterable[str]]) -> str:
+    """Return how the frames of topics differ, with the mend; empty if they are not several."""
+    if len({each for found in frames.values() for each in found}) <= 1:
+        return ''
+    named = [f'{name} is in {listed(frames[name])}' for name in sorted(frames)]
+    return f'{"; ".join(named)}; let tf transform them, or publish them in one frame'

@@ -24,7 +24,13 @@ from dyknow_configuration.proposals.message_types import (
     camel_case,
     proposals_of,
 )
-from dyknow_configuration.proposals.observations import ObservedTopic, SeenValues
+from dyknow_configuration.proposals.observations import (
+    ObservedTopic,
+    SeenValues,
+    frame_difference,
+    frames_of,
+    is_coordinate,
+)
 from dyknow_configuration.proposals.timing import (
     ProposedTiming,
     TopicTiming,
@@ -323,6 +329,7 @@ def robot_text(topics: Iterable[ObservedTopic], origin: str, path: Path, recordi
         _topics(draft),
         *([_objects(draft)] if draft.objects else []),
         _features(used, others),
+        *([positions] if (positions := [*_positions(draft.features)]) else []),
         _formulas(used, draft.topics),
     ]
     return '\n'.join(line.rstrip() for line in chain.from_iterable([*each, ''] for each in parts))
@@ -407,6 +414,36 @@ def _feature(feature: FeatureDraft) -> Iterator[str]:
     yield from (f'    {name}: {text}' for name, text in feature.timing.constraints.texts().items())
     for remark in feature.timing.remarks:
         yield f'    # {remark}'
+
+
+def _positions(features: Iterable[FeatureDraft]) -> Iterator[str]:
+    """Yield where the robots are, for regions; each robot has one position."""
+    known = {each.topic: each for each in features if is_coordinate(each.field) and each.domains}
+    found = [each for each in known.values() if frames_of(each.topics)]
+    used = next((each for each in found if _common_frame(each)), None)
+    if found:
+        yield '# Where the robots are, once there are regions:'
+        yield 'positions:' if used else '# positions:'
+    for each in found:
+        ((variable, sort),) = each.domains.items()
+        frames = frames_of(each.topics)
+        ((frame, *_), *_) = frames.values()
+        source = f'topic: {_scalar(each.topic)}, field: {each.field.rpartition(".")[0]}'
+        timing = each.timing.constraints.texts().items()
+        source += ''.join(f', {name}: {text}' for name, text in timing)
+        if difference := frame_difference(frames):
+            yield f'  # In several frames: {_comment(difference)}.'
+            frame, source = 'map', f"tf: '{{{variable}}}/base_link'"
+        of = f'of: {{{variable}: {sort}}}, frame: {_scalar(frame)}'
+        yield f'  {"" if each is used else "# "}- {{{of}, {source}}}'
+
+
+def _common_frame(feature: FeatureDraft) -> str:
+    """Return the frame of the positions of all robots; empty if they have not one."""
+    frames = frames_of(feature.topics)
+    is_of_all = len(frames) == len(feature.topics) and not feature.robots
+    found = {each for several in frames.values() for each in several}
+    return found.pop() if is_of_all and len(found) == 1 else ''
 
 
 def _formulas(used: Iterable[FeatureDraft], topics: Iterable[ObservedTopic]) -> Iterator[str]:

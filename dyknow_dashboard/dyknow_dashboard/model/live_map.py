@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from dyknow_configuration import PositionFields, RobotMap
+from dyknow_common import Value
+from dyknow_configuration import RobotMap
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 from dyknow_dashboard.model.live_reports import WINDOW_NS, live_report
 from dyknow_recordings import FormulaReport
@@ -22,11 +23,14 @@ from dyknow_recordings.reporting.pictures.timeline import Span
 MAX_POSITIONS: Final = 1200
 """The positions that are kept of an object: at 10 Hz, those of two minutes."""
 
+MAX_OUTLINES: Final = 300
+"""The outlines that are kept of a region that moves."""
+
 MAX_POINTS: Final = 5000
 """The points that a map shows of all tracks: 80 KB, which a page gets once a second."""
 
-Position = tuple[str, int, float, float]
-"""An object, a valid time in nanoseconds, and x and y then."""
+MapSample = tuple[str, int, Mapping[str, Value]]
+"""An object or a region that moves, a valid time in nanoseconds, and the fields of its stream."""
 
 
 class LiveMap:
@@ -35,19 +39,19 @@ class LiveMap:
     The map of a formula that has ended is that of its end.
 
     Args:
-        known: the regions, and the topics of positions.
+        known: the regions, and the streams.
     """
 
     def __init__(self, known: RobotMap) -> None:
         self._known = known
-        self._tracks: dict[str, deque[tuple[int, float, float]]] = {}
+        self._traces: dict[str, deque[tuple[int, Mapping[str, Value]]]] = {}
         self._ended: dict[str, str] = {}
-        self.topics: Mapping[str, PositionFields] = {}
-        """The topic of each object that a running formula is about."""
+        self.streams: Mapping[str, str] = {}
+        """The stream of each object that a running formula is about."""
 
     def follow(self, evaluations: Mapping[str, EvaluationStatus]) -> None:
         """Keep the tracks that the maps of some evaluations show, by their keys, and no others."""
-        if not self._known.regions:
+        if not self._known.frame:
             return
         self._ended = {key: each for key, each in self._ended.items() if key in evaluations}
         running: list[EvaluationStatus] = []
@@ -57,17 +61,19 @@ class LiveMap:
             elif key not in self._ended:
                 self._ended[key] = self._drawn(status)
         names = {name for each in running for name in objects_of(each.groundings)}
-        topics = self._known.positions
-        self.topics = {name: topics[name] for name in names & topics.keys()}
-        self._tracks = {name: each for name, each in self._tracks.items() if name in names}
+        self.streams = {name: text for name, text in self._known.streams.items() if name in names}
+        self._traces = {name: each for name, each in self._traces.items() if name in names}
 
-    def add(self, positions: Iterable[Position]) -> None:
-        """Add positions; one that is not later than those before is not drawn."""
-        for name, time, x, y in positions:
-            if name in self.topics:
-                track = self._tracks.setdefault(name, deque(maxlen=MAX_POSITIONS))
-                if not track or track[-1][0] < time:
-                    track.append((time, x, y))
+    def add(self, samples: Iterable[MapSample]) -> None:
+        """Add samples; one that is not later than those before is not drawn."""
+        for name, time, fields in samples:
+            is_outline = name in self._known.outlines
+            is_drawn = is_outline or all(isinstance(fields[axis], int | float) for axis in 'xy')
+            if is_drawn and name in self.streams:
+                most = MAX_OUTLINES if is_outline else MAX_POSITIONS
+                trace = self._traces.setdefault(name, deque(maxlen=most))
+                if not trace or trace[-1][0] < time:
+                    trace.append((time, fields))
 
     def image(self, key: str, status: EvaluationStatus) -> str:
         """Return the map of an evaluation as SVG; empty if it is about nothing on it."""
@@ -75,20 +81,26 @@ class LiveMap:
 
     def _drawn(self, status: EvaluationStatus) -> str:
         objects = objects_of(status.groundings)
-        if objects.isdisjoint(each.name for each in self._known.regions):
+        known = self._known
+        if objects.isdisjoint([*(each.name for each in known.regions), *known.outlines]):
             return ''
-        tracks = {
-            name: _track(self._tracks[name]) for name in sorted(objects & self._tracks.keys())
+        traces = {name: self._traces[name] for name in sorted(objects & self._traces.keys())}
+        outlines = {
+            name: [(time, str(fields['outline'])) for time, fields in traces[name]]
+            for name in traces
+            if name in known.outlines
         }
+        tracks = {name: _track(each) for name, each in traces.items() if name not in outlines}
         most = max(MAX_POINTS // max(len(tracks), 1), 2)
         latest = status.decided_at or status.latest_valid_time or status.started
         report = _lately(live_report(status), latest - WINDOW_NS)
         whole = Span(status.started, latest)
-        return map_image(RecordedMap(self._known.regions, tracks), [report], whole, most)
+        found = RecordedMap(known.frame, known.regions, tracks, outlines)
+        return map_image(found, [report], whole, most)
 
 
-def _track(points: Iterable[tuple[int, float, float]]) -> Track:
-    times, x, y = zip(*points, strict=True)
+def _track(trace: Iterable[tuple[int, Mapping[str, Value]]]) -> Track:
+    times, x, y = zip(*((time, fields['x'], fields['y']) for time, fields in trace), strict=True)
     return np.array(times, np.int64), np.array(x, np.float64), np.array(y, np.float64)
 
 

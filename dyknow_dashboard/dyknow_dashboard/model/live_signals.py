@@ -131,7 +131,10 @@ class LiveSignals:
         except DyKnowError:  # The objects of a sort are not known yet.
             self._panels, self._omitted = [], 0
         shapes = (
-            (each.objects, each.is_decisive, each.unit, [(s.name, s.words) for s in each.signals])
+            (
+                (each.objects, each.is_decisive, each.unit, each.relations),
+                [(signal.name, signal.words) for signal in each.signals],
+            )
             for each in self._panels
         )
         self.shape = self._end, *shapes

@@ -252,7 +252,7 @@ async def _serve(served: ServerOptions, options: argparse.Namespace, known: Robo
         def attend() -> None:
             topics = frozenset(board.state_topics(server.pages.states))
             work = partial(reader.attend, is_open=server.pages.are_open, topics=topics)
-            thread.run(partial(work, positions=board.map.topics))
+            thread.run(partial(work, maps=board.map.streams))
 
         reader = SystemReader(thread.adapter, board, thread.deliver, attend)
         operator = ThreadedOperator(thread, operations)

@@ -20,10 +20,10 @@ from dyknow_common.ros import (
     NodeAdapter,
     time_to_nanoseconds,
 )
-from dyknow_configuration import PositionFields
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 from dyknow_dashboard.model.board import Board
 from dyknow_dashboard.model.health import DiagnosedPart
+from dyknow_dashboard.ros.drawn_streams import MapStreams, StateTopics
 from dyknow_dashboard.ros.nodes_of_system import (
     COORDINATOR,
     FEDERATION,
@@ -32,7 +32,6 @@ from dyknow_dashboard.ros.nodes_of_system import (
     STREAM_MANAGER,
     SystemNodes,
 )
-from dyknow_dashboard.ros.polled_topics import PositionTopics, StateTopics
 from dyknow_federation.report import FederationReport
 from dyknow_semantics import ALL_TRIPLES, Matcher, bridged
 from dyknow_semantics.ros.mirrors import annotations_by_text, faults_of, triples_of
@@ -73,29 +72,25 @@ class SystemReader:
         self._attended: list[Any] = []
         self._timer: Any = None
         self._states = StateTopics(adapter, lambda found: deliver(partial(board.add_states, found)))
-        self._positions = PositionTopics(
-            adapter, lambda found: deliver(partial(board.map.add, found))
-        )
+        self._maps = MapStreams(adapter, lambda found: deliver(partial(board.map.add, found)))
         self._semantics: Any = None
         self._is_reading = False
         self._subscribe(EvaluationStatusArray, f'{COORDINATOR}/evaluations', self._on_evaluations)
 
-    def attend(
-        self, *, is_open: bool, topics: frozenset[str], positions: Mapping[str, PositionFields]
-    ) -> None:
+    def attend(self, *, is_open: bool, topics: frozenset[str], maps: Mapping[str, str]) -> None:
         """Read what pages need.
 
         Args:
             is_open: True if a page is open.
             topics: of the states that signals are kept of.
-            positions: of the objects whose tracks are kept.
+            maps: the texts of the streams of maps, by the names of the objects.
         """
         if is_open and self._nodes is None:
             self._begin()
         elif not is_open and self._nodes is not None:
             self._end()
         self._states.read(topics)
-        self._positions.read(positions)
+        self._maps.read(maps)
 
     def _begin(self) -> None:
         self._nodes = SystemNodes(self._adapter)

@@ -137,6 +137,13 @@ class FormulaReport:
         return next((each for each in Outcome if each in found), Outcome.UNDECIDED)
 
     @property
+    def failure(self) -> Episode | None:
+        """Its first false episode; None if its outcome is another one."""
+        is_false = self.outcome is Outcome.FALSE
+        found = (each for each in self.episodes if each.outcome is Outcome.FALSE)
+        return next(found, None) if is_false else None
+
+    @property
     def margin(self) -> Margin | None:
         """The worst margin of its episodes; None if margins were not asked for."""
         found = [each.margin for each in self.episodes if each.margin is not None]

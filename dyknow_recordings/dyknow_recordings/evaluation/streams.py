@@ -64,6 +64,7 @@ class RecordedStreams:
         files: in the stream language; each sink in them is a stream.
         fault_of: returns a fault of the messages of a topic; empty if there is none.
         absent_is_unknown: True to take the fields that a message lacks for NaN.
+        any_delay: True to take messages however far their stamps are from the clock.
 
     Raises:
         StreamError: naming a file that cannot be read or parsed.
@@ -76,10 +77,14 @@ class RecordedStreams:
         fault_of: Callable[[str], str] = lambda _: '',
         *,
         absent_is_unknown: bool = False,
+        any_delay: bool = False,
     ) -> None:
         self._topics = topics
         self._fault_of, self._absent_is_unknown = fault_of, absent_is_unknown
         self._units = load_units()
+        self._new_dataflow = partial(
+            Dataflow.of_any_time if any_delay else Dataflow, self._units, self._source_type
+        )
         self._requested = {each.name: each for each in read_streams(files)}
         self.dataflow = self._new_dataflow()
         self._faults: dict[str, str] = {}
@@ -362,9 +367,6 @@ class RecordedStreams:
     def absolute(self, topic: str) -> str:
         """Return the absolute name of a topic."""
         return topic if topic.startswith('/') or topic in self._topics else f'/{topic}'
-
-    def _new_dataflow(self) -> Dataflow:
-        return Dataflow(self._units, self._source_type)
 
     def _source_type(self, topic: str) -> SourceType | None:
         content = self._topics.get(self.absolute(topic))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
 from dyknow_stream_processing.dataflow.operators import (
     DEFAULT_DELAYS,
+    OTHER_CLOCK_NS,
     UNKNOWN_TYPE,
     DelayLimits,
     Operator,
@@ -79,6 +80,14 @@ class Dataflow:
         self._remark = remark
         self._streams: dict[str, _RunningStream] = {}
         self._reset()
+
+    @classmethod
+    def of_any_time(
+        cls, units: Mapping[str, Unit], source_type: Callable[[str], SourceType | None]
+    ) -> Self:
+        """Return a dataflow that takes samples however far their stamps are from the clock."""
+        limits = DelayLimits(OTHER_CLOCK_NS, OTHER_CLOCK_NS)
+        return cls(units, source_type, OTHER_CLOCK_NS, delays=limits)
 
     def _reset(self) -> None:
         self._scheduler = Scheduler()

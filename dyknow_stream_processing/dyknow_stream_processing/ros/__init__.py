@@ -37,6 +37,7 @@ from dyknow_stream_processing.ros.topics.publications import (
     take_waiting,
 )
 from dyknow_stream_processing.ros.topics.sequence_gaps import SequenceGaps
+from dyknow_stream_processing.ros.topics.topic_sources import TopicSources
 from dyknow_stream_processing.ros.topics.violation_relay import violations_topic
 from dyknow_stream_processing.ros.topics.watermark_topics import WATERMARKS, watermarks_topic
 
@@ -51,6 +52,7 @@ __all__ = [
     'SampleWriter',
     'SequenceGaps',
     'StreamProxy',
+    'TopicSources',
     'check_fields',
     'extractor',
     'find_publication',

@@ -94,7 +94,8 @@ def _figures(found: Sequence[Panel], omitted: int, formula: FormulaReport) -> It
             each.is_decisive and bool(objects)
         )
         signals = ''.join(
-            f'<span class="signal">{escape(signal.name)}</span>' for signal in each.signals
+            f'<span class="signal">{escape(name)}</span>'
+            for name in ([one.name for one in each.signals] or each.atoms)
         )
         yield (
             f'<figure><figcaption>{objects}{deciding} <span>{signals}</span></figcaption>'

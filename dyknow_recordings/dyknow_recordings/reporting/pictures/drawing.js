@@ -44,6 +44,17 @@ function tracesOf(panel) {
   });
 }
 
+// The times in which relations held: a row for each.
+function relationsOf(panel, marks) {
+  const spans = panel.relations.flatMap((name, row) => (marks.held[name] ?? []).map((span) => [row, span]));
+  return {
+    x: spans.flatMap(([, [start, end]]) => [start, end, null]), y: spans.flatMap(([row]) => [row, row, null]),
+    text: spans.flatMap(([row]) => [panel.relations[row], panel.relations[row], '']),
+    mode: 'lines+markers', line: {color: COLOURS[0], width: 10}, marker: {color: COLOURS[0], size: 5},
+    showlegend: false, hovertemplate: '%{text} at %{x}<extra></extra>',
+  };
+}
+
 // The interval in which a signal is possible, one area for each of its lines without gaps.
 function bandsOf(panel) {
   return panel.signals.map((signal, number) => {
@@ -91,7 +102,8 @@ function statesOf(panel, marks) {
 
 function layoutOf(panel, drawing) {
   const marks = drawing.marks;
-  const words = panel.signals[0].words;
+  const rows = panel.relations ?? [];
+  const words = rows.length ? rows : panel.signals[0].words;
   const shapes = [
     ...(panel.is_decisive ? marks.windows : []).map((each) => band(each, '#56b4e9', 0.22, 'dash')),
     ...marks.pending.map((each) => band(each, '#56b4e9', 0.3, 'dash')),
@@ -125,6 +137,7 @@ function layoutOf(panel, drawing) {
       automargin: true, zeroline: false, title: {text: panel.unit, standoff: 4},
       autorangeoptions: {include: panel.thresholds.map((each) => each.value)},
       ...(words.length ? {tickvals: words.map((_, n) => n), ticktext: words} : {}),
+      ...(rows.length ? {range: [rows.length - 0.5, -0.5]} : {}),
     },
     yaxis2: {overlaying: 'y', range: [0, 1], visible: false, fixedrange: true},
   };
@@ -132,7 +145,9 @@ function layoutOf(panel, drawing) {
 
 // Draws a panel into an element, or draws it again after a change.
 function drawPanel(element, panel, drawing) {
-  const traces = [
+  const rows = panel.relations?.length;
+  if (rows) element.style.height = `${Math.max(140, 64 + 18 * rows)}px`;
+  const traces = rows ? [relationsOf(panel, drawing.marks)] : [
     ...tracesOf(panel), statesOf(panel, drawing.marks), unknownOf(panel, drawing.marks),
     ...bandsOf(panel),
   ];

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
@@ -57,6 +58,7 @@ class PageFigures:
             'is_decisive': panel.is_decisive,
             'unit': escape(panel.unit),
             'signals': [self._signal(each) for each in panel.signals],
+            'relations': [escape(each) for each in panel.relations],
             'thresholds': [
                 {'value': each.value, 'text': escape(each.text)} for each in panel.thresholds
             ],
@@ -75,11 +77,8 @@ class PageFigures:
             'windows': [self._span(each) for each in marks.windows],
             'pending': [self._span(each) for each in marks.pending],
             'gaps': [self._span(each) for each in marks.gaps],
-            'unknown': {
-                escape(name): [self._span(each) for each in found]
-                for name, found in marks.unknown.items()
-                if found
-            },
+            'unknown': self._named(marks.unknown),
+            'held': self._named(marks.held),
             'violations': [self._time(each) for each in marks.violations],
         }
 
@@ -95,6 +94,9 @@ class PageFigures:
                 }
             )
         return self._indices[id(signal)][0]
+
+    def _named(self, spans: Mapping[str, Sequence[Span]]) -> dict[str, list[list[float]]]:
+        return {escape(name): [*map(self._span, found)] for name, found in spans.items() if found}
 
     def _span(self, span: Span) -> list[float]:
         return [self._time(span.start), self._time(span.end)]

@@ -30,6 +30,9 @@ _MAX_ROWS: Final = 60
 _MAX_NAME: Final = 80
 _STRIP_INCHES: Final = 0.62
 _PANEL_INCHES: Final = 1.5
+_FRAME_INCHES: Final = 0.7
+"""The height of a panel without its rows of relations."""
+_RELATION_INCHES: Final = 0.16
 _WIDTH_INCHES: Final = 9.0
 _LABELLED: Final = 0.12
 """The share of the line from which on a segment has room for its word."""
@@ -44,7 +47,7 @@ def report_image(reports: Sequence[RecordingReport], judgement: Judgement) -> by
     figure_class = optional_library('matplotlib.figure', '--png').Figure
     rows = _rows(reports)
     shown = rows[:_MAX_ROWS]
-    heights = [_STRIP_INCHES if panel is None else _PANEL_INCHES for _, _, panel in shown]
+    heights = [_STRIP_INCHES if panel is None else _panel_inches(panel) for _, _, panel in shown]
     figure = figure_class(figsize=(_WIDTH_INCHES, max(sum(heights), 1.0)), layout='constrained')
     grid = figure.subplots(max(len(shown), 1), 1, squeeze=False, height_ratios=heights or [1.0])
     recording = None
@@ -68,6 +71,10 @@ def report_image(reports: Sequence[RecordingReport], judgement: Judgement) -> by
     content = BytesIO()
     figure.savefig(content, dpi=150, format='png')
     return content.getvalue()
+
+
+def _panel_inches(panel: Panel) -> float:
+    return max(_PANEL_INCHES, _FRAME_INCHES + _RELATION_INCHES * len(panel.relations))
 
 
 def _rows(
@@ -110,6 +117,8 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
             axes.fill_between(times, *signal.band, color=color, alpha=0.25, linewidth=0.6)
         if signal.words:
             axes.set_yticks(range(len(signal.words)), [_plain(each) for each in signal.words])
+    if panel.relations:
+        _draw_relations(axes, panel.relations, found, whole)
     for threshold in panel.thresholds:
         axes.axhline(threshold.value, color=_ORANGE, linestyle='--', linewidth=1.2)
         axes.annotate(
@@ -132,8 +141,16 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
     axes.grid(alpha=0.3)
     axes.set_xlabel(f'time ({whole.unit})', fontsize=8)
     axes.set_ylabel(_plain(panel.unit), fontsize=8)
-    names = ', '.join(each.name for each in panel.signals)
+    names = ', '.join([each.name for each in panel.signals] or panel.atoms)
     _set_title(axes, f'{panel.objects}: {names}' if panel.objects else names)
+
+
+def _draw_relations(axes: Any, relations: Sequence[str], found: Marks, whole: Span) -> None:
+    for row, relation in enumerate(relations):
+        for span in found.held[relation]:
+            axes.plot(_ends(span, whole), [row, row], color=_SIGNALS[0], linewidth=5, marker='|')
+    axes.set_yticks(range(len(relations)), [_plain(each) for each in relations])
+    axes.invert_yaxis()
 
 
 def _draw_deciding_states(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from html import escape
+from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
@@ -11,9 +15,8 @@ import numpy as np
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, Track
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.markers import objects_of
-from dyknow_recordings.reporting.judgement import decisive_episode
 from dyknow_recordings.reporting.pictures.timeline import Span, extent
-from dyknow_space import WGS84, LocalPlane, shapely
+from dyknow_space import WGS84, LocalPlane, SpaceError, geometry_of, shapely
 
 _HEIGHT: Final = 26.0
 """Of the image, in em; its width is at most twice that."""
@@ -22,42 +25,65 @@ _DETAIL: Final = 1 / 2000
 """The share of the height that an outline may be away from its region: less than a pixel."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """A region as it is drawn.
+
+    Args:
+        time: from when on a region that moves was there, for people; empty for others.
+    """
+
+    name: str
+    frame: str
+    geometry: Any
+    outcome: Outcome | None
+    time: str = ''
+
+    @property
+    def text(self) -> str:
+        """The region, for people."""
+        when = f' at {self.time}' if self.time else ''
+        return f'{self.name}{when}: {self.outcome}' if self.outcome else f'{self.name}{when}'
+
+
 def map_image(
     found: RecordedMap, formulas: Sequence[FormulaReport], whole: Span, points: int = MAX_POINTS
 ) -> str:
-    """Return a map as SVG; empty without regions of one frame.
+    """Return a map as SVG; empty without regions of its frame.
 
     Args:
-        found: the regions, and the tracks of objects; those of other frames are not drawn.
+        found: the regions, and the tracks of objects.
         formulas: whose outcomes are shown.
         whole: the span in which times of failures are told.
         points: the most that are drawn of a track.
     """
-    frame = found.regions[0].frame if found.regions else ''
-    regions = {each.name: each.geometry for each in found.regions if each.frame == frame}
-    if not regions:
+    shapes = [each for each in _shapes(found, formulas, whole) if each.frame == found.frame]
+    if not shapes:
         return ''
     tracks = {name: _finite(each) for name, each in found.tracks.items()}
-    if frame == WGS84:
-        plane = LocalPlane.of(found.regions[0].geometry)
-        regions = {name: plane.projected(each) for name, each in regions.items()}
+    if found.frame == WGS84:
+        plane = LocalPlane.of(shapes[0].geometry)
+        shapes = [replace(each, geometry=plane.projected(each.geometry)) for each in shapes]
         tracks = {name: (at, *plane.coordinates(x, y)) for name, (at, x, y) in tracks.items()}
     tracks = {name: each for name, each in tracks.items() if len(each[0])}
-    box, size = _extent(regions.values(), tracks.values())
-    outcomes = _outcomes(formulas)
+    box, size = _extent((each.geometry for each in shapes), tracks.values())
     failures = [each for formula in formulas for each in _failures(tracks, formula, whole)]
-    shown = {name: each.simplify(size * _DETAIL) for name, each in regions.items()}
-    shapes = [
-        *(_region(name, each, outcomes.get(name)) for name, each in shown.items()),
+    shapes = [replace(each, geometry=each.geometry.simplify(size * _DETAIL)) for each in shapes]
+    parts = [
+        *map(_region, shapes),
         *(_track(name, each, size / 160, points) for name, each in tracks.items()),
         *(_place_mark(*place, size / 80, text) for place, text in failures),
         *(_label(*place, size / 40, text.rpartition(': ')[2]) for place, text in failures),
-        *(_label(*_inside(shown[name]), size / 30, name) for name in outcomes if name in shown),
+        *(
+            _label(*_inside(each.geometry), size / 30, each.name)
+            for each in shapes
+            if each.outcome or each.time
+        ),
     ]
+    label = escape(f'map in frame {found.frame}')
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="map" viewBox="{box}" '
-        f'style="max-height:{_HEIGHT}em" role="img" aria-label="map in frame {escape(frame)}">'
-        f'{"".join(shapes)}</svg>'
+        f'style="max-height:{_HEIGHT}em" role="img" aria-label="{label}">{"".join(parts)}</svg>'
     )
 
 
@@ -66,22 +92,38 @@ def map_features(report: RecordingReport) -> Iterator[dict[str, Any]]:
 
     Coordinates are in metres of the frame that each names, or in degrees in `wgs84`.
     """
-    found = report.map or RecordedMap()
-    outcomes, whole = _outcomes(report.formulas), extent(report)
+    found, whole = report.map or RecordedMap(), extent(report)
     tracks = {name: _finite(each) for name, each in found.tracks.items()}
-    for region in found.regions:
-        name, shape = region.name, shapely().geometry.mapping(region.geometry)
-        about = {'kind': 'region', 'name': name, 'frame': region.frame}
-        yield _feature(shape, report, {**about, 'outcome': outcomes.get(name)})
-    frame = found.regions[0].frame if found.regions else ''
+    for each in _shapes(found, report.formulas, whole):
+        about = {'kind': 'region', 'name': each.name, 'frame': each.frame, 'outcome': each.outcome}
+        when = {'time': each.time} if each.time else {}
+        yield _feature(shapely().geometry.mapping(each.geometry), report, {**about, **when})
     for name, (times, x, y) in tracks.items():
         if len(times) > 1:
             line = {'type': 'LineString', 'coordinates': np.column_stack((x, y)).tolist()}
-            yield _feature(line, report, {'kind': 'track', 'name': name, 'frame': frame})
+            yield _feature(line, report, {'kind': 'track', 'name': name, 'frame': found.frame})
     for formula in report.formulas:
         for place, text in _failures(tracks, formula, whole):
             point = {'type': 'Point', 'coordinates': place}
-            yield _feature(point, report, {'kind': 'failure', 'name': text, 'frame': frame})
+            yield _feature(point, report, {'kind': 'failure', 'name': text, 'frame': found.frame})
+
+
+def _shapes(found: RecordedMap, formulas: Sequence[FormulaReport], whole: Span) -> Iterator[_Shape]:
+    """Yield the regions as they are drawn: those that move, at failures and at the end."""
+    outcomes = _outcomes(formulas)
+    for each in found.regions:
+        yield _Shape(each.name, each.frame, each.geometry, outcomes.get(each.name))
+    for name, outlines in found.outlines.items():
+        failures = [each.failure for each in formulas]
+        moments = [each.decided_at or 0 for each in failures if each and name in _deciding(each)]
+        indices = {bisect_right(outlines, time, key=itemgetter(0)) - 1 for time in moments}
+        failed = dict.fromkeys(indices - {-1}, Outcome.FALSE)
+        last = None if failed else outcomes.get(name)
+        for index, outcome in sorted({len(outlines) - 1: last, **failed}.items()):
+            time, text = outlines[index]
+            # Of an outline that cannot be drawn, the formulas report a violation.
+            with suppress(SpaceError):
+                yield _Shape(name, found.frame, geometry_of(text), outcome, whole.text(time))
 
 
 def _feature(
@@ -119,7 +161,7 @@ def _outcomes(formulas: Iterable[FormulaReport]) -> dict[str, Outcome]:
     for formula in formulas:
         outcome, names = formula.outcome, objects_of(formula.groundings)
         if outcome is Outcome.FALSE:
-            names = _deciding(decisive_episode(formula)) or names
+            names = _deciding(formula.failure) or names
         for name in names:
             found[name] = min(found.get(name, outcome), outcome, key=list(Outcome).index)
     return found
@@ -129,8 +171,8 @@ def _failures(
     tracks: Mapping[str, Track], formula: FormulaReport, whole: Span
 ) -> Iterator[tuple[tuple[float, float], str]]:
     """Yield the places of the objects that made a formula false, and the reason."""
-    episode = decisive_episode(formula)
-    if episode is None or episode.decided_at is None or episode.outcome is not Outcome.FALSE:
+    episode = formula.failure
+    if episode is None or episode.decided_at is None:
         return
     for name in sorted(_deciding(episode) & tracks.keys()):
         times, x, y = tracks[name]
@@ -146,13 +188,12 @@ def _deciding(episode: Episode | None) -> frozenset[str]:
     return frozenset(part.partition(' = ')[2] for part in parts)
 
 
-def _region(name: str, geometry: Any, outcome: Outcome | None) -> str:
-    polygons = getattr(geometry, 'geoms', [geometry])
+def _region(shape: _Shape) -> str:
+    polygons = getattr(shape.geometry, 'geoms', [shape.geometry])
     rings = [ring for each in polygons for ring in (each.exterior, *each.interiors)]
     path = ' '.join(f'M{_points(*np.array(ring.coords)[:, :2].T)}Z' for ring in rings)
-    kind = f' class="is-{outcome}"' if outcome else ''
-    text = escape(f'{name}: {outcome}' if outcome else name)
-    return f'<path{kind} d="{path}"><title>{text}</title></path>'
+    kind = f' class="is-{shape.outcome}"' if shape.outcome else ''
+    return f'<path{kind} d="{path}"><title>{escape(shape.text)}</title></path>'
 
 
 def _inside(geometry: Any) -> tuple[float, float]:

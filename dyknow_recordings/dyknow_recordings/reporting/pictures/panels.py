@@ -35,6 +35,7 @@ from dyknow_recordings.evaluation.observation import (
 )
 from dyknow_recordings.evaluation.results import FormulaReport
 from dyknow_recordings.reporting.judgement import decisive_episode
+from dyknow_recordings.reporting.pictures.relations import held_spans
 from dyknow_recordings.reporting.pictures.timeline import (
     MAX_MARKS,
     Span,
@@ -42,6 +43,7 @@ from dyknow_recordings.reporting.pictures.timeline import (
     gaps,
     last_state,
     pending_windows,
+    spans_where,
 )
 
 MAX_PANELS: Final = 24
@@ -79,6 +81,7 @@ class Panel:
         thresholds: of these signals.
         is_decisive: True if these objects decided the formula.
         unit: of the signals, as in the formula or else of their features; empty if unknown.
+        relations: in the place of signals: a row for each, with a bar while it held.
     """
 
     objects: str
@@ -87,6 +90,7 @@ class Panel:
     thresholds: tuple[Threshold, ...]
     is_decisive: bool
     unit: str = ''
+    relations: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +113,7 @@ class Marks:
         gaps: times in which states may be missing.
         unknown: times in which a signal has no value, by its name.
         violations: the times at which streams broke their constraints.
+        held: times in which relations held, by their texts.
     """
 
     deciding: tuple[DecidingState, ...] = ()
@@ -117,6 +122,7 @@ class Marks:
     gaps: tuple[Span, ...] = ()
     unknown: Mapping[str, tuple[Span, ...]] = field(default_factory=dict)
     violations: tuple[int, ...] = ()
+    held: Mapping[str, tuple[Span, ...]] = field(default_factory=dict)
 
 
 def formula_text(formula: str) -> str:
@@ -142,6 +148,10 @@ def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
     found += _probability_panel(formula.asked_probability, formula.signals)
     found += _margin_panel(formula)
     found.sort(key=lambda each: not each.is_decisive)
+    if held := tuple(held_spans(formula.formula, formula.signals)):
+        # Of all objects at once: it is seen also where decisive panels are many.
+        relations = Panel('', ('relations that held',), (), (), is_decisive=False, relations=held)
+        found.insert(1, relations)
     return found[:MAX_PANELS], max(len(found) - MAX_PANELS, 0)
 
 
@@ -166,6 +176,7 @@ def marks(formula: FormulaReport, whole: Span) -> Marks:
         gaps=missing,
         unknown={name: unknown_spans(each, missing) for name, each in signals.items()},
         violations=tuple(each.valid_time for each in formula.violations[:MAX_MARKS]),
+        held=held_spans(formula.formula, formula.signals) if formula.signals else {},
     )
 
 
@@ -174,9 +185,7 @@ def unknown_spans(signal: Signal, gaps: Iterable[Span]) -> tuple[Span, ...]:
     # A gap interrupts signals right after the last state before it.
     interruptions = [each.start + 1 for each in gaps]
     is_missing = np.isnan(signal.values) & ~np.isin(signal.times, interruptions)
-    edges = np.flatnonzero(np.diff(is_missing, prepend=False, append=False))
-    times = signal.times[np.minimum(edges, len(signal.times) - 1)].tolist()
-    return tuple(Span(*ends) for ends in zip(times[::2], times[1::2], strict=True))[:MAX_MARKS]
+    return spans_where(signal.times, is_missing)[:MAX_MARKS]
 
 
 def last_shown(whole: Span, found: Marks) -> int:

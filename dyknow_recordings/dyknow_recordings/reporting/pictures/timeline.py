@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dyknow_common import NANOSECONDS, DyKnowError
 from dyknow_reasoning import Always, Eventually, Formula, Term, Until, parse_formula, parts
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
@@ -65,6 +68,13 @@ class OutcomeSegment:
 
     span: Span
     outcome: Outcome
+
+
+def spans_where(times: NDArray[np.int64], found: NDArray[np.bool_]) -> tuple[Span, ...]:
+    """Return the spans in which something is found, each to the first time where it is not."""
+    edges = np.flatnonzero(np.diff(found, prepend=False, append=False))
+    ends = times[np.minimum(edges, len(times) - 1)].tolist()
+    return tuple(Span(*pair) for pair in zip(ends[::2], ends[1::2], strict=True))
 
 
 def extent(report: RecordingReport) -> Span:

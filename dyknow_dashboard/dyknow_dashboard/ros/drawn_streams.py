@@ -1,8 +1,8 @@
-"""Topics whose messages a timer takes: the states of formulas, and the positions of objects.
+"""What pages draw: the states of formulas, and the streams of maps.
 
 A formula may have fifty states a second, and all are read of those that signals are kept of, so
 states are taken many at a time, as bytes. A callback for each message, and rclpy's objects for its
-fields, take five times as long. Positions are taken likewise: a single one may decide a formula.
+fields, take five times as long.
 """
 
 from __future__ import annotations
@@ -10,30 +10,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final
 
-from dyknow_interfaces.msg import Sample
+from dyknow_interfaces.msg import Sample as SampleMessage
 from rclpy.callback_groups import CallbackGroup
 
-from dyknow_common import DyKnowError
+from dyknow_common import NO_CONSTRAINTS, DyKnowError
 from dyknow_common.ros import NO_SUBSCRIPTION_EVENTS, STREAM, NodeAdapter, ros_errors
-from dyknow_configuration import PositionFields
 from dyknow_dashboard.model.board import State
-from dyknow_dashboard.model.live_map import Position
-from dyknow_stream_processing.ros import (
-    SampleReader,
-    extractor,
-    find_publication,
-    message_class,
-    take_waiting,
-    valid_time_reader,
-)
+from dyknow_dashboard.model.live_map import MapSample
+from dyknow_stream_processing import Dataflow, Sample, load_units, parse_specification
+from dyknow_stream_processing.ros import SampleReader, TopicSources, source_type, take_waiting
 
 PERIOD_S: Final = 0.2
 """The time between two looks at the topics; the middleware keeps up to 1000 states."""
-
-MAX_WAITING: Final = 10
-"""The positions of an object that the middleware keeps meanwhile: 50 a second."""
 
 
 class _NeverCalled(CallbackGroup):
@@ -76,7 +67,7 @@ class StateTopics:
             with suppress(DyKnowError), ros_errors():
                 self._topics[topic] = _StateTopic(
                     self._node.create_subscription(
-                        Sample,
+                        SampleMessage,
                         topic,
                         lambda _: None,
                         STREAM,
@@ -98,65 +89,45 @@ class StateTopics:
                 yield (topic, *held.reader.read(data))
 
 
-class PositionTopics:
-    """Subscriptions to the topics of positions, which a timer reads.
+class MapStreams:
+    """The streams of maps, which the node itself makes of topics and transforms.
 
     Args:
         adapter: of the node that reads; its methods are called in the thread of its executor.
-        on_positions: called with the positions that have come.
+        on_samples: called with the samples that have come.
     """
 
-    def __init__(
-        self, adapter: NodeAdapter, on_positions: Callable[[list[Position]], None]
-    ) -> None:
-        self._node = adapter.node
-        self._on_positions = on_positions
-        self._group = _NeverCalled()
-        self._topics: dict[str, tuple[Any, Callable[[Any], Iterator[Position]]]] = {}
-        """The subscription of each object, and a function that reads its messages."""
-        adapter.create_timer(PERIOD_S, self._read, clock=adapter.wall_clock)
+    def __init__(self, adapter: NodeAdapter, on_samples: Callable[[list[MapSample]], None]) -> None:
+        self._on_samples = on_samples
+        source = partial(source_type, adapter.node)
+        self._dataflow = Dataflow.of_any_time(load_units(), source)
+        self._sources = TopicSources(adapter.node, self._dataflow)
+        self._found: list[MapSample] = []
+        adapter.create_timer(PERIOD_S, self._deliver, clock=adapter.wall_clock)
 
-    def read(self, positions: Mapping[str, PositionFields]) -> None:
-        """Read the positions of these objects from now on, and no others.
-
-        A topic that is not published yet, or cannot be read, is tried again at the next call.
-        """
-        for name in self._topics.keys() - positions.keys():
-            self._node.destroy_subscription(self._topics.pop(name)[0])
-        for name in positions.keys() - self._topics.keys():
-            with suppress(DyKnowError), ros_errors():
-                self._subscribe(name, *positions[name])
-
-    def _subscribe(self, name: str, topic: str, *axes: str) -> None:
-        publication = find_publication(self._node, topic)
-        if publication is None:
+    def read(self, streams: Mapping[str, str]) -> None:
+        """Make the streams of these texts from now on, by their names, and no others."""
+        made = {*self._dataflow.names()}
+        if made == streams.keys():
             return
-        class_, quality = message_class(publication.type_name), publication.quality_of_service
-        quality.depth = MAX_WAITING
-        read_fields, read_time = extractor(class_, axes), valid_time_reader(class_)
+        for name in made - streams.keys():
+            self._dataflow.destroy(name)
+        for name in streams.keys() - made:
+            # There is nothing to show of an object whose stream cannot be made.
+            with suppress(DyKnowError):
+                take, specification = partial(self._take, name), parse_specification(streams[name])
+                self._dataflow.create(name, specification, NO_CONSTRAINTS, take, _ignore)
+        with suppress(DyKnowError), ros_errors():
+            self._sources.refresh()
 
-        def read(message: Any) -> Iterator[Position]:
-            x, y = map(read_fields(message).get, axes)
-            if isinstance(x, float) and isinstance(y, float):
-                now = self._node.get_clock().now().nanoseconds
-                yield name, read_time(message) if read_time else now, x, y
+    def _take(self, name: str, sample: Sample) -> None:
+        self._found.append((name, sample.valid_time, sample.fields))
 
-        subscription = self._node.create_subscription(
-            class_,
-            topic,
-            lambda _: None,
-            quality,
-            callback_group=self._group,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
-        )
-        self._topics[name] = subscription, read
+    def _deliver(self) -> None:
+        if self._found:
+            found, self._found = self._found, []
+            self._on_samples(found)
 
-    def _read(self) -> None:
-        found = [
-            position
-            for subscription, read in self._topics.values()
-            for message, _ in take_waiting(subscription)
-            for position in read(message)
-        ]
-        if found:
-            self._on_positions(found)
+
+def _ignore(_: object) -> None:
+    """Ignore a violation: the formulas report it."""
