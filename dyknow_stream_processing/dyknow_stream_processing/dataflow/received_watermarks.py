@@ -97,7 +97,7 @@ class ReceivedWatermarks:
         self._overtaken += 1
         if self._overtaken < PATIENCE:
             return 0
-        # Without any sample so far, those that are missing were sent before the subscription.
+        # Before the first sample, missing ones were sent before the subscription.
         lost = 0 if self._number is None else number - self._number
         self._number, self._overtaken = number, 0
         return lost
