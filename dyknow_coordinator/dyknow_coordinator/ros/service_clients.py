@@ -57,7 +57,7 @@ _MOST_QUERIES: Final = 4
 """The queries of the ontology that are sent at a time."""
 
 _MOST_SOLUTIONS: Final = 1000
-"""The most queries whose solutions are kept."""
+"""The queries of which the solutions are kept."""
 
 _PLACED_ERROR: Final = re.compile(
     r'stream specification:\d+:\d+: (?P<reason>[^\n]*)\n.*', re.DOTALL
@@ -107,7 +107,7 @@ class ServiceClients:
         """The namespace of the stream manager, whose relative topics are in it."""
         semantics_manager = RemoteNode(node, names['stream_semantics_manager'])
         self.needed_nodes = (*self.nodes, semantics_manager)
-        """These nodes, and the nodes that they need in turn; without the engines."""
+        """These nodes, and those that they need in turn; without the engines."""
         self.streams_topic = f'{names["stream_manager"]}/streams'
         self.version_topics = tuple(
             f'{names[role]}/version' for role in ('ontology_manager', 'stream_semantics_manager')
@@ -150,7 +150,7 @@ class ServiceClients:
     async def query(self, sparql: str) -> list[tuple[str, ...]]:
         """Return the solutions of a query of the ontology.
 
-        Few queries are sent at a time: many formulas at once would fill the queue of the
+        A few queries are sent at a time, so that many formulas at once do not fill the queue of the
         ontology manager. Equal ones that wait are sent once, and solutions are kept until the
         ontology manager reports a change, in its status before it answers who changed it.
         """

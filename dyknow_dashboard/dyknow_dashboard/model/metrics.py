@@ -45,7 +45,7 @@ class _BoardCollector(Collector):
     def collect(self) -> Iterator[Metric]:
         """Yield all metrics."""
         yield from _of_formulas(self._board.formulas.statuses())
-        # State streams get new names again and again: each would be a series of its own.
+        # Those of states have new names again and again: each would be a series of its own.
         named = [each for each in self._board.streams.reports if not is_hidden(each.name)]
         yield from _of_streams(named[:MAX_STREAMS])
         yield from self._of_nodes()

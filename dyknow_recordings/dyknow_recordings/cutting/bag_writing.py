@@ -33,7 +33,7 @@ _SENT_OFFSET: Final = 23
 """The place of the time of sending in the record of a message."""
 
 _NO_HASH: Final = f'RIHS01_{"0" * 64}'
-"""A placeholder for the type hash of the publisher, which is unknown."""
+"""The hash of a type in the place of that of its publisher, which is unknown."""
 
 
 def offered_profile(reliable: bool, latched: bool, depth: int) -> Qos:  # noqa: FBT001 - of an offer
@@ -65,7 +65,7 @@ class _SentTimes(McapWriter):
         self.sent: list[tuple[int, int]] = []
 
     def close_chunk(self) -> None:
-        """Put the times of sending into a chunk; the library writes times of recording there."""
+        """Put the times of sending, which the library takes for those of recording, in a chunk."""
         with self.chunk.bio.getbuffer() as buffer:
             for place, time in self.sent:
                 struct.pack_into('<Q', buffer, place, time)
@@ -126,7 +126,7 @@ class BagPart:
         )
 
     def write(self, message: RecordedMessage, log_time: int | None = None) -> None:
-        """Write a message. Another log time is then also its time of sending."""
+        """Write a message, perhaps at another log time, which is then also that of its sending."""
         storage: Any = self._writer.storage
         place = storage.chunk.bio.tell() + _SENT_OFFSET
         time = message.log_time if log_time is None else log_time

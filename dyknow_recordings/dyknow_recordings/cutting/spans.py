@@ -137,7 +137,7 @@ class SpanFinder:
 
     Args:
         times: of the topics that formulas read.
-        unstamped: the topics among them whose messages have no stamp.
+        unstamped: those of these topics whose messages have no stamp.
         limits: the start and end of the recording, in nanoseconds.
         before: the time before each failure that is wanted, ...
         after: ... and the time after it.
@@ -190,7 +190,7 @@ class SpanFinder:
 
 
 def joined_spans(spans: Iterable[RecordingSpan]) -> Sequence[RecordingSpan]:
-    """Return spans in order, with overlapping ones merged."""
+    """Return spans in their order, those that overlap as one."""
     found: list[RecordingSpan] = []
     for each in sorted(spans, key=lambda span: (span.begin, span.end)):
         if not found or each.begin > found[-1].end:

@@ -42,7 +42,7 @@ class ForecastBand:
 
 
 def forecast_bands(terms: Iterable[Any]) -> dict[str, ForecastBand]:
-    """Return the bands that have both bounds among the terms, by the names of the bounds."""
+    """Return the bands of which both bounds are among some terms, by the names of both."""
     found = {str(each): each for each in terms if isinstance(each, Feature)}
     bands: dict[str, ForecastBand] = {}
     for name, low in found.items():

@@ -37,7 +37,7 @@ _STEADY_SHARE: Final = 10
 
 @dataclass(frozen=True, slots=True)
 class TopicHealth:
-    """Measurements of a topic; times are in nanoseconds.
+    """What is measured of a topic; times are in nanoseconds.
 
     Args:
         topic: its name.
@@ -96,7 +96,7 @@ class RecordingHealth:
 def health_of(
     recording: RecordingReader, expectations: Sequence[TopicExpectation] = ()
 ) -> RecordingHealth:
-    """Return the health of a recording; this reads all its messages.
+    """Return the health of a recording, of which all messages are read.
 
     Raises:
         RecordingError: if it cannot be read.

@@ -395,7 +395,7 @@ def log_span(topics: Collection[TimedRows], start: int) -> tuple[int, int]:
     file that end long before their stamps.
 
     Args:
-        topics: at least one has a message since the start.
+        topics: of which one has a message since the start.
         start: in nanoseconds.
     """
     times = np.concatenate([each.times for each in topics])

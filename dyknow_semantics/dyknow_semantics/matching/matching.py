@@ -129,7 +129,7 @@ class Matcher:
                 del self._mentions[name]
 
     def set_knowledge(self, knowledge: Knowledge) -> None:
-        """Replace the ontologies; the argument is as for the class."""
+        """Replace the ontologies; the argument is that of the class."""
         before = self.knowledge
         if before is knowledge:
             return

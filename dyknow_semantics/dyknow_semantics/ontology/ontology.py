@@ -127,7 +127,7 @@ class Ontology:
             self._store.reopen()
 
     def set_entailed(self, entailed: Iterable[Triple], revision: int) -> bool:
-        """Replace the entailed statements by the results of a reasoner for a revision.
+        """Replace the entailed statements by those that a reasoner derived from a revision.
 
         Returns:
             False if the ontology has another revision; then nothing is replaced.
@@ -155,7 +155,7 @@ class Ontology:
 
         Raises:
             SemanticsError: if the name exists or is reserved, a parent or an argument sort is
-                unknown, or the signature is invalid, incomplete or contradicts a parent.
+                unknown, or the signature is invalid, incomplete or contradicts that of a parent.
         """
         above = checked_parents(name, parents, signature, self.knowledge)
         stated = checked_signature(name, above, signature, self.knowledge)

@@ -8,7 +8,7 @@ trees, as YAML has them, `{'ranges': [0, 0, 1.5]}`. For both alike:
 - A byte is an int from 0 to 255, and a `char` or `wchar` of IDL one character.
 - A text has neither NUL, at which rclpy would cut it, nor surrogates, which UTF-8 lacks.
 
-Fields that are not given keep their default values.
+What is not given keeps its default value.
 """
 
 from __future__ import annotations
@@ -306,7 +306,7 @@ def _layout(kind: _Message, paths: tuple[str, ...]) -> tuple[list[_Place], list[
             arrays[steps] = array
             given[steps].add(index)
     filled, lengths = 0, []
-    for steps, indexes in given.items():  # Inner arrays come after the array around them.
+    for steps, indexes in given.items():  # An array comes after the one that it is in.
         last = max(indexes)
         filled += last + 1 - len(indexes)
         if filled > MAX_FILLED:
