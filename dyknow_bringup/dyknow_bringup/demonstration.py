@@ -1,4 +1,4 @@
-"""The demonstration: outcomes compared with those that a scenario expects, and plans as tables."""
+"""The demonstration: outcomes compared with the expected ones, and plans as tables."""
 
 from __future__ import annotations
 

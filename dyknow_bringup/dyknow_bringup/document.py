@@ -61,7 +61,7 @@ class YamlEntry:
 
         Args:
             required: keys that must be there.
-            optional: other keys, with the values of those that are missing.
+            optional: other keys, with their default values.
         """
         entries = self.mapping()
         defaults = optional or {}

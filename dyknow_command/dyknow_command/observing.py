@@ -10,7 +10,7 @@ from dyknow_configuration import ObservedTopic, ReadFields
 
 
 def absolute_topic(name: str) -> str:
-    """Return the name of a topic as it is observed, with a slash."""
+    """Return the absolute name of a topic."""
     return f'/{name.lstrip("/")}'
 
 

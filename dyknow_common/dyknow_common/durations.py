@@ -33,7 +33,7 @@ MAX_DIGITS: Final = 100
 """The number of characters of a number in a text."""
 
 UNIX_TIMES: Final = 10**9 * SECOND_NS
-"""Times from here on, 2001-09-09, count from 1970; earlier ones are those of a simulation."""
+"""Times from 2001-09-09 on count from 1970; earlier ones belong to a simulation."""
 
 MAX_OFFSET_NS: Final = 7 * 86_400 * SECOND_NS
 """The longest time from a start that people are shown as an offset from it."""

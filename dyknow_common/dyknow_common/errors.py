@@ -71,7 +71,7 @@ def listed(names: Iterable[object]) -> str:
 
 
 def unknown(kind: str, name: str, known: Collection[str]) -> str:
-    """Return the message about an unknown name, with the one that was probably meant."""
+    """Return the message about an unknown name, with the most similar known one."""
     similar = get_close_matches(name, known, n=1)
     others = f'use {listed(known)}' if known else 'there is none'
     hint = f"did you mean '{similar[0]}'?" if similar else others

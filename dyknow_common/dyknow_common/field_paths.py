@@ -1,11 +1,11 @@
-"""Fields among those that a message or a stream has.
+"""Look-up of field paths among the fields of a message or a stream.
 
 A list of fields has all elements of an array as one entry, `covariance[0..35]`, or `ranges[0..]`
 if the length of the array differs between messages. Paths and functions of paths (see
 `fields`) are listed as the entry of the values that they are made of: `covariance[7]`,
 `max(covariance)` and `covariance[0..35]` are one entry; `covariance[36]` is absent.
 
-Messages about an absent path name those that may be meant:
+Messages about an absent path suggest similar ones:
 
     near_fields(fields, 'twist.linaer.x')   ['twist.twist.linear.x']
     overview(fields, 'twist.twist.up')      'twist.twist has: angular, linear'
@@ -81,7 +81,7 @@ class ListedKeys(NamedTuple):
 
     Args:
         entry: as it is listed.
-        are_members: True if they are members of the elements, False for those of a parallel array.
+        are_members: True for members of the elements, False for elements of a parallel array.
     """
 
     entry: str
@@ -467,9 +467,9 @@ def _suggestion(path: str, shape: str, inside: Iterable[str]) -> str:
 
 
 def near_fields(fields: Collection[str], path: str) -> list[str]:
-    """Return the fields whose steps are the most similar to those of a path.
+    """Return the fields with the steps most similar to the steps of a path.
 
-    Their steps contain those of the path in order, as people leave out steps, too.
+    Fields that contain all steps of the path in order count as similar: people leave out steps.
 
     Args:
         fields: the listed fields.

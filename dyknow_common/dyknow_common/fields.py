@@ -229,7 +229,7 @@ class ComputedField:
 
 @dataclass(frozen=True, slots=True)
 class ArrayElements:
-    """The elements of an array, each of which is a sample; a variable stands for the element.
+    """An array whose elements become samples; a variable stands for the element.
 
     Args:
         array: the path to the array, `status`.
@@ -295,7 +295,7 @@ def _unnested(text: str) -> UnnestedArray | None:
 
 
 def number_of(text: str) -> str:
-    """Return the name of a field as it is used where a number is wanted.
+    """Return the name of a field where a number is needed.
 
     The texts in structs that are found by keys become numbers.
     """

@@ -45,7 +45,7 @@ class Symbol:
 
     The `str` of a ground feature is the name of its field in a state, `XYDist[uav1, uav2]`.
 
-    A quantifier without a sort, `forall u: ...`, has the sort `?u`: the one that the features of
+    A quantifier without a sort, `forall u: ...`, has the sort `?u`: the sort that the features of
     `u` declare.
 
     Args:

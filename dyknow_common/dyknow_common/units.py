@@ -83,7 +83,7 @@ class UnitConversion:
         return value * self.factor + self.offset
 
     def of_constant(self, value: float) -> float:
-        """Convert a number as it is written, 0.29 m to 29.0 cm; round once.
+        """Convert a decimal number with one rounding: 0.29 m is 29.0 cm.
 
         An integer that no float holds stays an integer.
 

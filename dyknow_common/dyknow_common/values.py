@@ -32,7 +32,7 @@ COMPARISONS: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
     '>=': operator.ge,
     **TEXT_COMPARISONS,
 }
-"""The functions of the comparisons; those of numbers give an array of numpy arrays."""
+"""The functions of the comparisons; for numpy arrays, comparisons of numbers give an array."""
 
 MIRRORED_COMPARISONS: Final[Mapping[str, str]] = {
     '=': '=',
@@ -42,13 +42,13 @@ MIRRORED_COMPARISONS: Final[Mapping[str, str]] = {
     '<=': '>=',
     '>=': '<=',
 }
-"""Each comparison of numbers with its sides exchanged."""
+"""Each comparison of numbers with exchanged sides."""
 
 ORDERS: Final = frozenset({'<', '<=', '>', '>='})
 """The comparisons of numbers by their order."""
 
 MAX_ALTERNATIVES: Final = 64
-"""The number of values that one field may have, and of choices among those of a state."""
+"""The most values of one field, and the most combinations of values of a state."""
 
 
 class Alternatives(str):
@@ -72,7 +72,7 @@ class Alternatives(str):
     reason: str
     """Why the order is open, as in `the clocks of a and b differ by 1.2 s plus or minus 0.4 s`."""
     values: tuple[Value, ...]
-    """The values, those that came earlier first."""
+    """The values, in the order of their arrival."""
 
     def __new__(cls, text: str) -> Self:
         """Read the text of a message."""
@@ -98,7 +98,7 @@ class Alternatives(str):
         Raises:
             ValueError: for more than `MAX_ALTERNATIVES`.
         """
-        # True and 1 are equal, and what is not a number is not even equal to itself.
+        # True equals 1, and NaN does not equal itself.
         distinct = {repr(each): each for each in values}
         if len(distinct) == 1:
             return next(iter(distinct.values()))
@@ -118,7 +118,7 @@ class Alternatives(str):
 
     @property
     def description(self) -> str:
-        """What it may be, and why."""
+        """The possible values, and the reason."""
         least, most = self.bounds if self.is_interval else (0, 0)
         count = f'one of {len(self.values)} values'
         found = f'a number from {least} to {most}' if self.is_interval else count

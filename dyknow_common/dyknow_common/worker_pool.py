@@ -105,7 +105,7 @@ class WorkerPool:
             self._idle.put(worker)
 
     def stop(self) -> None:
-        """Kill all processes for good, also those that other threads wait for in `run`."""
+        """Kill all processes for good, even if other threads wait for them in `run`."""
         for each in self._workers:
             each.kill()
         for each in [self._idle.get() for _ in self._workers]:
@@ -206,7 +206,7 @@ class _Worker:
         except (EOFError, OSError, pickle.UnpicklingError):
             pass
         except BaseException:
-            self.end()  # The rest of the answer is not that of the next request.
+            self.end()  # The next request must not read the rest of this answer.
             raise
         if answer is not None and not expired.is_set():
             return answer

@@ -60,7 +60,7 @@ class ComposedText:
         return self
 
     def add_value(self, value: YamlValue) -> Self:
-        """Add a text of the document as it is."""
+        """Add a text of the document unchanged."""
         return self.add(value.text(), value, 0)
 
     def add_template(self, value: YamlValue, objects: Mapping[str, str]) -> Self:

@@ -24,7 +24,7 @@ _TYPE: Final = re.compile(r'[A-Za-z]\w*(/[A-Za-z]\w*)+', re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class TopicExpectation:
-    """What is expected of a topic, which must have messages.
+    """Expectations about a topic, which must have messages.
 
     Args:
         topic: its absolute name.

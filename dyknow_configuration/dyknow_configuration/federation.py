@@ -63,7 +63,7 @@ class RequestedShare:
 
 @dataclass(frozen=True, slots=True)
 class RequestedFederation:
-    """How a host takes part in a federation.
+    """The role of a host in a federation.
 
     Args:
         name: of this host among its peers.

@@ -84,7 +84,7 @@ class TriggerPlaces:
     positions: Mapping[Path, TextPosition]
 
     def error(self, message: str, path: Path = ()) -> ConfigurationError:
-        """Return an error at a value of the trigger, or at the one that it would be in."""
+        """Return an error at a value of the trigger, or at the value that should contain it."""
         while path not in self.positions:
             path = path[:-1]
         return self.document.error(message, self.positions[path])
@@ -199,7 +199,7 @@ def read_triggers(value: YamlValue) -> dict[str, Trigger]:
 
 
 def read_events(value: YamlValue, named: Triggers) -> FormulaTriggers:
-    """Return the triggers of a formula: those that `on` names or contains.
+    """Return the triggers that `on` of a formula names or contains.
 
     Raises:
         ConfigurationError: with the place of the fault.
@@ -346,7 +346,7 @@ def _retries(stated: Mapping[str, YamlValue]) -> int:
 
 
 def trigger_document(trigger: Trigger) -> dict[str, Any]:
-    """Return a trigger as it is written in YAML."""
+    """Return a trigger as a YAML document."""
     kind = trigger.kind
     if kind is TriggerKind.RUN:
         action: Any = [trigger.target, *trigger.content]

@@ -55,7 +55,7 @@ def write_texts(
 
 
 def _write_parts(path: Path, texts: Sequence[str]) -> Iterator[Path]:
-    """Write texts to a file; those of streams to one each, as they may declare a unit otherwise."""
+    """Write texts to one file, but texts of streams to one each: their units may differ."""
     parts = [[each] for each in texts] if path.suffix == '.streams' else [texts] if texts else []
     for number, each in enumerate(parts, start=1):
         part = path if number == 1 else path.with_stem(f'{path.stem}_{number}')

@@ -188,7 +188,7 @@ class YamlValue:
 
         Args:
             known: the keys that it may have.
-            required: those that it must have.
+            required: the keys that it must have.
         """
         found: dict[str, YamlValue] = {}
         for key, value in self.entries(f'a mapping with some of the keys {", ".join(known)}'):
@@ -230,7 +230,7 @@ class YamlValue:
         return text
 
     def word(self) -> str:
-        """Return a name, also one that is a boolean in YAML 1.1, such as `on`, as it is written."""
+        """Return a name as it is written, even if YAML 1.1 reads a boolean, such as `on`."""
         is_boolean = self.node.tag == _TAG + 'bool'
         return str(self.node.value) if is_boolean else self.text('a name')
 

@@ -116,7 +116,7 @@ class Plan:
 
     @property
     def formulas_by_position(self) -> dict[FormulaPosition, PlanFormula]:
-        """All formulas, those of the whole plan first.
+        """All formulas; the formulas of the whole plan come first.
 
         Raises:
             CoordinationError: if the plan is invalid; names the part at fault.

@@ -327,7 +327,7 @@ class TriggerRuns:
 
     @property
     def next_due(self) -> int | None:
-        """When the next attempt is due, in nanoseconds; None if none is."""
+        """The time of the next attempt, in nanoseconds; None if none is due."""
         heads = (queue[0] for queue in self._queues.values())
         return min((each.due for each in heads if not each.is_running), default=None)
 

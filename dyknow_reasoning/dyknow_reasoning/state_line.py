@@ -49,7 +49,7 @@ class StandbyStates(Generic[State]):
         return len(self._states)
 
     def add(self, state: State, latest: int | None) -> None:
-        """Keep a state, and forget those that a take-over does not need.
+        """Keep a state, and drop states that a take-over does not need.
 
         Args:
             state: the state; it is later than those before.

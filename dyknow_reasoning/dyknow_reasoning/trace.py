@@ -183,7 +183,7 @@ def _canonical(name: str) -> str:
     """Return the canonical text of a ground feature.
 
     Raises:
-        ReasoningError: if the name is that of something else.
+        ReasoningError: if something else has the name.
     """
     try:
         formula = parse_formula(name)

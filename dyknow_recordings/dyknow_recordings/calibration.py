@@ -308,14 +308,14 @@ class AlarmCondition:
 
 @dataclass(frozen=True, slots=True)
 class AlarmRates:
-    """How often a condition was announced, and how often it came true.
+    """Counts of announcements of a condition, and of how often it came true.
 
     Args:
         condition: the condition.
         events: the forecasts within whose horizon it came true.
-        missed: those of them without an alarm.
+        missed: the events without an alarm.
         calm: the forecasts within whose horizon it did not.
-        false: those of them with an alarm.
+        false: the calm forecasts with an alarm.
     """
 
     condition: AlarmCondition

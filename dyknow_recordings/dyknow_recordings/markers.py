@@ -126,7 +126,7 @@ def formula_markers(
         positions: of the vehicles, by their names.
         axes: the features that are the x, y and z of a vehicle.
         now: the time, nanoseconds.
-        regions: those of other frames are not drawn.
+        regions: to draw; regions of other frames are left out.
         frame: of the positions.
     """
     drawable = {each.name: each for each in regions if each.frame == frame}

@@ -10,7 +10,7 @@ class StreamError(DyKnowError):
 
 
 def unknown_stream(name: str, known: Iterable[str]) -> StreamError:
-    """Return the error about a stream that does not exist, given those that do."""
+    """Return the error about a stream that does not exist, with the known ones."""
     listed = ', '.join(known) or 'none'
     return StreamError(f"there is no stream '{name}' (there are: {listed})", ExitCode.NOT_FOUND)
 
@@ -26,7 +26,7 @@ def open_value(fields: Mapping[str, Value], use: str) -> StreamError:
 
 
 def stream_replaced(topic: str) -> StreamError:
-    """Return the error about a stream that is not the one that its reader has chosen."""
+    """Return the error about a stream that another one has replaced."""
     return StreamError(
         f'{topic} has another stream than the one that was chosen, which was replaced or is being '
         'recreated; ask for the streams again',

@@ -46,8 +46,8 @@ The seven nodes of DyKnow, `formula_markers` and `black_box_recorder`. Names tha
 are within the name of the node: `~/evaluate_formula` of the coordinator is
 `/stream_reasoning_coordinator/evaluate_formula`. In names, `*` stands for any text. Parameters come
 from a params file, the `nodes` of a [robot.yaml](../configuration.md), or `--ros-args -p
-NAME:=VALUE`; those that can change are also set by `ros2 param set`. [Limits](../limits.md)
-explains those that bound what a request may cost."""
+NAME:=VALUE`; `ros2 param set` changes some while the node runs. [Limits](../limits.md) explains the
+bounds of what a request may cost."""
 
 EVERY_NODE = """\
 Every node publishes `~/_heartbeat` ([`Heartbeat`](interfaces.md#heartbeat)), by which others know

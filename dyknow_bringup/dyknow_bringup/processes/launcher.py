@@ -139,7 +139,7 @@ class Launcher:
         return _wait(running, timeout_s)
 
     def stop_all(self, timeout_s: float = 10.0) -> dict[str, int]:
-        """Stop all processes and return their exit codes; kill those that exceed the timeout."""
+        """Stop all processes, kill them after the timeout, and return their exit codes."""
         for running in self._running.values():
             _signal_group(running, signal.SIGTERM)
         codes = {name: _wait(running, timeout_s) for name, running in self._running.items()}

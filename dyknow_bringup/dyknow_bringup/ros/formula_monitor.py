@@ -38,7 +38,7 @@ WRONG = (ExitCode.NOT_FOUND, ExitCode.INVALID_ARGUMENT)
 """Errors of a formula that the system does not understand."""
 
 OTHER_FILE = '; does the system run with the file of this formula, as by "dyknow up robot.yaml"?'
-"""What people forget: a formula that lint finds correct is wrong for another ontology."""
+"""A hint in errors: a formula that lint finds correct may be wrong for another ontology."""
 
 START_UP_NS = 10 * SECOND_NS
 """Time that the other nodes may take to start after the coordinator."""

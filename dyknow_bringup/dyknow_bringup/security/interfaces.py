@@ -209,7 +209,7 @@ def recorder_interfaces(topics: Collection[str], engines: Collection[str]) -> In
     """Return the interfaces of the recorder of black boxes, which reads topics of any kind.
 
     Args:
-        topics: that streams are made from, and those that formulas record.
+        topics: that streams are made from, or that formulas record.
         engines: the absolute names of the engines.
     """
     return DYKNOW_NODE | Interfaces(

@@ -73,7 +73,7 @@ class Simulation:
         for channel, transport in TRANSPORT.items():
             if self._elapsed % transport.period == 0:
                 for name, sensors in self._sensors.items():
-                    # Lost messages are measured too, so that they do not change the noise.
+                    # Measure lost messages, too: the noise of later ones must not change.
                     message = sensors.measure(
                         channel,
                         self._start + self._elapsed,

@@ -124,7 +124,7 @@ def topic_uses(inputs: LintInputs) -> Iterator[TopicUse]:
         if annotation.is_topic:
             place = inputs.place_of(source)
             is_shared = bool(annotation.keys) or annotation.elements is not None
-            # The samples of one object, among those of several, have a timing of their own.
+            # On a topic of many objects, the timing is that of one object, not of the topic.
             stated = NO_CONSTRAINTS if is_shared else annotation.constraints
             yield TopicUse(absolute_topic(annotation.stream), place, stated, is_shared)
     yield from _stream_uses(inputs)

@@ -16,7 +16,7 @@ class DyKnowCommand(CommandExtension):
     def add_arguments(
         self, parser: argparse.ArgumentParser, _cli_name: str, *, argv: Any = None
     ) -> None:
-        """Take all that follows `ros2 dyknow` as it is."""
+        """Accept all arguments after `ros2 dyknow` without parsing them."""
         del argv
         parser.add_argument('arguments', nargs=argparse.REMAINDER, metavar='VERB ...')
 

@@ -216,7 +216,7 @@ class Language:
             place_of_it = position_at(text, len(text[:offset].rstrip()))
             return PositionedError(f'missing {missing!r} (unexpected {found})', place_of_it)
         hint = correction(text, offset, self._corrections, self._advice)
-        # Who is told the mend needs no list of what else may stand there.
+        # With a correction, the list of expected tokens would only distract.
         unexpected = f'unexpected {found}'
         message = f'{hint} ({unexpected})' if hint else unexpected + self._expected(terminals)
         if (

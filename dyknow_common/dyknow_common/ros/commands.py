@@ -42,7 +42,7 @@ def start_ros(arguments: Sequence[str] | None = None) -> None:
     """Initialise rclpy without its signal handlers; errors as in `rclpy.init`.
 
     Args:
-        arguments: of the command line; None: those of this process.
+        arguments: of the command line; None: the arguments of this process.
     """
     announce_in_thread()
     arguments = None if arguments is None else list(arguments)

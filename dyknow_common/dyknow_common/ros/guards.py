@@ -184,7 +184,7 @@ class MessageGuard:
             )
 
     def _retry(self) -> None:
-        """Pass on the messages whose senders are known now; those of each sender keep their order.
+        """Pass on the messages whose senders are known now, in order for each sender.
 
         Messages of senders that stay unknown delay no others.
         """

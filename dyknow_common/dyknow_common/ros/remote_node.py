@@ -82,7 +82,7 @@ class RemoteNode:
         name: of the remote node, absolute or relative to the namespace of `node`.
         patience_s: time for the remote node to appear before a call fails.
         timeout_s: time that a call may take from then on.
-        services: types of those that will be called. The first call by a client that was made just
+        services: types of the services to call. The first call by a client that was made just
             before takes some 80 ms longer, as the remote node has yet to discover it.
     """
 

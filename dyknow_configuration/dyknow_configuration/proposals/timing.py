@@ -161,7 +161,7 @@ def timing_of(times: TopicTimes) -> TopicTiming:
 
 @dataclass(frozen=True, slots=True)
 class ProposedTiming:
-    """Constraints that topics keep, with the reasons for those that are not proposed.
+    """Constraints that topics keep, and the reasons for constraints that are not proposed.
 
     Args:
         constraints: with a margin.

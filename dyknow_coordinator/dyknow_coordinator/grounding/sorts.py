@@ -1,4 +1,4 @@
-"""Sorts of quantifiers that name none: those that the features of their variables declare.
+"""Infer the sorts of quantifiers without a sort from the features of their variables.
 
 In `forall u: always Power[u] < 200`, the variable `u` has the sort `?u`. The symbols of the formula
 contain it, `Power[?u]`. If the ontology says that the argument of `Power` is a `UAV`, the formula

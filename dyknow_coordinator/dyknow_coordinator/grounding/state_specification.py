@@ -43,7 +43,7 @@ def state_specification(sources: Iterable[FeatureSource]) -> str:
 
 
 def _shared(sources: Iterable[FeatureSource]) -> Iterator[FeatureSource]:
-    """Yield sources such that features of the same samples of a stream share one select.
+    """Yield sources; features of the same samples of a stream share one select.
 
     So a sync of the distances of 100 robots to 50 regions has 100 inputs, not 5,000.
     """
@@ -67,7 +67,7 @@ def _selections(source: FeatureSource) -> tuple[Selection, ...]:
 
 
 def _with_distinct_names(sources: Iterable[FeatureSource]) -> Sequence[FeatureSource]:
-    """Rename sources such that no two different streams have the same name."""
+    """Rename sources, to give different streams different names."""
     declared: dict[str, str] = {}
     result = []
     for source in sources:

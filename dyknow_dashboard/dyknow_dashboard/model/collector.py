@@ -62,7 +62,7 @@ class Collector:
         self._thread.start()
 
     def put(self, events: Sequence[VerdictEvent]) -> None:
-        """Have events sent, also those that are no failures."""
+        """Queue events for sending, failures or not."""
         for each in events:
             try:
                 self._queue.put_nowait(each)

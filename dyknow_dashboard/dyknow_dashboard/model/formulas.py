@@ -93,7 +93,7 @@ class MonitoredEvaluation:
 
 
 class FormulaTable:
-    """All evaluations that the page shows: those that fail, those that run, and those that ended.
+    """All evaluations that the page shows: failing, running and ended ones.
 
     An ended evaluation is an earlier run if one of the same name was started after it. These come
     last, and count as no failure any more.
@@ -102,7 +102,7 @@ class FormulaTable:
     def __init__(self) -> None:
         self._known: dict[str, MonitoredEvaluation] = {}
         self._latest: dict[str, int] = {}
-        """When the latest evaluation of each name was started."""
+        """The start of the latest evaluation of each name."""
         self._now = 0
         self.version = 0
         self.hidden = 0

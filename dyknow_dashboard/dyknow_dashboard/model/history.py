@@ -76,7 +76,7 @@ class HistoryState:
     Args:
         fault: why it cannot be used, with the mend; empty if it can.
         count: of the failures in it.
-        unacknowledged: the number of those that nobody has acknowledged.
+        unacknowledged: the number of failures that nobody has acknowledged.
         version: changes with every change.
     """
 
@@ -207,7 +207,7 @@ def failures(file: sqlite3.Connection, query: HistoryQuery) -> list[dict[str, An
 
 
 def acknowledge(file: sqlite3.Connection, ids: Sequence[int], by: str, now: int) -> int:
-    """Note who has seen failures; return the number of those that nobody had acknowledged."""
+    """Acknowledge failures; return the number of newly acknowledged ones."""
     text = 'UPDATE failure SET acknowledged_by = ?, acknowledged_at = ? WHERE id = ?'
     text += ' AND acknowledged_at IS NULL'
     return file.executemany(text, [(by, now, each) for each in ids]).rowcount

@@ -33,7 +33,7 @@ class SerialisedMessage(NamedTuple):
 
 @dataclass(slots=True)
 class _RingTopic:
-    """The messages of one topic, and the numbers of those that were dropped, by span."""
+    """The messages of one topic, and the numbers of dropped messages, by span."""
 
     messages: deque[SerialisedMessage] = field(default_factory=deque)
     dropped: Counter[int] = field(default_factory=Counter)
@@ -115,7 +115,7 @@ class MessageRing:
     def dropped_in(self, topics: Iterable[str], begin: int, end: int) -> dict[str, int]:
         """Return how many messages of a time the limits have removed, for each topic that lost any.
 
-        Those that were received within SPAN_NS of the time may be counted too.
+        Messages received within SPAN_NS of the time may be counted, too.
         """
         first, last = begin // SPAN_NS, end // SPAN_NS
         numbers = {

@@ -64,8 +64,8 @@ class Gate:
     """Decides whether messages pass.
 
     Args:
-        formulas: the names of those that must hold.
-        nodes: the names of those that must be alive.
+        formulas: the names of the formulas that must hold.
+        nodes: the names of the nodes that must be alive.
         timeout: the longest time without a state of a formula, or a sign of life of a node.
         latch: True if the gate stays closed once it has closed, until it is reset.
     """

@@ -1,4 +1,4 @@
-"""What the ontology manager knows of the sorts and the features in a formula."""
+"""Objects and features of a formula, from the ontology manager."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class RecordedSymbols:
 
     def __init__(self, recording: Recording, states: range) -> None:
         self.states = states
-        """Those at which all atoms have a value so far."""
+        """The states at which all atoms have a value so far."""
         self._count = len(states)
         self._columns = recording.columns
         self._all = slice(states.start, states.stop)

@@ -101,7 +101,7 @@ class Recording:
 
 
 def _vector(times: Iterable[Any]) -> Array:
-    """Return valid times as a vector; raise ReasoningError for those that are no integers."""
+    """Return valid times as a vector; raise ReasoningError unless they are integers."""
     if not isinstance(times, np.ndarray):
         times = np.fromiter(_integers(times), object)
     if times.ndim != 1:

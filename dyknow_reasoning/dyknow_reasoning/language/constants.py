@@ -54,7 +54,7 @@ Units: TypeAlias = Mapping[str, str]
 _Bound: TypeAlias = Mapping[str, tuple[Constant | Kept, TextPosition]]
 
 _NOT_AROUND: Final = PastFormula | PastTerm | SpatialSyntax | Soon
-"""What neither holds a formula with a kept value nor stands in one."""
+"""Nodes that may neither contain a formula with a kept value nor be inside one."""
 
 MAX_TERM_PARTS: Final = 100
 """The most parts of a term whose value is kept: each use of the name has a copy of them."""

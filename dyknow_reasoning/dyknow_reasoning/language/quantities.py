@@ -126,7 +126,7 @@ def _converted_alone(term: Term, conversion: _Conversion) -> Term:
 
 
 def _is_convertible(node: Comparison | Term, conversion: _Conversion) -> bool:
-    """Return True for numbers with units, unless those of the features may be stated later."""
+    """Return True for numbers with units, unless the units of features may follow later."""
     if _quantity(node) is None:
         return False
     fields = [each for each in walk(node) if isinstance(each, Feature | FieldReference)]

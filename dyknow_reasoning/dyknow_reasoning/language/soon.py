@@ -95,7 +95,7 @@ _Bounds: TypeAlias = dict[ForecastBound, Term]
 
 _NEGATED: Final = {'<': '>=', '<=': '>', '>': '<=', '>=': '<', '=': '!=', '!=': '='}
 _MONOTONE: Final = frozenset({'min', 'max', 'sum', 'mean'})
-"""The functions of which no operand lowers the value by growing."""
+"""The functions that do not decrease in any operand."""
 
 
 def without_soon(node: Any) -> Any:

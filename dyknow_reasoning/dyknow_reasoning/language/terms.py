@@ -289,7 +289,7 @@ class Bounded(Uncertain):
 
 @dataclass(frozen=True, slots=True)
 class Sampled(Uncertain):
-    """A number of which independent samples are known: `deviation` is a text with these."""
+    """A number with known independent samples, which are the text `deviation`."""
 
     def __str__(self) -> str:
         return f'sampled({self.mean}, {self.deviation})'

@@ -32,7 +32,7 @@ from dyknow_reasoning.language.terms import (
 )
 
 Uncertainties = Mapping[str, Uncertain]
-"""What is known of the values of features, by name."""
+"""The uncertainties of features, by name."""
 
 
 def stated_uncertainties(formula: Formula) -> Uncertainties:

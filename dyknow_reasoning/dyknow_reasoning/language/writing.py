@@ -61,7 +61,7 @@ class WrittenOperator(SyntaxNode):
 
 
 def as_written(node: Any) -> Any:
-    """Return a node with numbers and operators as they are in the text, for messages."""
+    """Return a node with the numbers and operators of the source text, for messages."""
     if isinstance(node, PastAtom):
         return as_written(node.formula)
     if isinstance(node, Function) and node.aggregate:

@@ -109,7 +109,7 @@ def check_margin(formula: Formula) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Context:
-    """Where a formula is used.
+    """The context of a formula.
 
     Args:
         bindings: the objects of its variables; its operator has a margin for each of these.

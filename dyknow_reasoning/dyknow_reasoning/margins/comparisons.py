@@ -34,7 +34,7 @@ UNUSABLE = ReasoningError, OverflowError
 """The errors of a reader where the values are unusable."""
 
 MarginReader: TypeAlias = Callable[[Values], Any]
-"""The margin of an atom at a state, or the array of those of many objects; raises `UNUSABLE`."""
+"""The margin of an atom at a state, or an array of margins for objects; raises `UNUSABLE`."""
 
 _DISTANCES: dict[str, Callable[[Any, Any], Any]] = {
     '>': lambda left, right: left - right,

@@ -106,7 +106,7 @@ class MarginOperator(Copyable, ABC):
 
     Args:
         parts: the operators of its parts.
-        width: the number of objects. Margins of one are tuples, those of many are arrays.
+        width: the number of objects. Margins of one object are tuples, of many arrays.
         end: the last time at which margins of the parts count, in nanoseconds after the state.
 
     Attributes:

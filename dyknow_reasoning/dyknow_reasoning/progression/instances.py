@@ -93,7 +93,7 @@ Binding: TypeAlias = Mapping[str, str]
 
 
 class Source(NamedTuple):
-    """A formula as it is in the text, with the objects of each sort."""
+    """A formula of the source text, with the objects of each sort."""
 
     formula: Formula
     domains: Domains
@@ -564,7 +564,7 @@ def _aggregated(aggregate: Aggregate, operands: Sequence[Any]) -> Term:
 
 
 def with_objects(node: Any, binding: Binding) -> Any:
-    """Return a term with objects for those of its variables that are bound, for its text."""
+    """Return a term with objects in place of its bound variables, for its text."""
     if isinstance(node, Variable) and node.name in binding:
         return Object(binding[node.name])
     return with_changed_parts(node, lambda part: with_objects(part, binding))

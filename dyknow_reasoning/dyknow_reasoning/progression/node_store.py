@@ -150,7 +150,7 @@ class NodeStore:
         return self._stored(AtLeast, count, _ordered(open_members))
 
     def with_parts(self, node: Node, parts: Sequence[Node]) -> Node:
-        """Return a junction, a count or a window over other parts; other nodes as they are."""
+        """Return a junction, a count or a window over other parts; return other nodes unchanged."""
         match node:
             case Junction(universal):
                 return self.junction(parts, universal=universal)
@@ -294,7 +294,7 @@ class NodeStore:
         return junction if is_same else self.junction(parts, universal=junction.universal)
 
     def _merged(self, windows: list[Window], *, universal: bool) -> list[Window]:
-        """Merge windows over the same sides: the union, or those that contain no other."""
+        """Merge windows over the same sides: to their union, or to the innermost ones."""
         if windows[0].universal is not universal:
             return self._innermost(windows)
         merged: list[Window] = []

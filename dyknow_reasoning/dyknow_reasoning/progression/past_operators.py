@@ -46,7 +46,7 @@ class PastMemory(ABC):
 
     @abstractmethod
     def step(self, time: int, left: int, right: int) -> int:
-        """Take the rows for which the operands hold at a state; return those of the operator.
+        """Step over a state: map the rows for which the operands hold to rows of the operator.
 
         Args:
             time: the valid time of the state, in nanoseconds.
@@ -125,7 +125,7 @@ class SinceMemory(PastMemory):
         self._lost: int | None = None
 
     def step(self, time: int, left: int, right: int) -> int:
-        """Take the rows for which the operands hold at a state; return those of the operator."""
+        """Step over a state: map the rows for which the operands hold to rows of the operator."""
         if self.younger:
             self._mature(time)
         ends = self.ends
@@ -258,7 +258,7 @@ class PreviousMemory(PastMemory):
         self._is_lost = False
 
     def step(self, time: int, left: int, right: int) -> int:  # noqa: ARG002
-        """Take the rows for which the operand holds at a state; return those of the operator."""
+        """Step over a state: map the rows for which the operand holds to rows of the operator."""
         found, self.rows, self._is_lost = self.rows, right, False
         return found
 

@@ -68,7 +68,7 @@ class UnknownValueError(ReasoningError):
 
 
 def is_unknown(value: Any) -> bool:
-    """Return True for None and for what is not a number; only that differs from itself."""
+    """Return True for None and NaN; only NaN differs from itself."""
     return value is None or bool(value != value)  # noqa: PLR0124
 
 

@@ -121,7 +121,7 @@ class GroupEvaluation:
 
     @property
     def parts(self) -> int:
-        """The parts of all formulas, also of those that are being prepared."""
+        """The parts of all formulas, including formulas in preparation."""
         return max(self.group.parts, self._reserved_parts)
 
     @property
@@ -479,7 +479,7 @@ class GroupWork:
             process()
 
     def receive_first(self, processes: Sequence[Callable[[], None]]) -> None:
-        """Process states that came before all those that wait, as `receive` does."""
+        """Process states that came before all waiting ones, as `receive` does."""
         self._states.extendleft(reversed(processes))
         if not self.is_busy:
             self._next()

@@ -265,7 +265,7 @@ LIMITS: Final = _OF_GROUP | {
 
 
 def limits_of_group(limits: ParameterLimits) -> FormulaLimits:
-    """Return the limits of a new group, given those of the engine."""
+    """Return the limits of a new group from the limits of the engine."""
     return FormulaLimits(**{name: limits[name] for name in _OF_GROUP})
 
 

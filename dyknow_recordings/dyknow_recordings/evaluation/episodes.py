@@ -85,7 +85,7 @@ class FormulaEpisodes:
     gaps: list[StateGap] = field(default_factory=list)
     events: list[str] = field(default_factory=list)
     open_episodes: dict[int, int] = field(default_factory=dict)
-    """The index in `episodes` of those that are not decided, by the id of the formula."""
+    """The index in `episodes` of the undecided ones, by the id of the formula."""
     probability: FormulaProbability | None = None
     """The probability of the formula, if it is asked for."""
 
@@ -473,7 +473,7 @@ class StandingEpisodes:
         self._group.gap()
 
     def episodes(self, error: DyKnowError | None = None) -> list[Episode]:
-        """Return the episodes; those that are undecided have the error, if there is one."""
+        """Return the episodes; undecided ones have the error, if there is one."""
         monitor = self._formula.monitor
         states = self._times[: monitor.states]
         failures = {each.begin: each for each in self._formula.episodes(len(states))}

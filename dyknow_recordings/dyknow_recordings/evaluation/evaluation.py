@@ -153,7 +153,7 @@ class RecordingEvaluation:
         self._has_started = False
         self._losses: list[LostMessages] = []
         self._losses_to_come: list[LostMessages] = []
-        # Those that may have begun, but not ended.
+        # Losses that may have begun, but not ended.
         self._open_losses: list[LostMessages] = []
         # The log time up to which all messages have been progressed.
         self._reached = BEGINNING

@@ -136,7 +136,7 @@ def features_of(node: Formula | Term | ForecastBand) -> list[Feature | FieldRefe
 
 
 def terms_of(formulas: Iterable[str], domains: Mapping[str, Sequence[str]]) -> list[Term]:
-    """Return the terms that the atoms of formulas compare, without those that are constant."""
+    """Return the terms, except constants, that the atoms of formulas compare."""
     found: dict[Term, None] = {}
     for text in formulas:
         for _, atoms in ground_atoms(parse_formula(text), domains):
@@ -146,7 +146,7 @@ def terms_of(formulas: Iterable[str], domains: Mapping[str, Sequence[str]]) -> l
 
 
 def with_inner_atoms(atoms: Iterable[StateAtom]) -> Iterator[StateAtom]:
-    """Yield atoms, each with those of the formulas whose probability it compares."""
+    """Yield atoms, each with the atoms of the formulas whose probability it compares."""
     for atom in atoms:
         yield atom
         for side in sides_of(atom):
@@ -167,7 +167,7 @@ def sides_of(atom: StateAtom) -> Sequence[Term]:
 
 
 def signal_name(term: Term | ForecastBand) -> str:
-    """Return the name of the signal of a term: that of the best estimate, if it is uncertain."""
+    """Return the name of the signal of a term; for an uncertain term, of its best estimate."""
     if isinstance(term, ForecastBand):
         return f'{term.low} to {term.high}'
     return str(term if isinstance(term, Probability) else best_estimate(term))
@@ -278,7 +278,7 @@ class SignalRecorder:
             self._add(times, columns)
 
     def _add(self, times: Times, columns: Mapping[str, Column]) -> None:
-        """Add states; those that are not later than all before them are errors of the formulas."""
+        """Add states; a state that is not later than the one before is an error of the formulas."""
         before = np.maximum.accumulate(np.concatenate([[self._latest_time], times[:-1]]))
         if not (is_later := times > before).all():
             times = times[is_later]

@@ -103,7 +103,7 @@ class RecordedStandby:
         try:
             self._create(stream)
         except DyKnowError:
-            # It would be that of a switch to these sources.
+            # A switch to these sources would meet the same error.
             self._sources.exclude_unusable(chosen, now)
         else:
             self.stream, self._sources.chosen = stream, chosen

@@ -192,7 +192,7 @@ class StateGroup:
             is_final = is_late or self._streams.has_memory(stream.name)
             self.episodes.lose(lost, is_final=is_final)
             if self._streams.reorders(stream.name):
-                # Messages that are lost may be stamped later than those that come first.
+                # Lost messages may have later stamps than the first ones that come.
                 lead = self._streams.dataflow.max_lead
                 self._begin = min(lost.last, END - lead) + lead
         self._on_fault()

@@ -1,4 +1,4 @@
-"""Topics of a recording, as they are observed: the times of their messages, and values."""
+"""Observations of the topics of a recording: the times of their messages, and values."""
 
 from __future__ import annotations
 

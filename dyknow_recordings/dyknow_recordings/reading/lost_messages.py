@@ -61,7 +61,7 @@ def lost_runs(times: NDArray[np.int64], lost: NDArray[np.bool_]) -> Sequence[tup
 
     Args:
         times: the log times of the messages of a topic in nanoseconds, in order; of shape (n,).
-        lost: True for those that are lost; of shape (n,).
+        lost: True for each lost message; of shape (n,).
     """
     edges = np.diff(np.concatenate([[False], lost, [False]]).astype(np.int8))
     begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1

@@ -147,7 +147,7 @@ class FaultCounter:
             reason: why they are lost.
             topic: of the messages.
             times: the log times of messages in nanoseconds, in order; of shape (n,).
-            lost: True for those that are lost; of shape (n,).
+            lost: True for each lost message; of shape (n,).
         """
         for first, last in lost_runs(times, lost):
             self._note({topic}, first, last, f'{place}: {reason}')
@@ -238,7 +238,7 @@ class RecordingReader(ABC):
 
     @property
     def faults(self) -> tuple[RecordingFault, ...]:
-        """The faults found on opening, and those that the latest reading has found so far."""
+        """The faults found on opening, and by the latest reading so far."""
         return self._opening.faults + self._reading.faults
 
     def fault_of(self, topic: str) -> str:
@@ -342,8 +342,8 @@ class RecordedFields:
         topic: its name.
         message_type: such as `nav_msgs/msg/Odometry`.
         stamp: the stamp of the header in nanoseconds; None if the type has no header.
-        values: by the path of the field; without those that the message lacks.
-        absent: the reasons for those that it lacks, by the path of the field.
+        values: by the path of the field; without fields that the message lacks.
+        absent: the reason for each field that it lacks, by path.
     """
 
     log_time: int

@@ -430,7 +430,7 @@ class VehiclePosition:
 
 
 def recorded_positions(path: Path, vehicles: Collection[str]) -> Iterator[VehiclePosition]:
-    """Yield the positions of vehicles in the order of their log times, as far as they are recorded.
+    """Yield the recorded positions of vehicles, in the order of their log times.
 
     A recording that cannot be read has none: what is wrong with it has been reported before.
 

@@ -73,7 +73,7 @@ def add_semantics_options(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         action='append',
         default=[],
-        help='bridges to follow, beside those of the system',
+        help='bridges to follow, beside the bridges of the system',
     )
     parser.add_argument('--json', action='store_true', help='print a line of JSON')
     parser.add_argument(

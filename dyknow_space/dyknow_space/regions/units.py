@@ -183,7 +183,7 @@ class MovingDistance:
 
 
 def _shared_shapes(regions: Mapping[str, str]) -> RegionShapes | GeographicShapes:
-    """Return the shapes of regions; those of all robots are the same, and stay in the cache.
+    """Return the shapes of regions, from a cache that all robots share.
 
     Threads do not share them: GEOS completes prepared geometries while they are used.
     """

@@ -1,4 +1,4 @@
-"""RCC-8: the eight relations between two regions, one of which holds, and their composition.
+"""RCC-8: eight exclusive relations between two regions, and their composition.
 
 Sets of relations are flags: TPP | NTPP is "one of both". Definitions as in
 D. Randell, Z. Cui, A. Cohn, "A spatial logic based on regions and connection" (KR 1992).
@@ -13,14 +13,14 @@ from typing import Final
 
 
 class RegionRelation(IntFlag):
-    """A relation of a region to another one, or several of which one holds."""
+    """A relation of a region to another one, or a set of relations, one of them true."""
 
     DC = 1
     """They have no point in common."""
     EC = 2
     """They touch: their boundaries have a point in common, their insides none."""
     PO = 4
-    """Each contains a part of the other, and none is a part of the other."""
+    """The regions overlap, and neither is a part of the other."""
     TPP = 8
     """The first is a part of the second, and touches its boundary."""
     NTPP = 16

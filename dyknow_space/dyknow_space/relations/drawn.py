@@ -59,7 +59,7 @@ def _of_intervals(first: tuple[float, float], second: tuple[float, float]) -> Re
 
 
 def _of_prisms(base: RegionRelation, height: RegionRelation) -> RegionRelation:
-    """Return the relation of prisms, given those of their bases and their altitudes."""
+    """Return the relation of prisms from the relations of their bases and altitudes."""
     both = base | height
     for each in (RegionRelation.DC, RegionRelation.EC):
         if each & both:

@@ -89,7 +89,7 @@ class ContradictionError(SpaceError):
 
 
 class SpatialKnowledge:
-    """What statements say of the relations between regions.
+    """The relations between regions that statements leave possible.
 
     Args:
         statements: the statements, or their texts.
@@ -121,7 +121,7 @@ class SpatialKnowledge:
 
     @property
     def statements(self) -> Iterator[SpatialStatement]:
-        """What is known of each two regions of which anything is known."""
+        """A statement for each pair of regions with known relations."""
         for pair in combinations(self.regions, 2):
             if self._relations[pair] != ANY:
                 yield SpatialStatement(pair[0], self._relations[pair], pair[1])
@@ -240,7 +240,7 @@ class SpatialKnowledge:
         return found
 
     def _contradiction(self, told: Sequence[SpatialStatement]) -> list[SpatialStatement]:
-        """Return contradictory statements, none of which can be left out."""
+        """Return a minimal set of contradictory statements."""
         needed = list(told)
         for each in told:
             others = [other for other in needed if other is not each]

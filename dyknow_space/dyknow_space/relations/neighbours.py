@@ -39,5 +39,5 @@ def delaunay_neighbours(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _ordered(points: NDArray[np.float64]) -> NDArray[Any]:
-    """Return complex numbers, whose order is that of x and then y."""
+    """Return points as complex numbers, which sort by x and then by y."""
     return points[:, 0] + 1j * points[:, 1]

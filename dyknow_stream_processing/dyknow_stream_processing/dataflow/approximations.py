@@ -84,7 +84,7 @@ class Track:
         return self.latest
 
     def samples(self, batch: SampleBatch) -> tuple[Times, Columns]:
-        """Return the latest sample, those that wait, and those of a batch."""
+        """Return the latest sample, the waiting ones, and the samples of a batch."""
         known = [] if self.latest is None else [(self._valid_time, self.latest)]
         return followed_by([*known, *self.waiting], batch.valid_times, batch.columns)
 
@@ -168,10 +168,10 @@ class LinearTrack(Track):
         }
 
     def samples(self, batch: SampleBatch) -> tuple[Times, Columns]:
-        """Return the latest sample, those that wait, and those of a batch, with floats."""
+        """Return the latest sample, the waiting ones, and the samples of a batch, as floats."""
         columns = {name: _float_column(column) for name, column in batch.columns.items()}
         times, found = super().samples(replace(batch, columns=columns))
-        # Those that wait may have been texts.
+        # Waiting samples may have been texts.
         return times, {name: _float_column(column) for name, column in found.items()}
 
     def settled_until(self, batch: SampleBatch, now: int) -> int:  # noqa: ARG002

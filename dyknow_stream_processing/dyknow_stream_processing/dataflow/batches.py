@@ -59,7 +59,7 @@ class SampleBatch:
     """Samples that an operator emits.
 
     Args:
-        valid_times: in nanoseconds; increasing, but for those of a `merge`; of shape (n,).
+        valid_times: in nanoseconds, increasing except for a `merge`; of shape (n,).
         columns: the values by field, of shape (n,); of integers and floats with 64 bits, and of
             objects. Without samples, the fields may be unknown.
         settled: when valid times are certain for the consumers.
@@ -98,7 +98,7 @@ class SampleBatch:
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """What an operator will have done with a batch.
+    """The planned result of an operator for a batch.
 
     Args:
         output: the samples that it emits.
@@ -157,7 +157,7 @@ def is_increasing(times: Times, after: int) -> bool:
 def followed_by(
     rows: Sequence[tuple[int, Mapping[str, Value]]], valid_times: Times, columns: Columns
 ) -> tuple[Times, Columns]:
-    """Return samples that were received one by one, and then those of a batch.
+    """Return samples that were received one by one, followed by the samples of a batch.
 
     Raises:
         NeedsStepsError: if not all have the same fields.

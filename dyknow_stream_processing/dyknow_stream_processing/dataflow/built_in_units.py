@@ -52,7 +52,7 @@ def planar_pose(pose: Mapping[str, Any], *, frame: str) -> dict[str, float]:
     wrong = [name for name, value in pose.items() if name != 'frame' and not math.isfinite(value)]
     if wrong:
         raise SpaceError(f'the pose is not finite: {listed(wrong)}')
-    # Without -0.0, the direction between objects at one place is always that of the x axis.
+    # Without -0.0, the direction between objects at one place is always the x axis.
     found = {axis: pose[axis] + 0.0 for axis in 'xy'}
     if 'qw' in pose:
         rotation = pose['qx'], pose['qy'], pose['qz'], pose['qw']

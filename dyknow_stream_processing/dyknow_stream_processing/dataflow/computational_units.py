@@ -98,7 +98,7 @@ _PYTHON_TYPES: Final[Mapping[ValueType, type[Value]]] = {
 
 @cache  # To read what all installed packages register takes tens of milliseconds.
 def load_units() -> Mapping[str, Unit]:
-    """Load all computational units, once: the built-in ones and those that packages register.
+    """Load all computational units once: built-in ones, and the ones of packages.
 
     Raises:
         StreamError: if a registered unit cannot be loaded.

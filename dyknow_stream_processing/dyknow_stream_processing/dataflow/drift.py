@@ -42,7 +42,7 @@ _Value = tuple[int, float]  # The time, and the value.
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """What a calibration promises, `0.95 of 32 blocks of 5 s`.
+    """The promise of a calibration, `0.95 of 32 blocks of 5 s`.
 
     Args:
         coverage: the probability of a truth of a new block to be inside, above 0 and below 1.

@@ -261,7 +261,7 @@ class Kalman(Forecast):
         """Correct the estimate by `value`; None for the first sample, which tells no rate."""
         value = fields['value']
         if not math.isfinite(value):
-            # As with other units, what is not known remains so; the filter waits for a value.
+            # As with other units, an unknown value gives an unknown result; the filter waits.
             unknown = np.full_like(self.times, math.nan)
             return unknown, unknown
         last, self._time = self._time, valid_time

@@ -375,7 +375,7 @@ class MergeOperator(Operator):
         self._emit(valid_time, fields, min(self._watermarks), now)
 
     def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:  # noqa: ARG002
-        """Plan to pass all samples on; those of different inputs at the same time in any order."""
+        """Plan to pass all samples on; at equal times, the order of inputs is arbitrary."""
         some = [each for each in inputs if len(each)]
         if len({frozenset(each.columns) for each in some}) > 1:
             refuse(Refusal.FIELDS)

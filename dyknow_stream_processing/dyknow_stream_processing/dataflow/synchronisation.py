@@ -130,7 +130,7 @@ class SynchronisedOperator(Operator):
         self._settle(now, clock=now)
 
     def awaited(self) -> Iterable[Operator]:
-        """Return the inputs that have never delivered, or else those that delay the target."""
+        """Return the inputs that have never delivered, or else the ones that delay the target."""
         never = [each.source for each in self._tracks if each.latest is None and not each.waiting]
         return never or [each.source for each in self._unsettled_tracks()] or self.inputs
 

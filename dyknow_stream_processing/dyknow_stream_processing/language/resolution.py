@@ -98,7 +98,7 @@ def resolve(
     Args:
         specification: the specification.
         constraints: are added to the stream's.
-        streams: that an identifier may refer to, beside those that the specification declares.
+        streams: that an identifier may refer to, beside the declared ones.
         topic_fields: returns the fields of a topic; `None` if they are not known.
         units: the existing computational units, by name.
 

@@ -10,7 +10,7 @@ from dyknow_common import ValueType
 from dyknow_stream_processing.language.specification import Condition
 
 Unit = Callable[..., Any]
-"""A computational unit as it is registered: a function, or a class whose instances are called."""
+"""A registered computational unit: a function, or a class with callable instances."""
 
 TIME: Final = 'valid_time'
 """The parameter of a unit that receives the valid time of the sample."""

@@ -36,7 +36,7 @@ class PersistenceFile:
 
         Raises:
             StreamError: naming the file, if it cannot be read, was not written by `write`, or is
-                that of another manager.
+                the file of another manager.
         """
         if self._path is None or not os.path.lexists(self._path):
             return ()

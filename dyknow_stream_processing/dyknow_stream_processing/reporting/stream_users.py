@@ -56,7 +56,7 @@ class UsedTopic:
 
 
 def used_topics(reports: Collection[StreamReport], users: Iterable[StreamUser]) -> list[UsedTopic]:
-    """Return the topics that streams are made of, by name, without those of streams."""
+    """Return the topics that streams are made of, by name, except topics of streams."""
     made = {each.topic for each in reports if each.engine}
     sources: dict[str, SourceReport] = {}
     streams: dict[str, list[StreamReport]] = {}
@@ -93,7 +93,7 @@ def formulas_over(report: StreamReport, users: Iterable[StreamUser]) -> list[str
 
 
 def shown_name(report: StreamReport, users: Iterable[StreamUser]) -> str:
-    """Return the name of a stream for people: that of states is the formulas that use them."""
+    """Return the name of a stream for people; states are named after their formulas."""
     if not is_hidden(report.name):
         return report.name
     formulas = formulas_over(report, users)

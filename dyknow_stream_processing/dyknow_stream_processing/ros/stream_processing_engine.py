@@ -336,7 +336,7 @@ class StreamProcessingEngine(DyKnowNode):
         if not is_hidden(name):
             if self._warning.is_due():
                 self.get_logger().warning(text)
-        # Who has made the stream, such as the coordinator, warns by the names of its users.
+        # The maker of the stream, such as the coordinator, warns with the names of its users.
         elif self._notice.is_due():
             self.get_logger().info(text)
 

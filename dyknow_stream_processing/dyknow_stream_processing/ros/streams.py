@@ -77,7 +77,7 @@ def _reports(message: Any) -> list[StreamReport]:
 
 
 def _shown(reports: list[StreamReport], options: argparse.Namespace) -> list[StreamReport]:
-    """Return the reports of all streams, or of those that are not hidden, as ROS has it."""
+    """Return the reports of the streams to show; hidden ones only with --all."""
     return [each for each in reports if options.all or not is_hidden(each.name)]
 
 

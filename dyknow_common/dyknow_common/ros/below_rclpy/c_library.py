@@ -31,7 +31,7 @@ class _SignalEvent(ctypes.Structure):
 
 
 class _TimerSpecification(ctypes.Structure):
-    """When a timer of POSIX expires: `struct itimerspec`."""
+    """The expiry of a POSIX timer: `struct itimerspec`."""
 
     _fields_ = tuple(
         (name, ctypes.c_long) for name in ('period_s', 'period_ns', 'time_s', 'time_ns')

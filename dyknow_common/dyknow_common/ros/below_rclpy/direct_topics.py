@@ -17,7 +17,7 @@ that must not wait. The middleware gets the messages of a node in the order of t
 too: a violation before the state that shows it. Other messages must not wait: a subscription would
 receive some that were published before it was created.
 
-Direct messages are numbered, too, apart from those of the middleware.
+Direct messages have sequence numbers of their own.
 
 Each node runs in its own thread, so messages wait in a queue of the receiving node. All direct
 messages of a node are received in the order of their publication, whatever their topics are.
@@ -93,7 +93,7 @@ class _Inbox:
                 publisher.publish_outside(message)
 
     def _run(self) -> None:
-        # Those that come meanwhile wake the node again, after its other callbacks.
+        # Messages that arrive meanwhile wake the node again, after its other callbacks.
         for _ in range(len(self._waiting)):
             self._waiting.popleft()()
 

@@ -35,7 +35,7 @@ def has_versions(expected: Mapping[str, str]) -> bool:
 
 
 def has_glibc() -> bool:
-    """Return True if the C library is that of GNU, with pointers of 64 bits."""
+    """Return True for the GNU C library with 64-bit pointers."""
     if sys.platform != 'linux' or sizeof(c_void_p) != _BYTES_OF_POINTERS:
         return False
     with suppress(ValueError, OSError):

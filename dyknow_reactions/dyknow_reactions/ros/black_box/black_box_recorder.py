@@ -179,7 +179,7 @@ class BlackBoxRecorder(DyKnowNode):
             )
 
     def _update(self) -> None:
-        """Follow the topics, forget what is not needed, and write the boxes that are due."""
+        """Follow the topics, drop old messages, and write the boxes that are due."""
         self._origins.refresh()
         # After a pause, messages of the time of a box may wait to be received.
         for box in () if is_pause_recent() else self._watch.due(self.now()):

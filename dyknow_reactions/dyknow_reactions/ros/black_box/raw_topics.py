@@ -1,4 +1,4 @@
-"""Topics whose messages are received as they are, without being decoded."""
+"""Topics whose messages are received serialised, without decoding."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class RawTopics:
         return None if held is None else held.offer
 
     def follow(self, topics: Collection[str]) -> list[str]:
-        """Subscribe to these topics and no others; return those that are not followed any more."""
+        """Subscribe to these topics and no others; return the topics that were dropped."""
         gone = [each for each in self._topics if each not in topics]
         for topic in gone:
             self._unsubscribe(self._topics.pop(topic))

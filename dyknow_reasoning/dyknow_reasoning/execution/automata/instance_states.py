@@ -39,7 +39,7 @@ class FormulaInstance(Instance):
 
     def __post_init__(self) -> None:
         if self.keeps_values or any(isinstance(each, Freeze) for each in self.atoms):
-            # Each has its own: what is to stay as it is needs a copy.
+            # Kept values change the atoms of an instance: each needs a list of its own.
             object.__setattr__(self, 'atoms', list(self.atoms))
 
     @classmethod

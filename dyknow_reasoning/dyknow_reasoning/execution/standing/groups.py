@@ -86,7 +86,7 @@ class DecidedStarts(NamedTuple):
 
     @property
     def loss(self) -> Gap | None:
-        """The gap because of which the formula cannot become true; None if there is none."""
+        """The gap that keeps the formula from becoming true; None if there is none."""
         after_gap = self.group.after_gap
         is_lost = after_gap and after_gap.half is Half.PESSIMISTIC and not self.holds
         return after_gap.gap if after_gap and is_lost else None

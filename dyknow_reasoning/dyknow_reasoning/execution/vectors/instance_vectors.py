@@ -96,7 +96,7 @@ class TabulatedVectors:
         self.rows = self.rows[kept]
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:
-        """Progress all instances over a state; return those that it decides."""
+        """Progress all instances over a state; return the decided ones."""
         before = self.rows
         codes = before + symbols
         after = self._table(elapsed)[codes]
@@ -187,7 +187,7 @@ class ClockedVectors:
         self._clocks = self._clocks[:, kept]
 
     def step(self, symbols: Array, now: int, elapsed: int) -> list[Decided]:  # noqa: ARG002
-        """Progress all instances over a state; return those that it decides."""
+        """Progress all instances over a state; return the decided ones."""
         codes = self.numbers * self._width + symbols
         present = np.flatnonzero(np.bincount(codes)).tolist()
         decided: list[Decided] = []

@@ -320,7 +320,7 @@ class _ChannelReader:
             self._reader = CdrReader(layout, {*paths, *self._stamp}, is_exact=bool(self._by))
 
     def read(self, messages: StoredMessages, faults: FaultCounter) -> DecodedFields:
-        """Return the fields of some messages, and count those that cannot be read."""
+        """Return the fields of some messages, and count unreadable ones."""
         if self._reader is None:
             return DecodedFields(np.ones(len(messages), np.bool_))
         fields, found = self._reader.read(messages)

@@ -117,7 +117,7 @@ class McapFile:
         self._read_bytes = 0
         # The chunk that the next records of indices belong to.
         self._indexed: _Chunk | None = None
-        # The reason why all messages after those that were found are lost.
+        # The reason why all messages after the last one found are lost.
         self._end_fault = ''
         self._sequences = SequenceNumbers()
         with path.open('rb') as file:
@@ -367,7 +367,7 @@ class McapFile:
     def _check_content(
         self, chunk: _Chunk, content: ChunkContent, times: NDArray[np.int64], *, is_whole: bool
     ) -> None:
-        """Note that messages of a chunk are lost, given the times of those that were found."""
+        """Note that messages of a chunk are lost, given the times of the messages found."""
         stated = chunk.counts.total()
         if content.fault:
             self._lose(chunk, content.fault, times.tolist())

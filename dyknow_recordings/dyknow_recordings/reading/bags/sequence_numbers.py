@@ -1,4 +1,4 @@
-"""Sequence numbers of recorded messages, which show those that the recorder did not receive."""
+"""Sequence numbers of recorded messages show which ones the recorder did not receive."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ def _parse(definition: TypeDefinition) -> Mapping[str, tuple[Any, Any]]:
 
 
 def _service_types(package: str, name: str, text: str) -> Mapping[str, tuple[Any, Any]]:
-    """Return the types in the definition of a service, with those that it refers to."""
+    """Return the types in the definition of a service, and the types that it refers to."""
     service = _SERVICE.match(text)
     if service is None:
         raise ValueError(text)

@@ -1,4 +1,4 @@
-"""The libraries that only some options need, such as those of pictures."""
+"""The libraries that only some options need, such as pictures."""
 
 from __future__ import annotations
 

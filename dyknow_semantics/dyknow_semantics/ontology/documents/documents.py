@@ -38,7 +38,7 @@ from dyknow_semantics.ontology.vocabulary import (
 )
 
 # owlready2 holds the last 65,536 entities of all stores, and walks through them whenever a store is
-# closed, as after each change and each query. We read statements, of which no entity is made.
+# closed, as after each change and each query. Our reading of statements makes no entities.
 del owlready2.namespace._cache[1024:]  # noqa: SLF001 - it has no option
 
 _UNKNOWN: Final = 'http://unknown/'

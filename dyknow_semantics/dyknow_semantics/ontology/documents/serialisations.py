@@ -152,7 +152,7 @@ def _translate(source: OntologySource, rdflib_format: Literal['turtle', 'xml'], 
 
 
 def _usable_prefixes(declarations: Iterable[tuple[str, str]]) -> frozenset[tuple[str, str]]:
-    """Leave out empty prefixes and those of the languages of ontologies."""
+    """Leave out empty prefixes, and prefixes of OWL, RDF and the like."""
     return frozenset(
         (prefix, namespace)
         for prefix, namespace in declarations

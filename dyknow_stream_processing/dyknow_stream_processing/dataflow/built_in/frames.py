@@ -76,7 +76,7 @@ class TransformTreeOperator(Operator):
         self.timed = False
         self.tree = TransformTree()
         self.changes = Changes()
-        """Those of the latest message."""
+        """The changes by the latest message."""
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -185,7 +185,7 @@ class FramesOperator(Operator):
         return max(self.watermark, now - 1) if self._is_static else self.watermark
 
     def awaited(self) -> Iterable[Operator]:
-        """Return the tree of transforms, unless its transforms are not those that are needed."""
+        """Return the tree of transforms, unless it lacks the needed transforms."""
         known = bool(self._origin.tree)
         return () if known and (self._chain is None or self._is_static) else self.inputs
 

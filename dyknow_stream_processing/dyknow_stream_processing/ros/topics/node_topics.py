@@ -201,8 +201,8 @@ class NodeTopics:
     def expect(self, topic: str, stream_id: int) -> bool:
         """Expect the samples of a stream on a topic, given its absolute name.
 
-        Those of another stream are a violation `source`. Returns False if it is known that another
-        stream has replaced this one.
+        Samples of another stream are a violation `source`. Returns False if another stream is known
+        to have replaced this one.
         """
         feeds = [each for each in self._feeds.values() if each.topic == topic]
         # Every feed must receive the id, so no short cut.

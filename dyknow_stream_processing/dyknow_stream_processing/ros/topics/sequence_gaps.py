@@ -32,7 +32,7 @@ class SequenceGaps:
         self._publishers = publishers
         self._on_gap = on_gap
         self._known: AbstractSet[Hashable] = frozenset()
-        # The next number of each publisher; the one that published last is at the end.
+        # The next number of each publisher; the latest publisher is at the end.
         self._expected: list[int] = []
 
     def note(self, number: int | None) -> None:

@@ -230,7 +230,7 @@ class TopicSources:
         self.refresh()
 
     def _arrive(self, arrival: _Arrival) -> None:
-        """Process a sample, after those that are held; hold it if simulated time is behind it."""
+        """Process a sample after the held ones; hold it if simulated time is behind it."""
         now = arrival.time
         # Simulated time may have advanced, and the timer that releases them has not yet run.
         self._release(now)
