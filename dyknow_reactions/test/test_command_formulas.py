@@ -109,7 +109,8 @@ def test_a_formula_that_may_be_false_does_not_hold() -> None:
     unknown = UnknownFeatures({'Ahead': (0.0, 9.0)})
     watched = WatchedFormula('forall r in Rover: Ahead[r] > 1', {'Rover': ['r1']}, unknown)
     assert watched.failure(1, {'Ahead[r1]': 2.0}) == ''
-    want = 'undecided for want of Ahead[r1] since 3.000 s'
+    want = 'undecided for want of Ahead[r1] since 3.000 s; '
+    want += 'true if Ahead[r1] > 1 at 3.000 s, false if not'
     assert watched.failure(3 * 10**9, {'Ahead[r1]': float('nan')}) == want
     assert watched.failure(4 * 10**9, {'Ahead[r1]': 2.0}) == ''
     assert watched.failure(5 * 10**9, {'Ahead[r1]': 0.5}).startswith('for r = r1: Ahead[r1] = 0.5')

@@ -5,7 +5,6 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
     FormulaProbability,
     probability_of,
-    want_text,
 )
 from dyknow_reasoning.explanation.explanation import objects_text
 from dyknow_reasoning.formula_group import FormulaGroup
@@ -163,5 +162,4 @@ __all__ = [
     'start_verdicts',
     'symbols_of',
     'walk',
-    'want_text',
 ]

@@ -34,7 +34,6 @@ from dyknow_reasoning.execution import (
     PossibleVerdict,
     Recording,
     link_lengths,
-    want_text,
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
 from dyknow_reasoning.explanation.remainders import Remainders, possible_text
@@ -390,8 +389,9 @@ class FormulaGroup:
             return self._ends[formula_id]
         if possible := self._possible.formulas.get(formula_id):
             return possible_text(possible, self._begun().latest or 0)
-        if wants := self.wants(formula_id):
-            return f'{formula} ({want_text(wants)})'
+        standing = self.standing.formulas.get(formula_id)
+        if standing and (want := standing.monitor.doubt.text):
+            return f'{formula} ({want})'
         if self._remainders is None or formula_id in self._known or formula.every_state:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)
@@ -404,7 +404,7 @@ class FormulaGroup:
         """
         self._find(formula_id)
         if formula_id in self.standing.formulas:
-            return self.standing.formulas[formula_id].monitor.doubt
+            return self.standing.formulas[formula_id].monitor.doubt.wants
         possible = self._possible.formulas.get(formula_id)
         return possible.wants if possible else {}
 

@@ -13,9 +13,9 @@ the first state at which they do not, it is a `PossibleFormula`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -23,7 +23,6 @@ from dyknow_common import Alternatives, ExitCode, choices
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Atom,
-    Comparison,
     Freeze,
     PastFormula,
     compares_past,
@@ -50,14 +49,16 @@ class _WatchedAtom(NamedTuple):
     """An atom that may meet alternatives.
 
     Args:
+        atom: the atom.
+        kinds: of its features.
         names: of its features.
         holds: its predicate; None if it looks back.
-        bounded: returns its truth if that is the same for all unknown values; else None.
     """
 
+    atom: Atom
+    kinds: Kinds
     names: set[str]
     holds: Predicate | None
-    bounded: Callable[[Values], bool | None]
 
     def differs(self, values: Values) -> bool:
         """Return True if it may be true or false."""
@@ -65,18 +66,24 @@ class _WatchedAtom(NamedTuple):
         given = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
         if not given:
             return False
-        bounds = {name: each.bounds for name, each in given.items() if each.is_interval}
-        holds = self.bounded if bounds else self.holds
-        if holds is None or self.holds is None:
+        if self.holds is None:
             return True
         unknown: dict[str, Any] = {
-            name: UnknownValueError(name, each) for name, each in bounds.items()
+            name: UnknownValueError(name, each.bounds)
+            for name, each in given.items()
+            if each.is_interval
         }
-        others = {name: each for name, each in own.items() if name not in bounds}
-        truths = {holds({**each, **unknown}) for each in choices(others)}
+        others = {name: each for name, each in own.items() if name not in unknown}
+        truths = {
+            bounded_truth(self.atom, {**each, **unknown}, ALL_KNOWN.range_of, self.kinds)
+            if unknown
+            else self.holds(each)
+            for each in choices(others)
+        }
         return len(truths) > 1 or None in truths
 
 
+@dataclass(frozen=True)
 class _Watched:
     """A formula that may meet alternatives.
 
@@ -86,25 +93,25 @@ class _Watched:
         domains: the objects of each sort.
     """
 
-    def __init__(
-        self, named: NamedFormula, instances: Sequence[Instance], domains: Domains
-    ) -> None:
-        self.named, self._instances, self._domains = named, instances, domains
+    named: NamedFormula
+    instances: Sequence[Instance]
+    domains: Domains
 
     @cached_property
     def _names(self) -> set[str]:
-        return {str(each) for each in required_features(self._instances)}
+        return {str(each) for each in required_features(self.instances)}
 
     @cached_property
     def _atoms(self) -> list[_WatchedAtom]:
         """All atoms, also those that operators look back to."""
         formula, kinds = self.named.formula, self.named.kinds
-        found = dict.fromkeys(chain(*(atoms for _, atoms in ground_atoms(formula, self._domains))))
+        found = dict.fromkeys(chain(*(atoms for _, atoms in ground_atoms(formula, self.domains))))
         return [
             _WatchedAtom(
+                each,
+                kinds,
                 {str(feature_symbol(field, {})) for field in fields(each)},
                 None if compares_past(each) else predicate(each, kinds),
-                partial(_bounded, each, kinds),
             )
             for each in found
         ]
@@ -147,13 +154,6 @@ class _Watched:
         else:
             return None
         return ReasoningError(text, ExitCode.CONSTRAINT_VIOLATION)
-
-
-def _bounded(atom: Atom, kinds: Kinds, values: Values) -> bool | None:
-    """Return the truth of an atom for all numbers within bounds; None if it differs."""
-    if not isinstance(atom, Comparison):
-        return None
-    return bounded_truth(atom, values, ALL_KNOWN.range_of, kinds)
 
 
 @dataclass(frozen=True, slots=True)

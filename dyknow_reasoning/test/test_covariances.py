@@ -146,6 +146,34 @@ def test_a_distance_has_certain_bounds(seed: int, operator: str) -> None:
     assert found.assumption == 'assuming nothing about correlation but for the covariances'
 
 
+@given(SEEDS, st.sampled_from([(1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 1.0, 1.0)]))
+def test_a_distance_in_space_has_certain_bounds(seed: int, spread: Sequence[float]) -> None:
+    """Of any scales, also where the error is along a line or in a plane."""
+    generator = np.random.default_rng(seed)
+    scales = 10.0 ** generator.uniform(-1.5, 1, size=3) * spread
+    factors = np.linalg.qr(generator.normal(size=(3, 3)))[0] * scales
+    matrix, mean = factors @ factors.T, generator.uniform(0, 3) * generator.normal(size=3)
+    values = {**state(mean, matrix), 'limit': float(generator.uniform(0.05, 4))}
+    found = interval(f'hypot({", ".join(map(normal, NAMES))}) < limit', values)
+    points = mean + generator.normal(size=(10_000, 3)) @ factors.T
+    share = float((np.linalg.norm(points, axis=1) < values['limit']).mean())
+    slack = 6 * sqrt(max(share * (1 - share), 1e-4) / 10_000)
+    assert found.lower - slack <= share <= found.upper + slack
+    assert found.upper - found.lower < 0.04
+    assert found.assumption == 'assuming nothing about correlation but for the covariances'
+
+
+@pytest.mark.parametrize('radius', [0.1, 1.0, 2.0, 4.0])
+def test_a_distance_in_space_from_the_center(radius: float) -> None:
+    """Its square has a chi-square distribution with three degrees of freedom."""
+    found = interval(
+        f'hypot({", ".join(map(normal, NAMES))}) < {radius}', state([0.0, 0.0, 0.0], np.eye(3))
+    )
+    truth = 2 * STANDARD.cdf(radius) - 1 - sqrt(2 / np.pi) * radius * exp(-(radius**2) / 2)
+    assert found.lower <= truth <= found.upper
+    assert found.upper - found.lower < 0.04
+
+
 @given(st.floats(-3, 3), st.just(0.0) | st.floats(1e-6, 2), st.floats(-1, 3))
 def test_a_size_is_exact(mean: float, deviation: float, limit: float) -> None:
     found = interval('abs(normal(x, s)) <= limit', {'x': mean, 's': deviation, 'limit': limit})

@@ -219,7 +219,8 @@ def test_a_doubt_is_told_while_the_formula_goes_on() -> None:
     group = begun('always p')
     group.progress(0, {'p': True})
     assert not group.progress(1, {'p': either(True, False)})
-    want = f'undecided for want of p since 0.000000001 s: {REASON}; it cannot become true'
+    want = f'undecided for want of p since 0.000000001 s: {REASON}; false if not p at 0.000000001 s'
+    want += '; it cannot become true'
     assert group.residual(1) == f'always p (in one of 2 cases; {want})'
     assert group.presumably_false(1)
     (result,) = group.progress(2, {'p': False})

@@ -6,7 +6,13 @@ from collections.abc import Iterable
 
 from hypothesis import given
 from reasoning_reference import NAMES, Trace, formulas
-from test_unknown_values import ANY, PartialTrace, completions, partial_traces
+from test_unknown_values import (
+    ANY,
+    PartialTrace,
+    check_deciding_truths,
+    completions,
+    partial_traces,
+)
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures, start_verdicts
 from dyknow_reasoning.language.formula import Formula
@@ -57,7 +63,8 @@ def closes(group: FormulaGroup, trace: PartialTrace | Trace) -> list[bool]:
 @given(formulas(), partial_traces((False, True), NAMES, 6))
 def test_each_start_is_decided_as_all_completions(formula: Formula, trace: PartialTrace) -> None:
     text, group = str(formula), standing(str(formula))
-    alone = [known(text, each) for each in completions(trace, (False, True))]
+    traces = list(completions(trace, (False, True)))
+    alone = [known(text, each) for each in traces]
     told = [list(map(set, zip(*each, strict=True))) for each in zip(*alone, strict=True)]
     monitor = group.standing.formulas[1].monitor
     log = monitor.keep_all()
@@ -72,6 +79,8 @@ def test_each_start_is_decided_as_all_completions(formula: Formula, trace: Parti
         assert false == {i for i, each in enumerate(verdicts) if each == {False}}, case
     times = [time for time, _ in trace]
     for i, verdict in enumerate(start_verdicts(monitor, log, times)):
+        truths = [each[-1][i] for each in alone]
+        check_deciding_truths(verdict.residual_formula, traces, truths)
         if verdict.decided_at is not None:
             at = times.index(verdict.decided_at)
             assert len(told[at][i]) == 1, (case, i)
@@ -110,8 +119,9 @@ def test_for_want_of_what_a_formula_may_be_violated() -> None:
         group.progress(second * SECOND, {'x': x})
         found.append(group.residual(1))
     assert found[0] == found[3] == 'x > 1'
-    assert found[1] == 'x > 1 (undecided for want of x since 1.000 s)'
-    assert found[2] == 'x > 1 (undecided for want of x since 2.000 s)'
+    for second in (1, 2):
+        want = f'x > 1 (undecided for want of x since {second}.000 s; '
+        assert found[second] == f'{want}true if x > 1 at {second}.000 s, false if not)'
 
 
 def test_starts_with_one_future_are_progressed_together() -> None:

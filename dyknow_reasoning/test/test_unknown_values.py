@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import accumulate, product
 from math import inf
@@ -13,8 +14,8 @@ from hypothesis import strategies as st
 from margin_reference import ended, margin
 from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds
 
-from dyknow_common import Value, Verdict
-from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures
+from dyknow_common import Value, Verdict, format_time
+from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures, parse_formula
 from dyknow_reasoning.language.formula import Comparison, Formula, Interval
 from dyknow_reasoning.language.terms import Arithmetic, Feature, Number, StateCount, ValueBefore
 
@@ -237,6 +238,84 @@ def test_what_follows(text: str, states: list[State], expected: Verdict | None) 
     assert verdict(text, *states) is expected
 
 
+DECIDES = re.compile(r'(true|false) if ([^;]+?) at ([0-9.]+ s)(, false if not(?! ))?')
+
+
+def check_deciding_truths(
+    text: str, traces: Sequence[Trace], truths: Sequence[bool | None]
+) -> None:
+    """Check that what a text says to decide does, given the truth of the formula in each trace."""
+    for verdict, literal, moment, is_both in DECIDES.findall(text):
+        shown = zip(traces, truths, strict=True) if '…' not in literal else ()
+        for trace, truth in shown:
+            (at,) = (i for i, (time, _) in enumerate(trace) if format_time(time) == moment)
+            is_so = holds(parse_formula(literal), trace, at)
+            if is_so is True or (is_so is False and is_both):
+                wanted = is_so if is_both else verdict == 'true'
+                assert truth is wanted, (text, trace)
+
+
+def check_each_state(
+    formula: Formula, trace: PartialTrace, unknown: UnknownFeatures, values: Sequence[Value]
+) -> None:
+    traces, group = list(completions(trace, values)), started(str(formula), (), unknown)
+    alone = [decided(started(str(formula)), each) for each in traces]
+    for number, (time, state) in enumerate(trace):
+        if group.progress(time, state):
+            return
+        truths = [
+            found[1] is Verdict.TRUE if found and found[0] <= number else None for found in alone
+        ]
+        check_deciding_truths(group.residual(1), [each[: number + 1] for each in traces], truths)
+
+
+@given(formulas(), partial_traces((False, True), NAMES, 6))
+def test_what_is_said_to_decide_does(formula: Formula, trace: PartialTrace) -> None:
+    check_each_state(formula, trace, ANY, (False, True))
+
+
+@given(
+    formulas(2, st.one_of(EXACT, SOUND)),
+    partial_traces((0, 1, 1.5, 2, 3), ('x', 'y'), 2),
+)
+def test_comparisons_that_are_said_to_decide_do(formula: Formula, trace: PartialTrace) -> None:
+    check_each_state(formula, trace, RANGES, GRID)
+
+
+@pytest.mark.parametrize(
+    ('text', 'states', 'expected'),
+    [
+        ('x > 1', [{'x': None}], 'true if x > 1 at 0.000 s, false if not'),
+        ('not p', [{'p': None}], 'true if not p at 0.000 s, false if not'),
+        ('x > y', [{'x': None, 'y': None}], 'true if x > y at 0.000 s, false if not'),
+        ('x + y > 1', [{'x': None, 'y': 0}], 'true if (x + y) > 1 at 0.000 s, false if not'),
+        ('always x > 1', [{'x': 2}, {'x': None}, {'x': None}], 'false if x <= 1 at 1.000 s'),
+        ('eventually x > 1', [{'x': None}], 'true if x > 1 at 0.000 s'),
+        ('p and q', [{'p': None, 'q': None}], 'false if not p at 0.000 s'),
+        ('p and q or r', [{'p': None, 'q': None, 'r': None}], 'true if r at 0.000 s'),
+        ('p = q', [{'p': None, 'q': None}], 'true if p = q at 0.000 s, false if not'),
+        ('x > 1 and x < 2', [{'x': None}], 'false if x <= 1 at 0.000 s'),
+        ('(p or q) and (p or r)', [{'p': None, 'q': None, 'r': None}], 'true if p at 0.000 s'),
+        ('(p or q) and (r or s)', [dict.fromkeys('pqrs')], ''),
+        ('forall u in S: always C[u] > 1', [{'C[a]': None, 'C[b]': None}], 'false if C[a] <= 1'),
+        ('forall u in S: eventually C[u] > 1', [{'C[a]': None, 'C[b]': None}], ''),
+        (
+            'forall u in S: eventually C[u] > 1',
+            [{'C[a]': None, 'C[b]': None}, {'C[a]': 2, 'C[b]': 0}],
+            'true if C[b] > 1 at 0.000 s',
+        ),
+        ('always (p -> once q)', [{'p': None, 'q': None}, {'p': True, 'q': False}], 'false if'),
+    ],
+)
+def test_a_truth_that_decides_alone_is_named(text: str, states: list[State], expected: str) -> None:
+    group = started(text, ('a', 'b'))
+    for second, each in enumerate(states):
+        assert not group.progress(second * 10**9, each)
+    found = group.residual(1)
+    assert expected in found, found
+    assert bool(DECIDES.search(found)) is bool(expected), found
+
+
 def test_values_outside_of_their_range_do_not_count() -> None:
     assert verdict('x < 2', {'x': None}, x=(0, 1)) is Verdict.TRUE
     assert verdict('x < 1', {'x': None}, x=(0, 1)) is None
@@ -271,7 +350,9 @@ def test_an_undecided_formula_names_what_is_unknown() -> None:
     assert group.residual(1) == 'always (x > 1)'
     group.progress(10**9, {'x': None})
     group.progress(2 * 10**9, {'x': 2})
-    want = 'undecided for want of x since 1.000 s; it cannot become true'
+    want = (
+        'undecided for want of x since 1.000 s; false if x <= 1 at 1.000 s; it cannot become true'
+    )
     assert group.residual(1) == f'always (x > 1) (in one of 2 cases; {want})'
     assert group.presumably_false(1)
 

@@ -12,7 +12,6 @@ from dyknow_reasoning import (
     FormulaGroup,
     UnknownFeatures,
     Values,
-    want_text,
 )
 
 
@@ -56,8 +55,7 @@ class WatchedFormula:
             return reason
         if self._monitor.is_violated or self._monitor.failure_count != known:
             return self._group.standing.summary(self._id).latest_episodes[-1].explanation
-        wants = self._group.wants(self._id)
-        return want_text(wants) if wants else ''
+        return self._monitor.doubt.text
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""

@@ -37,7 +37,6 @@ from dyknow_reasoning.execution.unknown.possible_formulas import (
     PossibleFormula,
     PossibleFormulas,
     PossibleVerdict,
-    want_text,
 )
 
 __all__ = [
@@ -65,5 +64,4 @@ __all__ = [
     'past_terms',
     'probability_of',
     'value_field',
-    'want_text',
 ]

@@ -13,7 +13,7 @@ from functools import reduce
 from typing import TypeAlias
 
 from dyknow_common import amount
-from dyknow_reasoning.execution import InstanceMonitor, InstanceState, PossibleFormula, want_text
+from dyknow_reasoning.execution import InstanceMonitor, InstanceState, PossibleFormula
 from dyknow_reasoning.progression.gaps import Half
 from dyknow_reasoning.progression.instances import wording_of, written_atoms
 from dyknow_reasoning.progression.nodes import (
@@ -108,7 +108,8 @@ def text_of(states: Sequence[InstanceState], latest: int) -> str:
 def possible_text(formula: PossibleFormula, latest: int) -> str:
     """Return what remains in one case, and for want of which values there are others.
 
-    It says which verdict is no longer possible: what remains decides on the other one.
+    It says which verdict is no longer possible: what remains decides on the other one. It also says
+    which value decides alone.
 
     Args:
         formula: has met open values.
@@ -116,9 +117,8 @@ def possible_text(formula: PossibleFormula, latest: int) -> str:
     """
     states = formula.states()
     text = text_of(states, latest) if states else ''
-    if not (wants := formula.wants):
+    if not (want := formula.doubt.text):
         return text
-    want = want_text(wants) + (f': {formula.reason}' if formula.reason else '')
     want += f'; {formula.outlook}' if formula.outlook else ''
     return f'{text} (in one of {amount(formula.cases)} cases; {want})' if text else want
 

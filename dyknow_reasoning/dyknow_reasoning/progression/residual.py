@@ -184,7 +184,7 @@ def _text(  # noqa: C901, PLR0911 - one for each kind
         case Constant():
             return 'true' if node.value else 'false'
         case Literal():
-            return str(_literal(atoms[node.slot], positive=node.positive))
+            return str(literal_formula(atoms[node.slot], positive=node.positive))
         case Junction() if weak := _weak_until(node, wording):
             sides_of = (_operand(each, texts, atoms) for each in (weak.left, weak.right))
             return f' unless{interval_of(weak).suffix} '.join(sides_of)
@@ -257,21 +257,22 @@ def _operand(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom]) -> st
         case Constant():
             return texts[node]
         case Literal():
-            return operand_text(_literal(atoms[node.slot], positive=node.positive))
+            return operand_text(literal_formula(atoms[node.slot], positive=node.positive))
         case _:
             return f'({texts[node]})'
 
 
 def _negated(node: Node, texts: Mapping[Node, str], atoms: Sequence[Atom], wording: Wording) -> str:
     if type(node) is Literal:
-        return operand_text(_literal(atoms[node.slot], positive=not node.positive))
+        return operand_text(literal_formula(atoms[node.slot], positive=not node.positive))
     said = wording.of(node)
     if isinstance(said, Not):
         return operand_text(said.body)
     return f'(not {_operand(node, texts, atoms)})'
 
 
-def _literal(atom: Atom, *, positive: bool) -> Formula:
+def literal_formula(atom: Atom, *, positive: bool) -> Formula:
+    """Return an atom or its negation."""
     if positive:
         return atom
     if isinstance(atom, Comparison):

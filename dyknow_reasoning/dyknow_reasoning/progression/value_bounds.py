@@ -11,7 +11,7 @@ from math import inf, isnan, nextafter, sqrt
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import MIRRORED_COMPARISONS
-from dyknow_reasoning.language.formula import Comparison
+from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
     Arithmetic,
     Feature,
@@ -38,11 +38,11 @@ Values: TypeAlias = Mapping[str, Any]
 RangeOf: TypeAlias = Callable[[str], Range]
 
 
-def bounded_truth(atom: Comparison, values: Values, range_of: RangeOf, kinds: Kinds) -> bool | None:
+def bounded_truth(atom: Atom, values: Values, range_of: RangeOf, kinds: Kinds) -> bool | None:
     """Return the truth of a comparison of numbers for all unknown values; None if it differs.
 
     Args:
-        atom: the comparison.
+        atom: the comparison; others have no bounds.
         values: of the features; an UnknownValueError for one that is unknown.
         range_of: returns the bounds of an unknown feature.
         kinds: of the features.
@@ -50,8 +50,8 @@ def bounded_truth(atom: Comparison, values: Values, range_of: RangeOf, kinds: Ki
     Raises:
         ReasoningError: for a value that is unusable.
     """
-    sides = bounded_sides(atom, values, range_of, kinds)
-    if sides is None:
+    sides = isinstance(atom, Comparison) and bounded_sides(atom, values, range_of, kinds)
+    if not (isinstance(atom, Comparison) and sides):
         return None
     (low, high), (least, most) = sides
     match atom.operator:
@@ -127,8 +127,7 @@ def _counted(atoms: Sequence[Any], values: Values, range_of: RangeOf, kinds: Kin
         try:
             truth = predicate(atom, kinds)(values)
         except UnknownValueError:
-            is_comparison = isinstance(atom, Comparison)
-            truth = bounded_truth(atom, values, range_of, kinds) if is_comparison else None
+            truth = bounded_truth(atom, values, range_of, kinds)
         least, most = least + (truth is True), most + (truth is not False)
     return least, most
 

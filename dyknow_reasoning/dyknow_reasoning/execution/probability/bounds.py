@@ -21,13 +21,7 @@ from math import ceil, inf
 from typing import Final, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.probability.distributions import (
-    Chance,
-    StateDistribution,
-    at_least,
-    complement,
-)
-from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.execution.probability.distributions import Chance, at_least, complement
 from dyknow_reasoning.progression.nodes import (
     FALSE,
     TRUE,
@@ -57,7 +51,7 @@ class ChanceOperator(ABC):
 
         Args:
             time: the valid time of the state, in nanoseconds.
-            chances: of the parts without temporal operators, in the order of `StateChances`.
+            chances: of the parts without temporal operators, in their order.
         """
 
     @abstractmethod
@@ -75,7 +69,7 @@ def operator_of(node: Node, order: Mapping[Node, int], *, first_only: bool) -> C
 
     Args:
         node: the formula, without operators of the past.
-        order: of `StateChances`.
+        order: the index of each of its `state_parts`.
         first_only: True if only the bounds from the first state on are needed.
     """
     match node:
@@ -98,35 +92,14 @@ def has_windows(node: Node) -> bool:
     return any(type(each) is Window for each in descendants([node]))
 
 
-class StateChances:
-    """The bounds of the parts of a formula without temporal operators, at each state.
-
-    Args:
-        node: the formula.
-        distribution: of its atoms.
-
-    Attributes:
-        order: the index of each part.
-    """
-
-    def __init__(self, node: Node, distribution: StateDistribution) -> None:
-        self._distribution = distribution
-        parts = dict.fromkeys(_state_parts(node))
-        self.order = {part: index for index, part in enumerate(parts)}
-
-    def at(self, values: Values) -> list[Chance]:
-        """Return the bounds at a state; raise ReasoningError if a value is unusable."""
-        moments = self._distribution.moments(values)
-        return [self._distribution.chance(each, values, moments) for each in self.order]
-
-
-def _state_parts(node: Node) -> Iterator[Node]:
+def state_parts(node: Node) -> Iterator[Node]:
+    """Yield the parts of a formula without temporal operators, whose bounds each state gives."""
     match node:
         case Window():
-            yield from chain(_state_parts(node.left), _state_parts(node.right))
+            yield from chain(state_parts(node.left), state_parts(node.right))
         case Junction() | AtLeast() if has_windows(node):
             for each in node.parts:
-                yield from _state_parts(each)
+                yield from state_parts(each)
         case _:
             yield node
 
@@ -227,13 +200,9 @@ class _WindowChance(ChanceOperator):
         if self._left is not None:
             lefts = chain(self._lefts, map(self._turned, self._left.open(now, ended=ended)))
         pending = list(zip_longest(self._times, lefts, islice(rights, len(self._times))))
-        # The first state, the only one of a whole formula, needs no copy of a long window.
-        scan = self._scan.copied(is_sliding=False)
+        scan = self._scan.copied()
         scan.waiting.extend(pending)
-        for index, start in enumerate(self._starts):
-            if index == 1:
-                scan = self._scan.copied(is_sliding=True)
-                scan.waiting.extend(pending)
+        for start in self._starts:
             is_open = not ended and now < start + self._end
             yield self._scanned(scan, start, is_open=is_open)
 
@@ -271,15 +240,14 @@ class _Scan(ABC):
     """
 
     def __init__(self, *, is_sliding: bool) -> None:
-        self.is_sliding = is_sliding
+        self._is_sliding = is_sliding
         self.waiting: deque[_Entry] = deque()
 
-    def copied(self, *, is_sliding: bool) -> _Scan:
-        """Return a copy; it needs little time if it will not advance to later states."""
+    def copied(self) -> _Scan:
+        """Return a copy, which advances by itself."""
         found = copy(self)
-        found.is_sliding, found.waiting = is_sliding, self.waiting.copy()
-        if is_sliding:
-            found._own()  # noqa: SLF001 - of the same class
+        queues = {name: each for name, each in vars(self).items() if isinstance(each, deque)}
+        vars(found).update({name: each.copy() for name, each in queues.items()})
         return found
 
     def advance(self, start: int, first: int, last: float) -> None:
@@ -291,10 +259,6 @@ class _Scan(ABC):
     @abstractmethod
     def chance(self, *, is_open: bool) -> Chance:
         """Return the bounds; if it is open, for any states that may come."""
-
-    @abstractmethod
-    def _own(self) -> None:
-        """Copy what the copy shares."""
 
     @abstractmethod
     def _begin(self, start: int, first: int) -> None:
@@ -314,16 +278,13 @@ class _AlwaysScan(_Scan):
         # How much is lacking to a lower bound of 1, of each state and in all.
         self._lacking: deque[tuple[int, int]] = deque()
         self._total = 0
-        # The least upper bounds of what remains as states leave, increasing.
+        # The least upper bounds of what remains as states leave, increasing; if none ever does, the
+        # least one.
         self._uppers: deque[tuple[int, float]] = deque()
-        self._least = 1.0
 
     def chance(self, *, is_open: bool) -> Chance:
-        upper = self._uppers[0][1] if self.is_sliding and self._uppers else self._least
+        upper = self._uppers[0][1] if self._uppers else 1.0
         return 0.0 if is_open else max(0.0, 1.0 - self._total / _UNIT), upper
-
-    def _own(self) -> None:
-        self._lacking, self._uppers = self._lacking.copy(), self._uppers.copy()
 
     def _begin(self, start: int, first: int) -> None:  # noqa: ARG002
         self._first = first
@@ -331,8 +292,6 @@ class _AlwaysScan(_Scan):
             self._total -= self._lacking.popleft()[1]
         while self._uppers and self._uppers[0][0] < first:
             self._uppers.popleft()
-        if self.is_sliding:
-            self._least = self._uppers[0][1] if self._uppers else 1.0
 
     def _take(self, entry: _Entry) -> None:
         time, _, (lower, upper) = entry
@@ -340,12 +299,12 @@ class _AlwaysScan(_Scan):
             return
         lacking = ceil((1.0 - lower) * _UNIT)
         self._total += lacking
-        self._least = min(self._least, upper)
-        if self.is_sliding:
-            self._lacking.append((time, lacking))
-            while self._uppers and self._uppers[-1][1] >= upper:
-                self._uppers.pop()
+        while self._uppers and self._uppers[-1][1] >= upper:
+            self._uppers.pop()
+        if self._is_sliding or not self._uppers:
             self._uppers.append((time, upper))
+        if self._is_sliding:
+            self._lacking.append((time, lacking))
 
 
 class _UntilScan(_Scan):
@@ -360,9 +319,6 @@ class _UntilScan(_Scan):
 
     def chance(self, *, is_open: bool) -> Chance:
         return self._lower, self._ceiling if is_open else min(self._ceiling, self._upper)
-
-    def _own(self) -> None:
-        self._kept = self._kept.copy()
 
     def _clear(self) -> None:
         # Of the left side at the states after the first: what is lacking, and the upper bound.
@@ -383,7 +339,7 @@ class _UntilScan(_Scan):
 
     def _take(self, entry: _Entry) -> None:
         if self._start is not None and entry[0] >= self._start:
-            if self.is_sliding:
+            if self._is_sliding:
                 self._kept.append(entry)
             self._add(entry)
 

@@ -1,10 +1,11 @@
 """The probability that a point with a normal error is within a distance: certain bounds.
 
-In the axes of its covariances, the two coordinates of a point are independent. The circle is cut
-into strips across the axis with the larger deviation. The chance of a strip is known, and so is the
-chance of the other coordinate to be between the ends of a chord. It grows with the chord, so the
-longest and the shortest chord of each strip bound the probability. Example, with a radius of 1, a
-deviation of 1 in both axes around the centre, and four strips, where the probability is 0.3935:
+In the axes of its covariances, the coordinates of a point are independent. All axes but that with
+the largest deviation are cut into intervals: a circle into strips, a ball into bars. The chance of
+a strip is known, and so is the chance of the last coordinate to be between the ends of a chord. It
+grows with the chord, so the longest and the shortest chord of each strip bound the probability.
+Example, with a radius of 1, a deviation of 1 in both axes around the centre, and four strips, where
+the probability is 0.3935:
 
     strip                -1 to -0.5    -0.5 to 0    0 to 0.5    0.5 to 1    all
     its chance           0.150         0.191        0.191       0.150
@@ -35,19 +36,21 @@ _Numbers: TypeAlias = npt.NDArray[np.float64]
 TOLERANCE: Final = 1e-9
 """The greatest relative error of covariances that are calculated."""
 
-_OPERANDS: Final = {'hypot': 2, 'abs': 1}
-"""The functions that are distances from zero."""
+_OPERANDS: Final = {'hypot': 3, 'abs': 1}
+"""The functions that are distances from zero, with the most operands that have bounds."""
 
-_STRIPS: Final = 400
-_FIRST_STRIPS: Final = 64
-"""They show where the chords change; most of the final strips are put there."""
+_EDGES: Final = {0: (0, 0), 1: (33, 300), 2: (17, 60)}
+"""The edges in each axis that is cut; the first ones show where the chords change.
+
+Most of the others are put there.
+"""
 
 _FARTHEST: Final = 9.0
 """The deviations beyond which nothing is: the chance is 1e-19, less than that of rounding."""
 
 
 _ROUNDING: Final = 1e-6
-"""What the rounding of the covariances may change, in the larger deviation.
+"""What the rounding of the covariances may change, in the largest deviation.
 
 It changes a small deviation by at most 1e-7, and there are no more than 9 of these.
 """
@@ -73,7 +76,7 @@ def chance_of_distance(
 
     Args:
         operator: of the comparison.
-        mean: one or two coordinates of the point.
+        mean: up to three coordinates of the point.
         covariances: of these.
         distance: the number.
 
@@ -95,7 +98,7 @@ def chance_of_distance(
 
 
 class DistanceAtom:
-    """A comparison of `hypot` of two sums, or of `abs` of one, with a certain number.
+    """A comparison of `hypot` of two or three sums, or of `abs` of one, with a certain number.
 
     Args:
         atom: the comparison.
@@ -155,40 +158,50 @@ def distance_of(atom: Comparison, kinds: Kinds) -> DistanceAtom | None:
         if not isinstance(function, Function) or any(isinstance(e, Uncertain) for e in walk(other)):
             continue
         sums = [found for each in function.arguments if (found := sum_of(each, kinds))]
-        if len(sums) == len(function.arguments) == _OPERANDS.get(function.name):
+        if len(sums) == len(function.arguments) <= _OPERANDS.get(function.name, 0):
             return DistanceAtom(atom, operator, sums, term_reader(other, kinds))
     return None
 
 
 def _chance_within(mean: _Numbers, deviations: _Numbers, radius: float) -> tuple[float, float]:
-    """Return bounds of the probability of a circle; the last axis has the largest deviation."""
-    center, deviation = float(mean[-1]), float(deviations[-1])
-    first, last = np.clip(
-        [(-radius - center) / deviation, (radius - center) / deviation], -_FARTHEST, _FARTHEST
-    )
-    if len(mean) == 1:
-        (found,) = _masses(np.array([first, last]))
-        return float(found), float(found)
-    slack = _ROUNDING * deviation
+    """Return bounds of the probability of a ball; the last axis has the largest deviation."""
+    slack = _ROUNDING * float(deviations[-1])
+    axes = list(zip(mean[:-1].tolist(), deviations[:-1].tolist(), strict=True))
 
-    def strips(edges: _Numbers) -> tuple[_Numbers, _Numbers, _Numbers]:
-        """Return the chance of each strip, and of its shortest and its longest chord."""
-        across = center + deviation * edges
-        halves = np.sqrt(np.maximum(radius * radius - across * across, 0))
-        longest = np.maximum(halves[1:], halves[:-1])
-        longest[(across[1:] > 0) & (across[:-1] < 0)] = radius
-        shortest = np.maximum(np.minimum(halves[1:], halves[:-1]) - slack, 0)
-        axis = float(mean[0]), float(deviations[0])
-        return _masses(edges), _chord(*axis, shortest), _chord(*axis, longest + slack)
+    def cells(edges: Sequence[_Numbers]) -> tuple[_Numbers, _Numbers, _Numbers]:
+        """Return the chance of each cell, and of its shortest and its longest chord."""
+        chances, nearest, farthest = np.array(1.0), np.array(0.0), np.array(0.0)
+        for (center, deviation), each in zip(axes, edges, strict=True):
+            across = center + deviation * each
+            near = np.maximum(np.maximum(across[:-1], -across[1:]) - slack, 0)
+            far = np.maximum(across[1:], -across[:-1]) + slack
+            chances = np.multiply.outer(chances, _masses(each))
+            nearest = np.add.outer(nearest, near * near)
+            farthest = np.add.outer(farthest, far * far)
+        halves = (np.sqrt(np.maximum(radius * radius - each, 0)) for each in (farthest, nearest))
+        shortest, longest = (_chord(mean[-1], deviations[-1], each) for each in halves)
+        return chances, shortest, longest
 
-    edges = np.linspace(first, last, _FIRST_STRIPS + 1)
-    masses, shortest, longest = strips(edges)
-    # The sum of the gaps is least if strips are as many as the roots of the gaps.
-    weights = np.sqrt(masses * (longest - shortest)) + 1e-12
-    places = np.concatenate([[0.0], np.cumsum(weights)]) / np.sum(weights)
-    further = np.interp(np.linspace(0.0, 1.0, _STRIPS), places, edges)
-    masses, shortest, longest = strips(np.sort(np.concatenate([edges, further])))
-    return float(masses @ shortest), min(1.0, float(masses @ longest))
+    first, further = _EDGES[len(axes)]
+    edges = [np.linspace(*_ends(*each, radius + slack), first) for each in axes]
+    chances, shortest, longest = cells(edges)
+    gaps = chances * (longest - shortest)
+    for index, each in enumerate(edges):
+        # The sum of the gaps is least if cells are as many as the roots of the gaps.
+        weights = np.sqrt(gaps.sum(axis=tuple({*range(len(axes))} - {index}))) + 1e-12
+        places = np.concatenate([[0.0], np.cumsum(weights)]) / np.sum(weights)
+        added = np.interp(np.linspace(0.0, 1.0, further), places, each)
+        edges[index] = np.sort(np.concatenate([each, added]))
+    chances, shortest, longest = cells(edges)
+    return float((chances * shortest).sum()), min(1.0, float((chances * longest).sum()))
+
+
+def _ends(mean: float, deviation: float, radius: float) -> tuple[float, float]:
+    """Return the ends of an axis of a ball, in deviations; all of it if there is none."""
+    if not deviation:
+        return -_FARTHEST, _FARTHEST
+    ends = np.clip([-radius - mean, radius - mean], *(_FARTHEST * deviation * np.array([-1, 1])))
+    return float(ends[0]) / deviation, float(ends[1]) / deviation
 
 
 def _masses(edges: _Numbers) -> _Numbers:
@@ -203,9 +216,6 @@ def _masses(edges: _Numbers) -> _Numbers:
 
 def _chord(mean: float, deviation: float, halves: _Numbers) -> _Numbers:
     """Return the chances of a normal number to be within half chords around zero."""
-    if not deviation:
-        return (abs(mean) <= halves).astype(np.float64)
     below = special_functions().ndtr
-    with np.errstate(over='ignore'):
-        found: _Numbers = below((halves - mean) / deviation) - below((-halves - mean) / deviation)
+    found: _Numbers = below((halves - mean) / deviation) - below((-halves - mean) / deviation)
     return found

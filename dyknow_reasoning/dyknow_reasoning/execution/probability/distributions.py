@@ -163,6 +163,23 @@ class _Component:
         return len({each.direction for each in self.atoms.values()}) == 1
 
     @property
+    def direction(self) -> Sequence[tuple[int, float]]:
+        """The sum, if it is one."""
+        return next(iter(self.atoms.values())).direction
+
+    def thresholds(self, values: Values) -> dict[int, float]:
+        """Return the number that each atom compares the sum with."""
+        return {slot: each.threshold(values) for slot, each in self.atoms.items()}
+
+    def bits_at(self, value: float, thresholds: Mapping[int, float]) -> int:
+        """Return the truths of the atoms for a value of the sum."""
+        compared = (
+            COMPARISONS[each.operator](value, thresholds[slot]) << slot
+            for slot, each in self.atoms.items()
+        )
+        return sum(compared)
+
+    @property
     def is_known(self) -> bool:
         """True if its distribution is known, whatever the dependence of other numbers."""
         return self.has_one_group and self.has_one_sum
@@ -316,13 +333,12 @@ class StateDistribution:
         Raises:
             ReasoningError: if a value is unusable.
         """
-        if self.is_independent and self.has_cells:
-            return _known(self._total(node, self.cells(node.mask, values, moments)))
         components = self._components_of(node.mask)
         has_sums = not any(node.mask >> slot & 1 for slot in self._distances)
-        if has_sums and (not components or (len(components) == 1 and components[0].is_known)):
-            if components and self._is_bounded(components[0]):
-                return self._possible(node, components[0], values, moments)
+        is_known = has_sums and len(components) <= 1 and all(x.is_known for x in components)
+        if is_known and any(map(self._is_bounded, components)):
+            return self._possible(node, components[0], values, moments)
+        if is_known or (self.is_independent and self.has_cells):
             return _known(self._total(node, self.cells(node.mask, values, moments)))
         match node:
             case Literal(slot, positive):
@@ -346,29 +362,21 @@ class StateDistribution:
 
     def _is_bounded(self, component: _Component) -> bool:
         """Return True if a known component has a bounded error."""
-        number, _ = next(iter(component.atoms.values())).direction[0]
-        return isinstance(self.numbers[number], Bounded)
+        return isinstance(self.numbers[component.direction[0][0]], Bounded)
 
     def _possible(
         self, node: Node, component: _Component, values: Values, moments: Moments
     ) -> Chance:
         """Return the probability of a formula of one number whose error is bounded."""
-        atoms = component.atoms
-        ((number, _),) = next(iter(atoms.values())).direction
+        ((number, _),) = component.direction
         mean, error = moments[number]
-        thresholds = {slot: atom.threshold(values) for slot, atom in atoms.items()}
+        thresholds = component.thresholds(values)
         lowest, highest = mean - error, mean + error
         inner = {each for each in thresholds.values() if lowest < each < highest}
         points = sorted({lowest, highest, *inner})
         points += [(first + last) / 2 for first, last in pairwise(points)]
         certain = self._certain_bits(node.mask, values)
-        truths = set()
-        for point in points:
-            compared = (
-                COMPARISONS[atom.operator](point, thresholds[slot]) << slot
-                for slot, atom in atoms.items()
-            )
-            truths.add(holds_at(node, certain | sum(compared)))
+        truths = {holds_at(node, certain | component.bits_at(x, thresholds)) for x in points}
         return float(all(truths)), float(any(truths))
 
     def _certain_bits(self, mask: int, values: Values) -> int:
@@ -382,17 +390,12 @@ class StateDistribution:
         self, component: _Component, values: Values, moments: Moments
     ) -> list[tuple[int, float]]:
         """Return the cells of atoms that compare one sum."""
-        atoms = component.atoms
-        direction = next(iter(atoms.values())).direction
+        atoms, direction = component.atoms, component.direction
         mean = sum(factor * moments[number][0] for number, factor in direction)
         deviation = self._deviation(direction, values, moments)
-        thresholds = {slot: atom.threshold(values) for slot, atom in atoms.items()}
+        thresholds = component.thresholds(values)
         if not deviation:
-            truths = (
-                COMPARISONS[atom.operator](mean, thresholds[slot]) << slot
-                for slot, atom in atoms.items()
-            )
-            return [(sum(truths), 1.0)]
+            return [(component.bits_at(mean, thresholds), 1.0)]
         found = []
         for first, last in pairwise((-inf, *sorted(set(thresholds.values())), inf)):
             chance = _between((first - mean) / deviation, (last - mean) / deviation)

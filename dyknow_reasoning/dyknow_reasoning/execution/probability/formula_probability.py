@@ -36,7 +36,7 @@ from typing import Final, Protocol
 from dyknow_common import ProbabilityInterval, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
-from dyknow_reasoning.execution.probability.bounds import StateChances, has_windows, operator_of
+from dyknow_reasoning.execution.probability.bounds import has_windows, operator_of, state_parts
 from dyknow_reasoning.execution.probability.distributions import Cells, Chance, StateDistribution
 from dyknow_reasoning.execution.probability.simulation import RUNS, CountedSamples, SimulatedRuns
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
@@ -186,9 +186,9 @@ def _model_of(
     if not distribution.has_bounds:
         raise ReasoningError(
             'an operand is no sum of uncertain numbers and multiples of these, and no abs or '
-            'hypot of two such sums with all covariances; give each a normal error with a time '
-            'constant, such as normal(x, s, 0 s), or at one state all their covariances, then runs '
-            'are simulated'
+            'hypot of two or three such sums with all covariances; give each a normal error with a '
+            'time constant, such as normal(x, s, 0 s), or at one state all their covariances, then '
+            'runs are simulated'
         )
     if None not in constants:
         return _BoundsModel(node, distribution), INDEPENDENT
@@ -200,8 +200,10 @@ class _BoundsModel:
     """Bounds where nothing is known about correlation."""
 
     def __init__(self, node: Node, distribution: StateDistribution) -> None:
-        self._states = StateChances(node, distribution)
-        self._operator = operator_of(node, self._states.order, first_only=True)
+        self._distribution = distribution
+        order = {part: index for index, part in enumerate(dict.fromkeys(state_parts(node)))}
+        self._parts = tuple(order)
+        self._operator = operator_of(node, order, first_only=True)
         self._known: Chance | None = None
         self._latest: int | None = None
 
@@ -211,7 +213,9 @@ class _BoundsModel:
 
     def step(self, time: int, values: Values) -> None:
         if self._known is None:
-            found = self._operator.step(time, self._states.at(values))
+            moments = self._distribution.moments(values)
+            chances = [self._distribution.chance(x, values, moments) for x in self._parts]
+            found = self._operator.step(time, chances)
             self._known, self._latest = next(iter(found), None), time
 
     def chance(self) -> Chance:

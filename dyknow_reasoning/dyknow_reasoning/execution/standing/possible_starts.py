@@ -13,12 +13,12 @@ to is progressed once for all (`PossibleFormula.remember`). Example, `p -> event
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from dyknow_common import amount, listed
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution.automata.instance_states import InstanceState, InstanceVerdict
+from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
 from dyknow_reasoning.execution.standing.runs import Run, StateTimes, number_in, union
 from dyknow_reasoning.execution.unknown.possible_formulas import PossibleFormula, PossibleVerdict
 from dyknow_reasoning.progression.atoms import Values
@@ -64,8 +64,8 @@ class PossibleStarts:
     def __init__(self, beginning: PossibleFormula, times: StateTimes, limit: int) -> None:
         self._beginning, self._times, self._limit = beginning, times, _MOST * limit
         self._groups: dict[Any, tuple[PossibleFormula, list[Run]]] = {}
-        self.doubt: tuple[int, Mapping[str, int]] | None = None
-        """The latest start from which the formula may be false, and since when for want of what."""
+        self.doubt: tuple[int, PossibleFormula] | None = None
+        """The latest start from which the formula may be false, and what remained then."""
         self.is_new_doubt = False
         """True if the latest state made it possible that the formula is false from some start."""
 
@@ -73,6 +73,8 @@ class PossibleStarts:
         """Add starts from which a formula remains."""
         key = formula.key
         known, others = self._groups.get(key, (formula, []))
+        if known is not formula:
+            known.forget_deciding()
         self._groups[key] = known, union(others, runs)
 
     def step(self, values: Values) -> Iterator[PossibleDecision]:
@@ -110,7 +112,7 @@ class PossibleStarts:
     def _note_doubt(self, formula: PossibleFormula, number: int) -> None:
         self.is_new_doubt = True
         if self.doubt is None or number >= self.doubt[0]:
-            self.doubt = number, formula.wants
+            self.doubt = number, formula.copy()
 
     def _check_limits(self) -> None:
         formulas = [formula for formula, _ in self._groups.values()]
@@ -135,11 +137,6 @@ class PossibleStarts:
         """Return what remains of the formula from an undecided state on."""
         found = (each for each, runs in self._groups.values() if number_in(runs, number))
         return next(found, None)
-
-    def states(self, number: int) -> list[InstanceState]:
-        """Return what remains of the formula from a state on, in one of the cases."""
-        found = self.at(number)
-        return found.states() if found else []
 
     def runs(self, half: Half) -> Iterator[list[Run]]:
         """Yield the undecided start states; there are no halves."""

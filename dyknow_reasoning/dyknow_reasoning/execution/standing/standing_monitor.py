@@ -31,6 +31,8 @@ from dyknow_reasoning.execution.standing.runs import (
 from dyknow_reasoning.execution.standing.verdicts import Failure, Failures, StartCounts, VerdictLog
 from dyknow_reasoning.execution.unknown.parts import Instances
 from dyknow_reasoning.execution.unknown.possible_formulas import (
+    NO_DOUBT,
+    Doubt,
     PossibleFormula,
     PossibleVerdict,
     possible_formula,
@@ -131,7 +133,7 @@ class StandingMonitor:
             ReasoningError: if the formula is undecided from a state that is too long ago.
         """
         begun = [each.beginning for each in self._starts]
-        of = Instances.of_states(begun, registers, unknown, self._limits)
+        of = Instances(begun, registers, unknown, self._limits)
         if not of.is_plain:
             return False
         beginning = possible_formula(of, begun, self._times.latest)
@@ -162,17 +164,18 @@ class StandingMonitor:
                 possible.add(possible_formula(of, states, self._times.latest), [run])
 
     @property
-    def doubt(self) -> Mapping[str, int]:
-        """Since when unknown features make it possible that a failure has not ended, in ns.
+    def doubt(self) -> Doubt:
+        """For want of which features it is possible that a failure has not ended.
 
         That is so at each state with which a failure may have begun, and as long as it is not
         certain that the formula holds after that.
         """
         possible = self._possible
         if possible is None or possible.doubt is None:
-            return {}
-        number, wants = possible.doubt
-        return wants if possible.is_new_doubt or not self._holds_after(number) else {}
+            return NO_DOUBT
+        number, before = possible.doubt
+        is_so = possible.is_new_doubt or not self._holds_after(number)
+        return before.doubt if is_so else NO_DOUBT
 
     def possible(self, number: int) -> PossibleFormula | None:
         """Return what remains from an undecided state on, if the formula met unknown values."""

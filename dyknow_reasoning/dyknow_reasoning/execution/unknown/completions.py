@@ -44,7 +44,7 @@ class Completions:
     """The cases of the values of the features in some atoms.
 
     Args:
-        atoms: those that see the values; of the others, `is_exact` is False.
+        atoms: those that see the values, for which `is_exact` is True.
         kinds: of the features.
         unknown: the bounds of the features.
     """
@@ -59,8 +59,7 @@ class Completions:
         # Representatives within the latest bounds.
         self._found: dict[str, tuple[Range, Sequence[Any]]] = {}
         for atom in atoms:
-            if is_exact(atom, kinds):
-                self._add(atom, kinds)
+            self._add(atom, kinds)
 
     def options(
         self, name: str, values: Mapping[str, Any], errors: Mapping[str, UnknownValueError]

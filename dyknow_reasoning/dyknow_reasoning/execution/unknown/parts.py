@@ -4,58 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any
 
 from dyknow_common import Alternatives
-from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
 from dyknow_reasoning.execution.past.histories import PastRegister
 from dyknow_reasoning.execution.past.registers import Register
 from dyknow_reasoning.execution.unknown.completions import Completions, is_exact
-from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
-from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
+from dyknow_reasoning.language.formula import Atom, PastAtom
+from dyknow_reasoning.progression.atoms import Values, fields, predicate
 from dyknow_reasoning.progression.nodes import slots
 from dyknow_reasoning.progression.sizes import FormulaLimits
-from dyknow_reasoning.progression.unknown_features import UnknownFeatures, UnknownValueError
-from dyknow_reasoning.progression.value_bounds import bounded_truth
+from dyknow_reasoning.progression.unknown_features import UnknownFeatures
 
 
 class Instances:
-    """Instances of one formula, and what they are progressed with.
+    """Instances of one formula by their orders in it, and what they are progressed with.
 
     Args:
-        instances: by their numbers.
+        states: of the instances.
         registers: those of all past operators, inner ones first.
-        templates: of the instances.
         unknown: the features that may be unknown.
         limits: of formulas.
     """
 
     def __init__(
         self,
-        instances: Mapping[int, FormulaInstance],
+        states: Sequence[InstanceState],
         registers: Mapping[str, PastRegister],
-        templates: Mapping[int, Template],
         unknown: UnknownFeatures,
         limits: FormulaLimits,
     ) -> None:
-        self.instances, self.registers, self.templates = instances, registers, templates
-        self.unknown, self.limits = unknown, limits
+        self.instances = {each.instance.order: each.instance for each in states}
+        self.templates = {each.instance.order: each.template for each in states}
+        self.registers, self.unknown, self.limits = dict(registers), unknown, limits
         self._parts: dict[frozenset[int], FormulaPart] = {}
-
-    @classmethod
-    def of_states(
-        cls,
-        states: Iterable[InstanceState],
-        registers: Mapping[str, PastRegister],
-        unknown: UnknownFeatures,
-        limits: FormulaLimits,
-    ) -> Instances:
-        """Return the instances of some states, by their orders in the formula."""
-        states = list(states)
-        instances = {each.instance.order: each.instance for each in states}
-        templates = {each.instance.order: each.template for each in states}
-        return cls(instances, dict(registers), templates, unknown, limits)
 
     def part(self, numbers: Collection[int]) -> FormulaPart:
         """Return some of the instances."""
@@ -107,39 +89,19 @@ class FormulaPart:
         """Those whose past they depend on."""
         self.has_past = remembers or bool(self.registers)
         """True if they depend on earlier states."""
-        self._kinds = next(iter(instances.values())).kinds
-        self._exact = {atom: self._is_exact(atom) for atom in atoms}
-        seen = [atom for atom in atoms if self._exact[atom]]
-        self._completions = Completions(seen, self._kinds, of.unknown)
-        self._predicates: dict[Atom, Predicate] = {}
-
-    def truth(self, atom: Atom) -> Predicate:
-        """Return the predicate of an atom."""
-        if atom not in self._predicates:
-            self._predicates[atom] = predicate(atom, self._kinds)
-        return self._predicates[atom]
-
-    def is_exact(self, atom: Atom) -> bool:
-        """Return True if representatives of unknown values tell the truth of an atom."""
-        return self._exact[atom]
-
-    def bounded(self, atom: Atom, values: Mapping[str, Any]) -> bool | None:
-        """Return the truth of an atom if it is the same for all unknown values."""
-        if not isinstance(atom, Comparison):
-            return None
-        return bounded_truth(atom, values, self.of.unknown.range_of, self._kinds)
-
-    def options(
-        self, name: str, values: Mapping[str, Any], errors: Mapping[str, UnknownValueError]
-    ) -> Sequence[Any]:
-        """Return representatives of an unknown feature, given values of the others."""
-        return self._completions.options(name, values, errors)
+        self.kinds = next(iter(instances.values())).kinds
+        self.exact = {atom for atom in atoms if self._is_exact(atom)}
+        """The atoms whose truth representatives of unknown values tell."""
+        self.completions = Completions(
+            filter(self.exact.__contains__, atoms), self.kinds, of.unknown
+        )
+        self.predicates = {atom: predicate(atom, self.kinds) for atom in atoms}
 
     def _is_exact(self, atom: Atom) -> bool:
         inner: Sequence[Atom] = ()
         if isinstance(atom, PastAtom) and not isinstance(self.registers[atom.field], Register):
             inner = self.registers[atom.field].atoms
-        return is_exact(atom, self._kinds) and all(is_exact(each, self._kinds) for each in inner)
+        return all(is_exact(each, self.kinds) for each in (atom, *inner))
 
 
 def _features_of(atoms: Iterable[Atom]) -> dict[str, None]:

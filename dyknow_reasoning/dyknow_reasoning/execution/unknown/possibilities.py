@@ -35,9 +35,13 @@ from dyknow_reasoning.progression.gaps import UnknowableError
 from dyknow_reasoning.progression.nodes import Window, descendants, slots
 from dyknow_reasoning.progression.residual import growth_error, interval_of
 from dyknow_reasoning.progression.unknown_features import UnknownValueError
+from dyknow_reasoning.progression.value_bounds import bounded_truth
 
 Place: TypeAlias = tuple[Location, Times]
 """Where an instance is in its automaton."""
+
+DecidingTruth: TypeAlias = tuple[int, Atom, bool]
+"""The truth of an atom at the state of a time, in nanoseconds, that leads to a verdict alone."""
 
 _Result = TypeVar('_Result')
 
@@ -84,6 +88,8 @@ class Possibilities:
         self.part, self.found, self.wants, self.reason = part, found, dict(wants), reason
         self.may_hold = self.may_fail = False
         """True if the instances hold in some case, or one of them fails."""
+        self.deciding: Mapping[bool, DecidingTruth] = {}
+        """For each verdict, what leads to it, whatever the other open values are."""
 
     @property
     def verdict(self) -> bool | None:
@@ -123,6 +129,8 @@ class Possibilities:
         joined = Possibilities(part, undecided, wants, reason)
         joined.may_hold = len(undecided) < len(found)
         joined.may_fail = self.may_fail or other.may_fail
+        deciding = {**other.deciding, **self.deciding}
+        joined.deciding = {holds: each for holds, each in deciding.items() if not holds}
         return joined
 
     def parts(self) -> Iterator[Possibilities]:
@@ -138,9 +146,9 @@ class Possibilities:
 
     def copy(self) -> Possibilities:
         """Return the same possibilities, to be progressed apart."""
-        copied = Possibilities(self.part, self.found, self.wants, self.reason)
-        copied.may_hold, copied.may_fail = self.may_hold, self.may_fail
-        return copied
+        twin = self.__new__(type(self))
+        vars(twin).update(vars(self))
+        return twin
 
     def step(
         self, time: int, values: Values, opened: Collection[str], *, begins_later: bool = False
@@ -159,23 +167,24 @@ class Possibilities:
         """
         state = _OpenState.of(self.part, values, opened)
         limit = self.part.of.limits.possibility_limit
-        found: dict[Hashable, Possibility] = {}
         asked: set[str] = set()
-        runs = 0
+        runs: list[tuple[Mapping[Atom, bool], Possibility | bool]] = []
         for before in self.found:
             for run in all_runs(lambda choices: _Run(self.part, choices, state)):
                 after = (run.remember if begins_later else run.step)(before, time)
-                runs += 1
-                if runs > limit:
+                runs.append((run.truths, after))
+                if len(runs) > limit:
                     if reason := self.reason or state.reason():
                         raise self.too_much(reason)
                     raise too_many(limit, {**self.wants, **state.errors})
                 asked |= run.asked
-                if isinstance(after, Possibility):
-                    found[after.key] = after
-                else:
-                    self.may_hold |= after
-                    self.may_fail |= not after
+        found = {each.key: each for _, each in runs if isinstance(each, Possibility)}
+        ends = {each for _, each in runs if not isinstance(each, Possibility)}
+        for holds in ends - {*self.deciding}:
+            if not (self.may_fail if holds else self.may_hold):
+                self.deciding = {**self.deciding, **_deciding(runs, time, holds=holds)}
+        self.may_hold |= True in ends
+        self.may_fail |= False in ends
         self.found = [] if self.may_hold and self.may_fail else list(found.values())
         is_single = len(self.found) + self.may_hold + self.may_fail == 1
         self.wants = {} if is_single else dict.fromkeys(sorted(asked), time) | self.wants
@@ -235,7 +244,8 @@ class _Run:
         # For what representatives do not tell.
         incomplete = {**state.known, **state.errors}
         self._incomplete = _Completed(incomplete, self._values.__getitem__)
-        self._truths: dict[Atom, bool] = {}
+        self.truths: dict[Atom, bool] = {}
+        """Of the atoms that were read."""
         self.asked: set[str] = set()
         """The open features whose values were chosen."""
 
@@ -287,7 +297,7 @@ class _Run:
                 continue  # Of instances that are decided.
             memories[field] = memory = before.memories[field].of_row(0)
             holds = self._past(register, memory, time)
-            self._values[field] = self._incomplete[field] = self._truths[register.atom] = holds
+            self._values[field] = self._incomplete[field] = self.truths[register.atom] = holds
         return memories
 
     def _past(self, register: PastRegister, memory: Any, time: int) -> bool:
@@ -296,7 +306,7 @@ class _Run:
             symbol = self._symbol(register.operands.atoms, register.mask)
             holds: bool = memory.step(time, *register.sides[symbol]) != register.is_negated
             return holds
-        values = self._values if self._of.is_exact(register.atom) else self._incomplete
+        values = self._values if register.atom in self._of.exact else self._incomplete
         try:
             return register.tried(memory, time, values)
         except UnknownValueError as error:
@@ -307,13 +317,13 @@ class _Run:
         return sum(self._truth(atoms[slot]) << slot for slot in slots(mask))
 
     def _truth(self, atom: Atom) -> bool:
-        if atom not in self._truths:
-            self._truths[atom] = self._read(atom)
-        return self._truths[atom]
+        if atom not in self.truths:
+            self.truths[atom] = self._read(atom)
+        return self.truths[atom]
 
     def _read(self, atom: Atom) -> bool:
-        if self._of.is_exact(atom):
-            return self._of.truth(atom)(self._values)
+        if atom in self._of.exact:
+            return self._of.predicates[atom](self._values)
         # Truths of past operators and alternatives differ from case to case.
         known = {} if self._of.registers or self._state.either else self._state.bounded
         if atom not in known:
@@ -324,9 +334,10 @@ class _Run:
     def _bounded(self, atom: Atom) -> bool | UnknownValueError:
         """Return the truth of an atom, or the error of a value that makes a difference to it."""
         try:
-            return self._of.truth(atom)(self._incomplete)
+            return self._of.predicates[atom](self._incomplete)
         except UnknownValueError as error:
-            known = self._of.bounded(atom, self._incomplete)
+            range_of, kinds = self._of.of.unknown.range_of, self._of.kinds
+            known = bounded_truth(atom, self._incomplete, range_of, kinds)
             return error if known is None else known
 
     def _either(self, error: UnknownValueError) -> bool:
@@ -340,12 +351,26 @@ class _Run:
         elif name in self._state.errors:
             for each in self._state.either:
                 self._values[each]  # Representatives lie between what it is compared with.
-            options = self._of.options(name, self._values, self._state.errors)
+            options = self._of.completions.options(name, self._values, self._state.errors)
         else:
             raise KeyError(name)
         if len(options) > 1:
             self.asked.add(name)
         return self._choices.choose(options)
+
+
+def _deciding(
+    runs: Sequence[tuple[Mapping[Atom, bool], Possibility | bool]], time: int, *, holds: bool
+) -> Mapping[bool, DecidingTruth]:
+    """Return what leads to a verdict in all runs: the truths that they read, and where they led."""
+    leading = [truths for truths, after in runs if after is holds]
+    others = [truths for truths, after in runs if after is not holds]
+    for atom, truth in others[0].items() if others else ():
+        if all(each.get(atom) is truth for each in others) and any(
+            each.get(atom) is (not truth) for each in leading
+        ):
+            return {holds: (time, atom, not truth)}
+    return {}
 
 
 class _Completed(dict[str, Any]):

@@ -10,11 +10,11 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, 
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import prod
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from dyknow_common import earliest, format_time, listed
+from dyknow_common import earliest, format_time, listed, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.aggregation import Outcome
 from dyknow_reasoning.execution.automata.automaton import Location
@@ -30,11 +30,12 @@ from dyknow_reasoning.execution.past.histories import PastRegister
 from dyknow_reasoning.execution.unknown.parts import FormulaPart, Instances
 from dyknow_reasoning.execution.unknown.possibilities import Possibilities, Possibility
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
+from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
 from dyknow_reasoning.progression.instances import Instance, required_features
 from dyknow_reasoning.progression.nodes import Remembering
-from dyknow_reasoning.progression.residual import holds_at_the_end
+from dyknow_reasoning.progression.residual import holds_at_the_end, literal_formula
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.progression.unknown_features import (
     ALL_KNOWN,
@@ -64,6 +65,21 @@ class PossibleVerdict:
         holds = str(self.holds).lower()
         was = f'{wants_text(self.wants)} was' if self.wants else 'the unknown values were'
         return f'it is {holds} whatever {was}'
+
+
+class Doubt(NamedTuple):
+    """For want of what a formula is undecided.
+
+    Args:
+        wants: since when each open feature makes a difference, in nanoseconds.
+        text: says so, and what decides alone, for people; empty if nothing is open.
+    """
+
+    wants: Mapping[str, int]
+    text: str
+
+
+NO_DOUBT: Final = Doubt({}, '')
 
 
 class PossibleFormula:
@@ -155,6 +171,39 @@ class PossibleFormula:
         if not self.may_fail:
             return '' if may_become_false else 'it cannot become false'
         return 'it cannot become true' if may_become_false else 'no later state decides it'
+
+    @property
+    def doubt(self) -> Doubt:
+        """For want of what it is undecided."""
+        if not (wants := self.wants):
+            return NO_DOUBT
+        text = f'undecided for want of {wants_text(wants)}'
+        text += f': {self.reason}' if self.reason else ''
+        return Doubt(wants, f'{text}; {found}' if (found := self._decision) else text)
+
+    @property
+    def _decision(self) -> str:
+        """Which truth of an atom decides it, whatever the other open values are; may be empty."""
+        parts = [each.deciding for each in self._parts]
+        # One part that is false decides; for the formula to be true, all have to be.
+        found = {
+            holds: each
+            for part in reversed(parts)
+            for holds, each in part.items()
+            if not holds or len(parts) == 1
+        }
+        texts = []
+        for holds, (time, atom, truth) in sorted(found.items(), reverse=True):
+            literal = shortened(as_written(literal_formula(atom, positive=truth)))
+            texts.append(f'{str(holds).lower()} if {literal} at {format_time(time)}')
+        if len({each[:2] for each in found.values()}) < len(found):
+            texts[1] = 'false if not'
+        return ', '.join(texts)
+
+    def forget_deciding(self) -> None:
+        """Forget which values decide it alone: it stands for others with the same future, too."""
+        for each in self._parts:
+            each.deciding = {}
 
     @property
     def looks_back(self) -> bool:
@@ -369,7 +418,7 @@ class PossibleFormulas:
         if any(each.instance.half is not Half.WHOLE or _remembers(each) for each in states):
             return False
         states = list(map(_apart, states))
-        of = Instances.of_states(states, registers, self.unknown, self._limits)
+        of = Instances(states, registers, self.unknown, self._limits)
         found = possible_formula(of, states, latest)
         if after_gap and (found.looks_back or not all(each.is_fresh for each in states)):
             found.gap()
@@ -419,11 +468,6 @@ def _is_known(column: Array) -> bool:
     if column.dtype.kind == 'O':
         return not any(map(is_unknown, column))
     return column.dtype.kind != 'f' or not np.isnan(column).any()
-
-
-def want_text(wants: Mapping[str, int]) -> str:
-    """Return for want of which features a formula is undecided."""
-    return f'undecided for want of {wants_text(wants)}'
 
 
 def wants_text(wants: Mapping[str, int]) -> str:
