@@ -9,8 +9,7 @@ from typing import Any
 from dyknow_common import Alternatives
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
-from dyknow_reasoning.execution.past.histories import PastRegister
-from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.past.registers import PastRegister, Register
 from dyknow_reasoning.execution.unknown.completions import Completions, is_exact
 from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
 from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
