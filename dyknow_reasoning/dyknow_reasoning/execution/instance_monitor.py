@@ -130,16 +130,12 @@ class InstanceMonitor:
             return _NO_OUTCOMES
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
         crossed = self._cross_gap(Gap(latest, valid_time)) if self._gap_follows else _NO_OUTCOMES
-        if self._new:
+        if self._new or self._pool.may_join():
             self.prepare()
         if abs(valid_time) > MAX_VECTOR_TIME:
             self._pool.dissolve(latest, inf)
-        try:
-            symbols = self._pool.read(values)
-        except (UnreadableError, ReasoningError):
-            symbols, unreadable = self._pool.read_one_by_one(values)
-            self.remove(unreadable)
-            failures = {**failures, **unreadable}
+        symbols, unreadable = self._read(values, latest)
+        failures = {**failures, **unreadable} if unreadable else failures
         outcomes = self._step(symbols, valid_time, elapsed)
         if outcomes or failures or crossed:
             return {**crossed, **_by_id({**failures, **outcomes})}
@@ -174,6 +170,21 @@ class InstanceMonitor:
             index = reached
         self._wakes_at = -inf
         self.latest = recording.time(-1) if count else self.latest
+
+    def _read(self, values: Values, latest: int) -> tuple[Symbols, dict[int, ReasoningError]]:
+        """Return the truth of the atoms at a state; remove the formulas with unusable values.
+
+        Return their errors, too.
+        """
+        failures: dict[int, ReasoningError] = {}
+        while True:
+            try:
+                return self._pool.read(values), failures
+            except UnreadableError:
+                self._pool.separate(latest)
+            except ReasoningError:
+                failures.update(self._pool.errors(values))
+                self.remove(failures)
 
     def _repeats_latest(self, values: Values) -> bool:
         """Return True if the truth of all atoms is that at the latest state."""
