@@ -64,7 +64,7 @@ class InstanceMonitor:
         # The instances that begin with the next state.
         self._new: list[InstanceState] = []
         self._pool = InstancePool(self._shared_vectors)
-        # The time before which a state like the latest one changes nothing.
+        # The time before which states like earlier ones change nothing.
         self._wakes_at = -inf
         # True if a formula may be near the node limit.
         self._is_large = False
@@ -124,7 +124,7 @@ class InstanceMonitor:
         elapsed = valid_time - latest
         if elapsed <= 0 and self.latest is not None:
             raise late_state(valid_time, latest)
-        is_quiet = valid_time < self._wakes_at and self._repeats_latest(values)
+        is_quiet = valid_time < self._wakes_at and self._changes_nothing(values)
         if is_quiet or not self._aggregation:
             self.latest = valid_time
             return _NO_OUTCOMES
@@ -186,11 +186,11 @@ class InstanceMonitor:
                 failures.update(self._pool.errors(values))
                 self.remove(failures)
 
-    def _repeats_latest(self, values: Values) -> bool:
-        """Return True if the truth of all atoms is that at the latest state."""
+    def _changes_nothing(self, values: Values) -> bool:
+        """Return True if the truth of the atoms changes nothing, as at states before."""
         try:
             for each in self._pool.singles:
-                if each.read(values) != each.symbol:
+                if each.read(values) not in each.idle:
                     return False
         except ReasoningError:
             return False
