@@ -130,12 +130,15 @@ class InstanceMonitor:
             return _NO_OUTCOMES
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
         crossed = self._cross_gap(Gap(latest, valid_time)) if self._gap_follows else _NO_OUTCOMES
-        if self._new or self._pool.may_join():
+        if self._new or (self._pool.apart and self._pool.may_join()):
             self.prepare()
         if abs(valid_time) > MAX_VECTOR_TIME:
             self._pool.dissolve(latest, inf)
-        symbols, unreadable = self._read(values, latest)
-        failures = {**failures, **unreadable} if unreadable else failures
+        try:
+            symbols = self._pool.read(values)
+        except (UnreadableError, ReasoningError):
+            symbols, unreadable = self._read_apart(values, latest)
+            failures = {**failures, **unreadable}
         outcomes = self._step(symbols, valid_time, elapsed)
         if outcomes or failures or crossed:
             return {**crossed, **_by_id({**failures, **outcomes})}
@@ -171,20 +174,15 @@ class InstanceMonitor:
         self._wakes_at = -inf
         self.latest = recording.time(-1) if count else self.latest
 
-    def _read(self, values: Values, latest: int) -> tuple[Symbols, dict[int, ReasoningError]]:
-        """Return the truth of the atoms at a state; remove the formulas with unusable values.
+    def _read_apart(self, values: Values, latest: int) -> tuple[Symbols, dict[int, ReasoningError]]:
+        """Return the truth of the atoms at a state that fits into no vectors, or is unusable.
 
-        Return their errors, too.
+        Return also the errors of formulas with unusable values, which are removed.
         """
-        failures: dict[int, ReasoningError] = {}
-        while True:
-            try:
-                return self._pool.read(values), failures
-            except UnreadableError:
-                self._pool.separate(latest)
-            except ReasoningError:
-                failures.update(self._pool.errors(values))
-                self.remove(failures)
+        self._pool.separate(latest)
+        failures = self._pool.errors(values)
+        self.remove(failures)
+        return self._pool.read(values), failures
 
     def _changes_nothing(self, values: Values) -> bool:
         """Return True if the truth of the atoms changes nothing, as at states before."""

@@ -45,8 +45,10 @@ class InstancePool:
         self.singles: list[SingleInstance] = []
         self.batches: list[Batch] = []
         self.fields = FieldVectors(self._shared)
-        # The states until batches may form again, and how many they will be the next time.
-        self._apart, self._patience = 0, 1
+        self.apart = 0
+        """The states until batches may form again, after values that fit into no vectors."""
+        # How many they will be the next time.
+        self._patience = 1
 
     @property
     def templates(self) -> list[Template]:
@@ -110,13 +112,14 @@ class InstancePool:
 
     def separate(self, latest: int) -> None:
         """Progress all instances individually for some states, as values fit into no vectors."""
-        self.dissolve(latest, inf)
-        self._apart, self._patience = self._patience, 2 * self._patience
+        if self.batches:
+            self.dissolve(latest, inf)
+            self.apart, self._patience = self._patience, 2 * self._patience
 
     def may_join(self) -> bool:
         """Return True if these states are over, so that `add` forms batches again."""
-        self._apart -= 1
-        return self._apart == 0
+        self.apart -= 1
+        return self.apart == 0
 
     def remove(self, formulas: Collection[int], instances: Iterable[FormulaInstance] = ()) -> None:
         """Remove all instances of some formulas, and some other instances."""
@@ -175,7 +178,7 @@ class InstancePool:
         for batch in self.batches:
             batch.attach(self.fields)
 
-    def errors(self, values: Values) -> Mapping[int, ReasoningError]:
+    def errors(self, values: Values) -> dict[int, ReasoningError]:
         """Return the errors of the formulas with unusable values, each of its first instance."""
         found: dict[int, ReasoningError] = {}
         for single in sorted(self.singles, key=lambda each: each.instance.order):

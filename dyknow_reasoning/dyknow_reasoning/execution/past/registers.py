@@ -226,8 +226,10 @@ class Register(PastRegister):
 
     def step(self, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state, and set the fields of the register."""
-        take = super().step if self.is_plain else self._step_carefully
-        take(time, values)
+        if self.is_plain:
+            super().step(time, values)
+        else:
+            self._step_carefully(time, values)
 
     def columns(self, recording: Recording) -> Columns:
         """Return the fields of the register at the states of a recording."""
