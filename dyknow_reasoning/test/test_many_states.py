@@ -454,3 +454,17 @@ def test_noise_that_changes_nothing_is_skipped_while_a_clock_runs(
     noise = np.random.default_rng(1).random(2000) < 0.5
     assert not group.progress_many(range(2000), {'p': np.zeros(2000, bool), 'q': noise})
     assert steps < 10
+
+
+def test_batches_form_again_after_values_that_fit_into_no_vectors() -> None:
+    names = [f'o{number}' for number in range(40)]
+    group = FormulaGroup()
+    group.add_formula('it', 'forall x in S: always (v[x] > 0 -> eventually[0 ns, 9 ns] v[x] < 5)')
+    group.begin({'S': names})
+    assert group._monitor is not None
+    sizes = []
+    for time, odd in enumerate([1.0, 1, 1.0, 1.0, 1, 1.0, 1.0, 1.0]):
+        values = dict.fromkeys((f'v[{name}]' for name in names), 1.0)
+        assert not group.progress(time, {**values, 'v[o3]': odd})
+        sizes.append(len(group._monitor._pool.batches))
+    assert sizes == [1, 0, 1, 1, 0, 0, 1, 1]

@@ -124,13 +124,14 @@ class InstanceMonitor:
         elapsed = valid_time - latest
         if elapsed <= 0 and self.latest is not None:
             raise late_state(valid_time, latest)
-        is_quiet = valid_time < self._wakes_at and self._changes_nothing(values)
+        joins = self._pool.apart and self._pool.may_join()
+        is_quiet = valid_time < self._wakes_at and not joins and self._changes_nothing(values)
         if is_quiet or not self._aggregation:
             self.latest = valid_time
             return _NO_OUTCOMES
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
         crossed = self._cross_gap(Gap(latest, valid_time)) if self._gap_follows else _NO_OUTCOMES
-        if self._new or (self._pool.apart and self._pool.may_join()):
+        if self._new or joins:
             self.prepare()
         if abs(valid_time) > MAX_VECTOR_TIME:
             self._pool.dissolve(latest, inf)

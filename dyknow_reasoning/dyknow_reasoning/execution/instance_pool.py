@@ -17,7 +17,6 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
     FieldVectors,
     SharedVectors,
-    UnreadableError,
 )
 from dyknow_reasoning.execution.vectors.batch import Batch
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
@@ -142,19 +141,10 @@ class InstancePool:
             UnreadableError: if the values of a batch do not fit into vectors.
             ReasoningError: for unusable values of an individual instance.
         """
-        batches = self._read_batches(values) if self.batches else ()
+        if self.batches:
+            self.fields.load(values)
+        batches = [batch.symbols() for batch in self.batches]
         return [single.read(values) for single in self.singles], batches
-
-    def _read_batches(self, values: Values) -> Sequence[Array]:
-        """Return the truth of the atoms of the batches; raise UnreadableError as `read` does."""
-        try:
-            self.fields.load(values)
-        except UnreadableError:
-            if not any(batch.loads_too_much for batch in self.batches):
-                raise
-            self._attach()
-            self.fields.load(values)
-        return [batch.symbols() for batch in self.batches]
 
     def sizes(self) -> Mapping[int, int]:
         """Return the number of nodes that the instances of each formula have together."""

@@ -52,11 +52,6 @@ class Batch:
         """True if most values are loaded for instances that are gone."""
         return 2 * len(self._instances) < self._loaded
 
-    @property
-    def loads_too_much(self) -> bool:
-        """True if some values are loaded for instances that are gone."""
-        return self._rows is not None
-
     def attach(self, fields: FieldVectors) -> None:
         """Set the field vectors from which the atoms are evaluated."""
         self._rows = None
