@@ -23,6 +23,8 @@ from dyknow_reasoning.execution.vectors.atom_vectors import Array
 _MAX_LOOK_UPS = 2048
 _FEW_STATES = 8
 """If fewer can be skipped on average, the table is faster."""
+_PATIENCE = 64
+"""The states after which the table is tried again, if it did not have the next step."""
 
 
 class BlockProgression:
@@ -66,15 +68,18 @@ class BlockProgression:
     def _progress(self, single: SingleInstance, end: int, *, is_repeated: bool) -> int:
         """Progress an instance up to a state, its verdict, or the limits; return the new end."""
         sequence, mask = self._symbols.of(single), single.mask
-        index, skipped = 0, float(_FEW_STATES)
+        index, skipped, look_up_from = 0, float(_FEW_STATES), 0
         while index < end:
             if single.mask != mask:
                 sequence, mask = self._symbols.of(single), single.mask
-            is_dense = skipped < _FEW_STATES
+            is_dense = skipped < _FEW_STATES and index >= look_up_from
             if is_dense and self._is_regular and single.template.uses_configurations:
-                index = self._look_up(single, sequence, index, end)
-                if index == end:
+                found = self._look_up(single, sequence, index, end)
+                if found == end:
                     break
+                # If it fails at once, perhaps each state leads to another configuration.
+                look_up_from = index + _PATIENCE if found == index else 0
+                index = found
             now = self._times[index]
             verdict = single.step(sequence.values[index], now, self._steps[index])
             if verdict:
