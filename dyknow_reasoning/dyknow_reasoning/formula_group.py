@@ -7,9 +7,9 @@ states (execution), and `explain` gives the reasons of the verdict (explanation)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from itertools import chain, count, islice
+from itertools import chain, count
 from typing import Any
 
 from dyknow_common import (
@@ -65,7 +65,7 @@ from dyknow_reasoning.progression.sizes import (
 )
 from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
 from dyknow_reasoning.results import FormulaResult, NamedFormula
-from dyknow_reasoning.standing import NONE_OMITTED, StandingFormula, StandingFormulas, merged
+from dyknow_reasoning.standing import NONE_OMITTED, StandingFormula, StandingFormulas
 from dyknow_reasoning.uncertain import WatchedFormulas
 
 _MAX_NODES = 10_000
@@ -327,33 +327,21 @@ class FormulaGroup:
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
-        if not self._possible.are_known(recording.columns):
-            return [
-                result
-                for time, values in recording.rows(recording.columns.keys())
-                for result in self.progress(time, values)
-            ]
         usable = recording.increasing(monitor.latest)
+        results = self._results_of_known() if len(usable) else []
+        one_by_one = self.standing.formulas or self._margins.running
+        if one_by_one or not self._possible.are_known(recording.columns):
+            for time, values in recording.rows(recording.columns.keys()):
+                results += self.progress(time, values)
+            return results
         if monitor.histories.registers or monitor.histories.memories:
             usable = monitor.histories.extended_recording(usable)
-        results = self._results_of_known() if len(usable) else []
-        failures = self.standing.progress_many(usable)
-        rows, end = usable.rows(self._margins.fields), 0
-        for index, outcomes in merged(monitor.progress_many(usable), failures):
-            self._progress_margins(rows, index + 1 - end)
-            end = index + 1
+        for index, outcomes in monitor.progress_many(usable):
             results += self._results_of(outcomes, usable.time(index), usable.values(index))
-        self._progress_margins(rows, len(usable) - end)
         end = len(usable)
         if end < len(recording):
             results += self.progress(recording.time(end), recording.values(end))
         return results
-
-    def _progress_margins(self, states: Iterator[tuple[int, Values]], count: int) -> None:
-        """Take the next states; they need not be read once there is no margin to compute."""
-        if self._margins.running:
-            for valid_time, values in islice(states, count):
-                self._margins.progress(valid_time, values)
 
     def gap(self) -> None:
         """Record that states may be missing before the next one, any number with any values.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
@@ -14,9 +14,7 @@ from dyknow_reasoning.execution import (
     Failure,
     Histories,
     InstanceState,
-    Outcomes,
     PossibleFormula,
-    Recording,
     StandingMonitor,
     StartCounts,
     VerdictLog,
@@ -230,15 +228,14 @@ def start_verdicts(
     """
     found: list[StartVerdict] = []
     undecided = {number for run in monitor.undecided() for number in range(run.first, run.last + 1)}
-    false_at = {
-        number: log.false_at.get(number)
+    false = {
+        number
         for failure in monitor.failures
         for number in range(failure.run.first, failure.run.last + 1)
     }
     for number, time in enumerate(times):
-        if number in false_at:
-            decided_at = false_at[number]
-            found.append(StartVerdict(Verdict.FALSE, time if decided_at is None else decided_at))
+        if number in false:
+            found.append(StartVerdict(Verdict.FALSE, log.false_at[number]))
         elif number in undecided:
             remains = monitor.possible(number) or monitor.remainders(number)
             found.append(_undecided(remains, times[-1]))
@@ -307,17 +304,6 @@ class StandingFormulas:
                 failures[formula_id] = error
         return failures
 
-    def progress_many(self, recording: Recording) -> dict[int, dict[int, ReasoningError]]:
-        """Progress all formulas over a recording; return those that fail, by indices of states."""
-        failures: dict[int, dict[int, ReasoningError]] = {}
-        rows = recording.rows(recording.columns.keys()) if self.formulas else ()
-        for index, state in enumerate(rows):
-            if failed := self.progress(*state):
-                failures[index] = failed
-                for formula_id in failed:
-                    self.remove(formula_id)
-        return failures
-
     def forget_margins(self, formula_id: int) -> None:
         """Report no margins of a formula from now on, if it is one of these."""
         if found := self.formulas.get(formula_id):
@@ -332,14 +318,3 @@ class StandingFormulas:
         """Return the formulas with an episode that has begun or ended since the last call."""
         changed, self._changed = sorted(self._changed), set()
         return changed
-
-
-def merged(
-    some: Iterable[tuple[int, Outcomes]], others: Mapping[int, Outcomes]
-) -> Iterator[tuple[int, Outcomes]]:
-    """Return outcomes in the order of the indices of their states."""
-    pending = dict(others)
-    for index, outcomes in some:
-        yield from ((each, pending.pop(each)) for each in sorted(pending) if each < index)
-        yield index, {**outcomes, **pending.pop(index, {})}
-    yield from sorted(pending.items())

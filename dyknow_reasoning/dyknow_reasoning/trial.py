@@ -22,7 +22,7 @@ from dataclasses import replace
 
 from dyknow_common import Alternatives, PositionedError, choices, shortened
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.execution import Histories
+from dyknow_reasoning.execution import Histories, quick_reader
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Always, Forall, Formula, Freeze, FutureFormula, walk
 from dyknow_reasoning.language.grammar import LANGUAGE
@@ -30,10 +30,10 @@ from dyknow_reasoning.language.interval import ALL_FUTURE
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.type_checking import check_types
-from dyknow_reasoning.progression.atoms import Values, predicate
+from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains, instances_of, required_features
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import Chronology, holds_at, slots
+from dyknow_reasoning.progression.nodes import Chronology, holds_at
 from dyknow_reasoning.progression.past_operators import PastMemory
 from dyknow_reasoning.progression.sizes import (
     FormulaLimits,
@@ -109,11 +109,7 @@ class TrialFormula:
         instances = instances_of(asked, domains, NodeStore(Chronology()))
         attached = self._histories.attach(0, asked, instances, kinds)
         self._instances = [
-            (
-                each.node,
-                [(slot, predicate(each.atoms[slot], kinds)) for slot in slots(each.node.mask)],
-            )
-            for each in attached
+            (each.node, quick_reader(each.atoms, kinds, each.node.mask)) for each in attached
         ]
         self._names = {str(each) for each in required_features(attached)}
         self._memories: list[PastMemory] = []
@@ -150,10 +146,7 @@ class TrialFormula:
 
     def _holds(self, time: int, values: Values) -> bool:
         state, memories = self._histories.tried(time, values)
-        symbols = [
-            (node, sum(1 << slot for slot, is_true in atoms if is_true(state)))
-            for node, atoms in self._instances
-        ]
+        symbols = [(node, read(state)) for node, read in self._instances]
         # Until it ends without an error, there is nothing to accept.
         self._memories, self._time = memories, time
         return all(holds_at(*each) for each in symbols)

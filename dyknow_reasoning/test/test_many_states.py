@@ -17,6 +17,7 @@ from dyknow_reasoning import FormulaGroup, FormulaLimits
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import block_progression, instance_monitor, instance_pool
 from dyknow_reasoning.execution.automata import automaton, configurations
+from dyknow_reasoning.execution.single_instance import SingleInstance
 from dyknow_reasoning.language.terms import Feature
 
 pytestmark = pytest.mark.long
@@ -433,3 +434,37 @@ def test_no_states() -> None:
     assert group.progress_many([], {}) == []
     assert group.progress_many(np.array([], np.int64), {'p': np.array([])}) == []
     assert group.progress_many(np.array([]), {'p': []}) == []
+
+
+def test_noise_that_changes_nothing_is_skipped_while_a_clock_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    steps = 0
+    step = SingleInstance.step
+
+    def counted(single: SingleInstance, symbol: int, now: int, elapsed: int) -> Any:
+        nonlocal steps
+        steps += 1
+        return step(single, symbol, now, elapsed)
+
+    monkeypatch.setattr(SingleInstance, 'step', counted)
+    group = FormulaGroup()
+    group.add_formula('it', 'always[0 s, 1 s] (p -> eventually[0 ns, 9 ns] q)')
+    group.begin({})
+    noise = np.random.default_rng(1).random(2000) < 0.5
+    assert not group.progress_many(range(2000), {'p': np.zeros(2000, bool), 'q': noise})
+    assert steps < 10
+
+
+def test_batches_form_again_after_values_that_fit_into_no_vectors() -> None:
+    names = [f'o{number}' for number in range(40)]
+    group = FormulaGroup()
+    group.add_formula('it', 'forall x in S: always (v[x] > 0 -> eventually[0 ns, 9 ns] v[x] < 5)')
+    group.begin({'S': names})
+    assert group._monitor is not None
+    sizes = []
+    for time, odd in enumerate([1.0, 1, 1.0, 1.0, 1, 1.0, 1.0, 1.0]):
+        values = dict.fromkeys((f'v[{name}]' for name in names), 1.0)
+        assert not group.progress(time, {**values, 'v[o3]': odd})
+        sizes.append(len(group._monitor._pool.batches))
+    assert sizes == [1, 0, 1, 1, 0, 0, 1, 1]

@@ -22,6 +22,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
+from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.instance_monitor import InstanceMonitor
 from dyknow_reasoning.execution.past.histories import Histories, PastValues
 from dyknow_reasoning.execution.past.past_comparisons import past_terms, value_field
@@ -63,5 +64,6 @@ __all__ = [
     'link_lengths',
     'past_terms',
     'probability_of',
+    'quick_reader',
     'value_field',
 ]

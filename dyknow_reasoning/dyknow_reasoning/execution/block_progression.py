@@ -1,10 +1,9 @@
 """Progression of individual instances over many states of a recording, one instance at a time.
 
-An instance skips the states that repeat one that has changed nothing, up to its wake time. Example,
-`always (p -> eventually[0, 2 s] q)` (see `automata.automaton`): location B skips to the next state
-with another p or q, or later than 2 s after its clock. Without clocks, an instance skips all states
-that change nothing: location A skips to the next state with p and without q. Where few states can
-be skipped, it looks up its configurations in their table instead.
+An instance skips the states at which the truth of the atoms is known to change nothing, up to its
+wake time. Example, `always (p -> eventually[0, 2 s] q)` (see `automata.automaton`): location A
+skips to the next state with p and without q, location B to the next with q, or later than 2 s after
+its clock. Where few states can be skipped, an instance looks up its configurations in their table.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from operator import length_hint
 
 import numpy as np
 
-from dyknow_reasoning.execution.automata.automaton import Location, Move
 from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
 from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols, SymbolSequence
 from dyknow_reasoning.execution.single_instance import SingleInstance
@@ -25,6 +23,8 @@ from dyknow_reasoning.execution.vectors.atom_vectors import Array
 _MAX_LOOK_UPS = 2048
 _FEW_STATES = 8
 """If fewer can be skipped on average, the table is faster."""
+_PATIENCE = 64
+"""The states after which the table is tried again, if it did not have the next step."""
 
 
 class BlockProgression:
@@ -40,8 +40,6 @@ class BlockProgression:
         states = slice(symbols.states.start, symbols.states.stop)
         self._time_vector, self._step_vector = times[states], steps[states]
         self._symbols = symbols
-        # For locations without clocks, the number of moves, and the symbols that change nothing.
-        self._idle: dict[Location, tuple[int, frozenset[int]]] = {}
         self._verdicts: dict[int, list[InstanceVerdict]] = {}
 
     def progress(
@@ -70,15 +68,18 @@ class BlockProgression:
     def _progress(self, single: SingleInstance, end: int, *, is_repeated: bool) -> int:
         """Progress an instance up to a state, its verdict, or the limits; return the new end."""
         sequence, mask = self._symbols.of(single), single.mask
-        index, skipped = 0, float(_FEW_STATES)
+        index, skipped, look_up_from = 0, float(_FEW_STATES), 0
         while index < end:
             if single.mask != mask:
                 sequence, mask = self._symbols.of(single), single.mask
-            is_dense = skipped < _FEW_STATES
+            is_dense = skipped < _FEW_STATES and index >= look_up_from
             if is_dense and self._is_regular and single.template.uses_configurations:
-                index = self._look_up(single, sequence, index, end)
-                if index == end:
+                found = self._look_up(single, sequence, index, end)
+                if found == end:
                     break
+                # If it fails at once, perhaps each state leads to another configuration.
+                look_up_from = index + _PATIENCE if found == index else 0
+                index = found
             now = self._times[index]
             verdict = single.step(sequence.values[index], now, self._steps[index])
             if verdict:
@@ -90,38 +91,11 @@ class BlockProgression:
                 break
             before = index
             if now < single.wakes_at and index < end:
-                index = self._end_of_rest(single, sequence, index, end)
+                index = sequence.next_other(index, end, single.idle)
+                if self._times[index - 1] >= single.wakes_at:
+                    index = bisect_left(self._times, single.wakes_at, before, index)
             skipped += (index - before - skipped) / 8
         return end
-
-    def _end_of_rest(
-        self, single: SingleInstance, sequence: SymbolSequence, index: int, end: int
-    ) -> int:
-        """Return the index of the next state that may change an instance, which the latest did not.
-
-        Args:
-            single: the instance.
-            sequence: its symbols.
-            index: of the next state.
-            end: the most that is returned.
-        """
-        location = single.location
-        if not location.clocks and sequence.has_few_symbols:
-            return sequence.next_other(index, end, self._idle_symbols(location))
-        found = sequence.next_change(index, end)
-        if self._times[found - 1] < single.wakes_at:
-            return found
-        return bisect_left(self._times, single.wakes_at, index, found)
-
-    def _idle_symbols(self, location: Location) -> frozenset[int]:
-        """Return the symbols that are known to change nothing at a location without clocks."""
-        moves = location.moves
-        count, found = self._idle.get(location, (0, frozenset[int]()))
-        if count != len(moves):
-            idle = (each for each, move in moves.items() if type(move) is Move and move.is_idle)
-            found = frozenset(idle)
-            self._idle[location] = len(moves), found
-        return found
 
     def _look_up(
         self, single: SingleInstance, sequence: SymbolSequence, index: int, end: int

@@ -64,7 +64,7 @@ class InstanceMonitor:
         # The instances that begin with the next state.
         self._new: list[InstanceState] = []
         self._pool = InstancePool(self._shared_vectors)
-        # The time before which a state like the latest one changes nothing.
+        # The time before which states like earlier ones change nothing.
         self._wakes_at = -inf
         # True if a formula may be near the node limit.
         self._is_large = False
@@ -124,21 +124,21 @@ class InstanceMonitor:
         elapsed = valid_time - latest
         if elapsed <= 0 and self.latest is not None:
             raise late_state(valid_time, latest)
-        is_quiet = valid_time < self._wakes_at and self._repeats_latest(values)
+        joins = self._pool.apart and self._pool.may_join()
+        is_quiet = valid_time < self._wakes_at and not joins and self._changes_nothing(values)
         if is_quiet or not self._aggregation:
             self.latest = valid_time
             return _NO_OUTCOMES
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
         crossed = self._cross_gap(Gap(latest, valid_time)) if self._gap_follows else _NO_OUTCOMES
-        if self._new:
+        if self._new or joins:
             self.prepare()
         if abs(valid_time) > MAX_VECTOR_TIME:
             self._pool.dissolve(latest, inf)
         try:
             symbols = self._pool.read(values)
         except (UnreadableError, ReasoningError):
-            symbols, unreadable = self._pool.read_one_by_one(values)
-            self.remove(unreadable)
+            symbols, unreadable = self._read_apart(values, latest)
             failures = {**failures, **unreadable}
         outcomes = self._step(symbols, valid_time, elapsed)
         if outcomes or failures or crossed:
@@ -175,11 +175,21 @@ class InstanceMonitor:
         self._wakes_at = -inf
         self.latest = recording.time(-1) if count else self.latest
 
-    def _repeats_latest(self, values: Values) -> bool:
-        """Return True if the truth of all atoms is that at the latest state."""
+    def _read_apart(self, values: Values, latest: int) -> tuple[Symbols, dict[int, ReasoningError]]:
+        """Return the truth of the atoms at a state that fits into no vectors, or is unusable.
+
+        Return also the errors of formulas with unusable values, which are removed.
+        """
+        self._pool.separate(latest)
+        failures = self._pool.errors(values)
+        self.remove(failures)
+        return self._pool.read(values), failures
+
+    def _changes_nothing(self, values: Values) -> bool:
+        """Return True if the truth of the atoms changes nothing, as at states before."""
         try:
             for each in self._pool.singles:
-                if each.read(values) != each.symbol:
+                if each.read(values) not in each.idle:
                     return False
         except ReasoningError:
             return False

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
+from math import inf
 from typing import TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
@@ -16,7 +17,6 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
     FieldVectors,
     SharedVectors,
-    UnreadableError,
 )
 from dyknow_reasoning.execution.vectors.batch import Batch
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
@@ -44,6 +44,10 @@ class InstancePool:
         self.singles: list[SingleInstance] = []
         self.batches: list[Batch] = []
         self.fields = FieldVectors(self._shared)
+        self.apart = 0
+        """The states until batches may form again, after values that fit into no vectors."""
+        # How many they will be the next time.
+        self._patience = 1
 
     @property
     def templates(self) -> list[Template]:
@@ -79,7 +83,8 @@ class InstancePool:
         for single in self.singles:
             singles[single.instance.batch_key].append(single)
         batches = {batch.key: batch for batch in self.batches}
-        for key, found in new.items():
+        for key in dict.fromkeys((*new, *singles)):
+            found = new[key]
             if key in batches:
                 batches[key] = Batch([*batches[key].states(latest), *found])
             elif (
@@ -104,6 +109,17 @@ class InstancePool:
             self.batches = [batch for batch in self.batches if len(batch) >= below]
             self._attach()
 
+    def separate(self, latest: int) -> None:
+        """Progress all instances individually for some states, as values fit into no vectors."""
+        if self.batches:
+            self.dissolve(latest, inf)
+            self.apart, self._patience = self._patience, 2 * self._patience
+
+    def may_join(self) -> bool:
+        """Return True if these states are over, so that `add` forms batches again."""
+        self.apart -= 1
+        return self.apart == 0
+
     def remove(self, formulas: Collection[int], instances: Iterable[FormulaInstance] = ()) -> None:
         """Remove all instances of some formulas, and some other instances."""
         removed = set(map(id, instances))
@@ -125,19 +141,10 @@ class InstancePool:
             UnreadableError: if the values of a batch do not fit into vectors.
             ReasoningError: for unusable values of an individual instance.
         """
-        singles = [single.read(values) for single in self.singles]
-        return singles, self._read_batches(values) if self.batches else ()
-
-    def _read_batches(self, values: Values) -> Sequence[Array]:
-        """Return the truth of the atoms of the batches; raise UnreadableError as `read` does."""
-        try:
+        if self.batches:
             self.fields.load(values)
-        except UnreadableError:
-            if not any(batch.loads_too_much for batch in self.batches):
-                raise
-            self._attach()
-            self.fields.load(values)
-        return [batch.symbols() for batch in self.batches]
+        batches = [batch.symbols() for batch in self.batches]
+        return [single.read(values) for single in self.singles], batches
 
     def sizes(self) -> Mapping[int, int]:
         """Return the number of nodes that the instances of each formula have together."""
@@ -161,32 +168,12 @@ class InstancePool:
         for batch in self.batches:
             batch.attach(self.fields)
 
-    def read_one_by_one(self, values: Values) -> tuple[Symbols, Mapping[int, ReasoningError]]:
-        """Return the truth of the atoms at a state; remove the formulas with unusable values.
-
-        Returns:
-            The symbols of the instances that are left, and the errors of the removed formulas.
-        """
-        found: list[tuple[FormulaInstance, ReasoningError]] = []
-        singles: dict[int, int] = {}
-        for single in self.singles:
+    def errors(self, values: Values) -> dict[int, ReasoningError]:
+        """Return the errors of the formulas with unusable values, each of its first instance."""
+        found: dict[int, ReasoningError] = {}
+        for single in sorted(self.singles, key=lambda each: each.instance.order):
             try:
-                singles[id(single)] = single.read(values)
+                single.read(values)
             except ReasoningError as error:
-                found.append((single.instance, error))
-        batches: dict[int, Array] = {}
-        for batch in self.batches:
-            batches[id(batch)], errors = batch.read(values)
-            found += errors
-        # The first instance of a formula gives the error.
-        found.sort(key=lambda each: each[0].order, reverse=True)
-        failures = {instance.formula_id: error for instance, error in found}
-        if failures:
-            for batch in self.batches:
-                batches[id(batch)] = batches[id(batch)][batch.not_of(failures)]
-            self.remove(failures)
-        symbols = (
-            [singles[id(single)] for single in self.singles],
-            [batches[id(batch)] for batch in self.batches],
-        )
-        return symbols, failures
+                found.setdefault(single.instance.formula_id, error)
+        return found

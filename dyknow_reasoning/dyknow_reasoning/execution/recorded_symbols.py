@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -27,8 +27,6 @@ from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import field_name, fields, predicate
 from dyknow_reasoning.progression.nodes import slots
-
-_FEW_BITS = 12
 
 
 class RecordedSymbols:
@@ -65,7 +63,7 @@ class RecordedSymbols:
         found = self._found.get(key)
         if found is None:
             symbols = bits(truths) if truths else np.zeros(self._count, np.uint8)
-            found = self._found[key] = SymbolSequence(symbols, mask)
+            found = self._found[key] = SymbolSequence(symbols)
         return found
 
     def of_batches(self, pool: InstancePool) -> Mapping[int, Array]:
@@ -118,14 +116,10 @@ class SymbolSequence:
 
     Args:
         symbols: the symbols.
-        mask: the bits that they have.
     """
 
-    def __init__(self, symbols: Array, mask: int) -> None:
+    def __init__(self, symbols: Array) -> None:
         self.symbols = symbols
-        self.has_few_symbols = mask.bit_length() <= _FEW_BITS
-        """True if `next_other` may be called."""
-        self._width = 1 << mask.bit_length()
         self._edges: dict[frozenset[int], list[int]] = {}
 
     @cached_property
@@ -136,34 +130,17 @@ class SymbolSequence:
             symbols.tobytes() if symbols.dtype == np.uint8 else cast('list[int]', symbols.tolist())
         )
 
-    def next_change(self, index: int, end: int) -> int:
-        """Return the index of the next state whose symbol differs from the state before it.
-
-        Return the end if it comes first.
-        """
-        found = self._changes[bisect_left(self._changes, index)]
-        return found if found < end else end  # Faster than min().
-
     def next_other(self, index: int, end: int, known: frozenset[int]) -> int:
         """Return the index of the next state whose symbol is none of some, or the end."""
         edges = self._edges.get(known)
         if edges is None:
-            is_other = np.ones(self._width, bool)
-            is_other[list(known)] = False
-            changes = np.diff(is_other.take(self.symbols), prepend=False)
-            edges = self._edges[known] = self._starts(changes)
+            is_other = np.ones(len(self.symbols), bool)
+            for each in known:
+                is_other &= self.symbols != each
+            changes = np.flatnonzero(np.diff(is_other, prepend=False))
+            edges = self._edges[known] = [*changes.tolist(), len(self.symbols)]
         at = bisect_right(edges, index)
         if at % 2:
             return index
         found = edges[at]
-        return found if found < end else end
-
-    @cached_property
-    def _changes(self) -> list[int]:
-        return self._starts(np.diff(self.symbols, prepend=self.symbols[:1]))
-
-    def _starts(self, changes: Array) -> list[int]:
-        """Return the indices at which something changes, and the end of all states."""
-        found: list[int] = np.flatnonzero(changes).tolist()
-        found.append(len(self.symbols))
-        return found
+        return found if found < end else end  # Faster than min().

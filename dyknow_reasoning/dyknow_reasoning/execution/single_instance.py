@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf
+from typing import Final
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times, wake_time
 from dyknow_reasoning.execution.automata.configurations import Template
@@ -16,12 +17,15 @@ from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
 from dyknow_reasoning.execution.kept_values import KeptReader
 from dyknow_reasoning.progression.nodes import Sides
 
+_MOST_IDLE: Final = 16
+"""The most truths of the atoms that are known to change nothing."""
+
 
 class SingleInstance:
     """An undecided instance, at a location with clocks.
 
     `read` returns the truth of the atoms in `mask`, on which the instance depends now. States
-    before `wakes_at` at which it is `symbol` change nothing.
+    before `wakes_at` at which it is one of `idle` change nothing.
     """
 
     __slots__ = (
@@ -29,11 +33,11 @@ class SingleInstance:
         '_origins',
         '_readers',
         'clocks',
+        'idle',
         'instance',
         'location',
         'mask',
         'read',
-        'symbol',
         'template',
         'wakes_at',
     )
@@ -43,7 +47,7 @@ class SingleInstance:
         self.template: Template = state.template
         self.mask: int
         self.read: Reader
-        self.symbol = -1
+        self.idle: frozenset[int] = frozenset()
         self.wakes_at = -inf
         self.location = state.location
         self.clocks: Times = state.times
@@ -72,7 +76,7 @@ class SingleInstance:
             now: the valid time of the state, in nanoseconds.
             elapsed: nanoseconds since the previous state.
         """
-        if symbol == self.symbol and now < self.wakes_at:
+        if now < self.wakes_at and symbol in self.idle:
             return None
         times = (*self.clocks, now)
         location = self.location
@@ -80,7 +84,7 @@ class SingleInstance:
         if type(move) is not Move:
             move = self.template.automaton.move(location, symbol, times)
         if move.is_idle:
-            self.symbol, self.wakes_at = symbol, wake_time(location, symbol, times)
+            self._rest(symbol, now, wake_time(location, symbol, times))
             return None
         target = move.target
         if target.verdict is not None:
@@ -91,6 +95,14 @@ class SingleInstance:
             self._enter(target, location, now)
         self.location, self.clocks, self.wakes_at = target, move.select(times), -inf
         return None
+
+    def _rest(self, symbol: int, now: int, wakes_at: float) -> None:
+        """Record that states before a time at which the atoms are like this change nothing."""
+        if now >= self.wakes_at:
+            self.idle, self.wakes_at = frozenset((symbol,)), wakes_at
+        elif len(self.idle) < _MOST_IDLE:
+            self.idle |= {symbol}
+            self.wakes_at = min(self.wakes_at, wakes_at)
 
     def _enter(self, target: Location, location: Location, now: int) -> None:
         if target.node.mask != location.node.mask:

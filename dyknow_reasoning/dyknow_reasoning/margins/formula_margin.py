@@ -213,23 +213,11 @@ class FormulaMargin(BoundedMargins):
     """The margin of a formula that begins with the first state."""
 
     every_state = False
-
-    def __init__(
-        self,
-        formula: Formula,
-        kinds: Kinds,
-        domains: Domains,
-        limit: int,
-        past: PastReader | None = None,
-        unknown: UnknownFeatures = ALL_KNOWN,
-        links: LinkReader | None = None,
-    ) -> None:
-        super().__init__(formula, kinds, domains, limit, past, unknown, links)
-        # The bounds do not change before a time while all states satisfy the guards.
-        self._stable_until = -inf
-        self._guards: list[Callable[[Signals], bool]] = []
-        # The number of the collected states that satisfy them.
-        self._checked = 0
+    # The bounds do not change before a time while all states satisfy the guards.
+    _stable_until = -inf
+    _guards: Sequence[Callable[[Signals], bool]] = ()
+    # The number of the collected states that satisfy them.
+    _checked = 0
 
     def step(self, valid_time: int, values: Values) -> None:
         """Process a state that is later than the one before."""

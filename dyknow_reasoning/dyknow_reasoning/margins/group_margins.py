@@ -35,11 +35,6 @@ class GroupMargins:
         self._requested: dict[int, NamedFormula] = {}
         self._ended: dict[int, Margin] = {}
 
-    @property
-    def fields(self) -> set[str]:
-        """The names of the fields that these read."""
-        return {name for each in self.running.values() for name in each.fields}
-
     def add(self, formula_id: int, formula: NamedFormula, *, looks_back: bool = False) -> None:
         """Request the margin of a formula; it begins with the group, or with the next state.
 

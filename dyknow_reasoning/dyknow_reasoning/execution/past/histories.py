@@ -9,10 +9,11 @@ gap, `#1-` is the truth for the least favourable missing states, `#1+` for the m
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain, count
-from typing import Any, TypeAlias, cast
+from typing import Any, cast
 from weakref import WeakValueDictionary
 
 from dyknow_common import ProbabilityInterval
@@ -25,7 +26,7 @@ from dyknow_reasoning.execution.past.past_comparisons import (
     value_field,
 )
 from dyknow_reasoning.execution.past.register_groups import RegisterGroup, units
-from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.past.registers import PastRegister, Register, StateTaker
 from dyknow_reasoning.execution.past.spatial_registers import SpatialRegister, SpatialTruths
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import SharedVectors, VectorState
@@ -45,9 +46,6 @@ from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.progression.instances import Instance
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Chronology, slots
-
-PastRegister: TypeAlias = Register | ComparisonRegister | SpatialRegister
-"""The register of an operator of the past or of space, or of a comparison with past values."""
 
 _History = dict[tuple[PastFormula | Comparison | SpatialAtom, Hashable], PastRegister]
 
@@ -72,7 +70,7 @@ class Histories:
         self.refused: dict[int, ReasoningError] = {}
         """The errors of formulas that begin now, and look back to states that are not known."""
         # What takes the states, in this order.
-        self._units: list[PastRegister | RegisterGroup | OperandHistory] = []
+        self._units: list[StateTaker] = []
         self._has_groups = False
         # True if something begins or ends with the next state.
         self._is_changed = False
@@ -274,19 +272,31 @@ class Histories:
             for each in operands_of(formula, self._store)
         ]
         key = formula, tuple(kind_of(each, kinds) for each in fields(formula))
-        register = history.get(key)
-        if register is None:
-            named = PastAtom(formula, f'#{next(self._numbers)}')
+
+        def make(named: PastAtom) -> PastRegister:
             atoms = (atom for each in operands for atom in each.atoms)
             inner = [self.registers[each.field] for each in atoms if isinstance(each, PastAtom)]
             if isinstance(formula, Comparison):
-                register = ComparisonRegister(named, operands, inner, kinds)
-            else:
-                register = Register(named, operands[0], inner, kinds, self._store)
+                return ComparisonRegister(named, operands, inner, kinds)
+            return Register(named, operands[0], inner, kinds, self._store)
+
+        return self._registered(key, history, used, make)
+
+    def _registered(
+        self,
+        key: tuple[PastFormula | Comparison | SpatialAtom, Hashable],
+        history: _History,
+        used: dict[PastRegister, None],
+        make: Callable[[PastAtom], PastRegister],
+    ) -> Atom:
+        """Return an operator with the field of its register, which is made if there is none."""
+        register = history.get(key)
+        if register is None or register.field not in self.registers:
+            register = make(PastAtom(key[0], f'#{next(self._numbers)}'))
             history[key] = self.registers[register.field] = register
             self._is_changed = True
         used[register] = None
-        return PastAtom(formula, register.field)
+        return PastAtom(key[0], register.field)
 
     def _spatial_field(
         self, atom: SpatialAtom, history: _History, kinds: Kinds, used: dict[PastRegister, None]
@@ -303,15 +313,8 @@ class Histories:
             truths = SpatialTruths(atom, places, known, kinds, self._shared)
             self._spatial[kind] = truths
         used.update(dict.fromkeys(truths.inner))
-        key = atom, kind
-        register = history.get(key)
-        if register is None or register.field not in self.registers:
-            named = PastAtom(atom, f'#{next(self._numbers)}')
-            register = SpatialRegister(named, truths)
-            history[key] = self.registers[register.field] = register
-            self._is_changed = True
-        used[register] = None
-        return PastAtom(atom, register.field)
+        make = partial(SpatialRegister, truths=truths)
+        return self._registered((atom, kind), history, used, make)
 
     def _with_field(
         self, node: Any, history: _History, kinds: Kinds, used: dict[PastRegister, None]

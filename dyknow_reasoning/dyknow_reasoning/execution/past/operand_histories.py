@@ -8,14 +8,11 @@ that begins later begins with what the history remembers then.
 from __future__ import annotations
 
 from math import inf
-from typing import Final
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 from dyknow_reasoning.execution.automata.readers import quick_reader
-from dyknow_reasoning.execution.past.registers import field_names
-from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.vectors.atom_vectors import Columns
+from dyknow_reasoning.execution.past.registers import StateTaker, field_names
 from dyknow_reasoning.language.formula import Formula, PastFormula, parts
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.type_checking import Kinds
@@ -26,7 +23,7 @@ from dyknow_reasoning.progression.nodes import Node, slots
 from dyknow_reasoning.progression.past_operators import interval_of
 
 
-class OperandHistory:
+class OperandHistory(StateTaker):
     """The memory of an instance's past operators.
 
     Args:
@@ -39,16 +36,14 @@ class OperandHistory:
     def __init__(self, instance: Instance, kinds: Kinds, reach: float, node_limit: int) -> None:
         atoms, mask = instance.atoms, instance.node.mask
         self._read = quick_reader(atoms, kinds, mask)
-        self._names = {name for slot in slots(mask) for name in field_names(atoms[slot])}
+        self.names = {name for slot in slots(mask) for name in field_names(atoms[slot])}
+        self.fields = ()
         self._reach, self._node_limit = reach, node_limit
         self._automaton = Automaton(instance.node)
         self._location: Location = self._automaton.initial
         self._error: tuple[ReasoningError, int] | None = None
         self.times: Times = ()
         """The times of the states that the bounds of `node` count from, in nanoseconds."""
-
-    fields: Final = ()
-    """It sets no field."""
 
     @property
     def node(self) -> Node:
@@ -80,12 +75,6 @@ class OperandHistory:
             self._begin_again(ReasoningError(text), time)
         elif self._automaton.is_full:
             self._automaton.forget([self._location])
-
-    def columns(self, recording: Recording) -> Columns:
-        """Remember the states of a recording; they get no fields."""
-        for time, values in recording.rows(self._names):
-            self.step(time, values)
-        return {}
 
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""

@@ -25,13 +25,11 @@ from typing import Any, Final, cast
 from dyknow_common import ProbabilityInterval
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.readers import quick_reader
-from dyknow_reasoning.execution.past.registers import InnerRegister, column_array, field_names
+from dyknow_reasoning.execution.past.registers import BOUNDS, PastRegister
 from dyknow_reasoning.execution.probability.formula_probability import (
     AskedProbability,
     FormulaProbability,
 )
-from dyknow_reasoning.execution.recording import Recording
-from dyknow_reasoning.execution.vectors.atom_vectors import Columns
 from dyknow_reasoning.language.formula import (
     Comparison,
     Formula,
@@ -67,33 +65,26 @@ def operands_of(formula: PastFormula | Comparison, store: NodeStore) -> list[Pas
     return [past_operands(Previous(each.body), store) for each in asked]
 
 
-class ComparisonRegister:
-    """A comparison with values of the past, of formulas that begin with the same state.
+class ComparisonRegister(PastRegister):
+    """A comparison with values of the past; the value of each past term has a field, too.
 
     Args:
         atom: the comparison, with the name of its field.
         operands: of its counts and probabilities; past operators are atoms with fields, too.
         inner: the registers of these.
         kinds: the kinds of the features.
-
-    Attributes as of `Register`. The value of each past term has a field, too.
     """
 
-    form: Final = None
+    memory: TermMemories
 
     def __init__(
         self,
         atom: PastAtom,
         operands: Sequence[PastOperands],
-        inner: Sequence[InnerRegister],
+        inner: Sequence[PastRegister],
         kinds: Kinds,
     ) -> None:
         comparison = cast('Comparison', atom.formula)
-        self.atom, self.field, self.users = atom, atom.field, 0
-        self.gap: Gap | None = None
-        self.first_state: int | None = None
-        self.depth: int = 1 + max((each.depth for each in inner), default=0)
-        self._inner = inner
         self._holds = predicate(comparison, kinds)
         terms = past_terms(comparison)
         pending = iter(operands)
@@ -104,29 +95,17 @@ class ComparisonRegister:
             read, memory = _reader_and_memory(each, operand, kinds)
             self._readers[str(each)] = read
             memories.append(memory)
-        self.memory = TermMemories(memories)
-        self.atoms = [each for operand in operands for each in operand.atoms]
-        """The atoms of its counts and probabilities."""
-        names = (name for each in self.atoms for name in field_names(each))
-        self._names = {*map(field_name, fields(comparison)), *names}
-        bounds = ('', '-', '+')
-        self._bounds = [f'{self.field}{each}' for each in bounds]
+        atoms = [each for operand in operands for each in operand.atoms]
+        super().__init__(atom, atoms, inner, TermMemories(memories))
+        self.names.update(map(field_name, fields(comparison)))
         self._terms = [value_field(atom, each) for each in terms]
+        self.fields = [self.field, *self._terms]
         self._has_gaps = False
 
     @property
     def is_plain(self) -> bool:
         """True unless a gap has an effect."""
         return not self._has_gaps
-
-    @property
-    def fields(self) -> list[str]:
-        """The fields: as of a `Register`, and of the values of the past terms."""
-        return [*self._bounds[: 3 if self._has_gaps else 1], *self._terms]
-
-    def begin_with(self, memory: TermMemories) -> None:
-        """Replace the memory."""
-        self.memory = memory
 
     def tried(self, memory: TermMemories, time: int, values: Values) -> bool:
         """Return the truth of the comparison at a state, which a memory takes.
@@ -150,24 +129,16 @@ class ComparisonRegister:
             known = least = most = error
         values[self.field] = known
         if self._has_gaps:
-            values.update(zip(self._bounds, (known, least, most), strict=True))
+            values.update(zip(self.fields, (known, least, most), strict=False))
             if self.memory.are_known(time) and all(each.gap is None for each in self._inner):
                 self.gap = None
         values.update(zip(self._terms, found.maps[0].values(), strict=True))
-
-    def columns(self, recording: Recording) -> Columns:
-        """Return the fields of the register at the states of a recording."""
-        found: dict[str, list[Any]] = {name: [] for name in self.fields}
-        for time, values in recording.rows(self._names):
-            self.step(time, values)
-            for name, column in found.items():
-                column.append(values[name])
-        return {name: column_array(column) for name, column in found.items()}
 
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""
         if not gap.is_empty:
             self.gap, self._has_gaps = self.gap.join(gap) if self.gap else gap, True
+            self.fields = [*(f'{self.field}{each}' for each in BOUNDS), *self._terms]
             self.memory.miss_states(gap)
 
     def probabilities(self) -> list[ProbabilityInterval]:

@@ -9,9 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from dyknow_reasoning.execution.past.past_comparisons import ComparisonRegister
-from dyknow_reasoning.execution.past.registers import Register
-from dyknow_reasoning.execution.past.spatial_registers import SpatialRegister
+from dyknow_reasoning.execution.past.registers import PastRegister, Register, StateTaker
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
@@ -34,7 +32,7 @@ _MOST_VALUES: Final = 1 << 20
 """The most values of a recording that are read together."""
 
 
-class RegisterGroup:
+class RegisterGroup(StateTaker):
     """Registers that are alike, and begin with the same state.
 
     They share a memory, and read their operands as vectors. After a gap, or a value that does not
@@ -134,14 +132,12 @@ def _rows(truths: Array) -> int:
     return int.from_bytes(truths.tobytes(), 'little')
 
 
-def units(
-    registers: Iterable[Register | ComparisonRegister | SpatialRegister], shared: SharedVectors
-) -> list[Register | ComparisonRegister | SpatialRegister | RegisterGroup]:
+def units(registers: Iterable[PastRegister], shared: SharedVectors) -> list[StateTaker]:
     """Return groups of registers that are alike, and single registers, inner ones first."""
     forms: dict[Hashable, list[Any]] = {}
     for register in sorted(registers, key=attrgetter('depth')):
         forms.setdefault(register.form or register, []).append(register)
-    found: list[Register | ComparisonRegister | SpatialRegister | RegisterGroup] = []
+    found: list[StateTaker] = []
     for form, each in forms.items():
         is_group = type(form) is tuple and len(each) >= MIN_REGISTERS
         found += [RegisterGroup(each, shared)] if is_group else each

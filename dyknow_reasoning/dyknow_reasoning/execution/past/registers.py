@@ -1,10 +1,15 @@
-"""Registers: the truth of one past operator of a group at each state, as a field of the state."""
+"""Registers: the truth of one past operator of a group at each state, as a field of the state.
+
+A register is a `StateTaker`: it takes each state, one by one or as columns, and sets its fields.
+What an operator remembers is its memory alone (`progression.past_operators`, `past_comparisons`).
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import MutableMapping, Sequence
 from functools import cached_property
-from typing import Any, Final, Protocol, cast
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -14,9 +19,9 @@ from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
     MAX_BATCH_SLOTS,
-    Array,
     Columns,
     atom_form,
+    column_vector,
 )
 from dyknow_reasoning.language.formula import Atom, PastAtom, PastFormula
 from dyknow_reasoning.language.type_checking import Kinds
@@ -35,6 +40,10 @@ from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory, is
 
 _MAX_KEPT: Final = 1 << 8
 """The most symbols whose truth is kept."""
+
+
+BOUNDS: Final = '', '-', '+'
+"""Ends of the names of fields, after a gap: for the least and the most favourable states."""
 
 
 class Sides(dict[int, tuple[int, int]]):
@@ -64,15 +73,97 @@ class Sides(dict[int, tuple[int, int]]):
         return quick_reader(self._atoms, self._kinds, self._left.mask | self._right.mask)
 
 
-class InnerRegister(Protocol):
-    """What a register needs of those of its operands."""
+class StateTaker(ABC):
+    """Takes all states of a group, and sets fields of them."""
 
-    depth: int
-    gap: Gap | None
+    names: set[str]
+    """The fields that it reads."""
+
+    fields: Sequence[str]
+    """The fields that it sets."""
+
+    @abstractmethod
+    def step(self, time: int, values: Any) -> None:
+        """Take a state, whose fields it sets; `time` is its valid time, in nanoseconds."""
+
+    @abstractmethod
+    def pass_gap(self, gap: Gap) -> None:
+        """Take a gap before the next state."""
+
+    def columns(self, recording: Recording) -> Columns:
+        """Take the states of a recording; return the fields."""
+        found: dict[str, list[Any]] = {field: [] for field in self.fields}
+        for time, values in recording.rows(self.names):
+            self.step(time, values)
+            for name, column in found.items():
+                column.append(values[name])
+        return {name: column_vector(column) for name, column in found.items()}
 
 
-class Register:
-    """A past operator of formulas that begin with the same state.
+class PastRegister(StateTaker):
+    """An operator of the past or of space, or a comparison with past values.
+
+    It belongs to formulas that begin with the same state.
+
+    Args:
+        atom: the operator, with the name of its field.
+        atoms: of its operands; inner operators have fields, too.
+        inner: the registers of these.
+        memory: of the operator.
+    """
+
+    def __init__(
+        self, atom: PastAtom, atoms: Sequence[Atom], inner: Sequence[PastRegister], memory: Any
+    ) -> None:
+        self.atom, self.field, self.atoms, self.memory = atom, atom.field, atoms, memory
+        self.names = {name for each in atoms for name in field_names(each)}
+        self.fields = [self.field]
+        self.users = 0
+        """The number of formulas that depend on it."""
+        self.gap: Gap | None = None
+        """The gap that it depends on."""
+        self.first_state: int | None = None
+        """The valid time of the first state."""
+        self.depth: int = 1 + max((each.depth for each in inner), default=0)
+        """The nesting depth of past operators."""
+        self._inner = inner
+
+    @property
+    def is_plain(self) -> bool:
+        """True unless a gap or an error has an effect."""
+        return True
+
+    @property
+    def form(self) -> Any:
+        """The key shared by registers that differ only in their fields; None if it stays single."""
+        return None
+
+    def begin_with(self, memory: Any) -> None:
+        """Replace the memory."""
+        self.memory = memory
+
+    @abstractmethod
+    def tried(self, memory: Any, time: int, values: Values) -> bool:
+        """Return the truth at a state, which a memory takes.
+
+        Raises:
+            ReasoningError: if an operand has no truth; the memory does not take the state then.
+        """
+
+    def step(self, time: int, values: MutableMapping[str, Any]) -> None:
+        """Take a state, and set the fields of the register."""
+        try:
+            values[self.field] = self.tried(self.memory, time, values)
+        except ReasoningError as error:
+            self.lose(error, time, values)
+
+    def lose(self, error: ReasoningError, time: int, values: MutableMapping[str, Any]) -> None:  # noqa: ARG002
+        """Take a state at which an operand has no truth."""
+        values.update(dict.fromkeys(self.fields, error))
+
+
+class Register(PastRegister):
+    """A past operator over operands that each state decides.
 
     Args:
         atom: the operator, with the name of its field.
@@ -82,44 +173,28 @@ class Register:
         store: makes nodes.
     """
 
+    memory: PastMemory
+
     def __init__(
         self,
         atom: PastAtom,
         operands: PastOperands,
-        inner: Sequence[InnerRegister],
+        inner: Sequence[PastRegister],
         kinds: Kinds,
         store: NodeStore,
     ) -> None:
-        self.atom, self.field = atom, atom.field
-        self.users = 0
-        """The number of formulas that depend on it."""
-        self.gap: Gap | None = None
-        """The gap that it depends on."""
-        self.first_state: int | None = None
-        """The valid time of the first state."""
         formula = cast('PastFormula', atom.formula)
-        self.is_negated = is_dual(formula)
-        self.kinds = kinds
-        self.operands = operands
-        self.depth: int = 1 + max((each.depth for each in inner), default=0)
-        """The nesting depth of past operators."""
-        self._store, self._inner = store, inner
-        self.memory = memory_of(formula)
+        self.mask = operands.left.mask | operands.right.mask
+        """The slots of the atoms of the operands, as bits."""
+        atoms = [operands.atoms[slot] for slot in slots(self.mask)]
+        super().__init__(atom, atoms, inner, memory_of(formula))
+        self.is_negated, self.kinds, self.operands = is_dual(formula), kinds, operands
+        self._store = store
         self.sides = Sides(operands.atoms, operands.left, operands.right, kinds)
         # After a gap there are two: for the least and for the most favourable missing states.
         self._branches: tuple[tuple[Sides, PastMemory], ...] = ((self.sides, self.memory),)
         # The latest error of an operand, while the operator depends on it.
         self._error: ReasoningError | None = None
-
-    @property
-    def atoms(self) -> list[Atom]:
-        """The atoms of the operands."""
-        return [self.operands.atoms[slot] for slot in slots(self.mask)]
-
-    @property
-    def mask(self) -> int:
-        """The slots of the atoms of the operands, as bits."""
-        return self.operands.left.mask | self.operands.right.mask
 
     @property
     def is_plain(self) -> bool:
@@ -151,13 +226,10 @@ class Register:
 
     def step(self, time: int, values: MutableMapping[str, Any]) -> None:
         """Take a state, and set the fields of the register."""
-        if not self.is_plain:
+        if self.is_plain:
+            super().step(time, values)
+        else:
             self._step_carefully(time, values)
-            return
-        try:
-            values[self.field] = self.tried(self.memory, time, values)
-        except ReasoningError as error:
-            self._lose(error, time, values)
 
     def columns(self, recording: Recording) -> Columns:
         """Return the fields of the register at the states of a recording."""
@@ -169,13 +241,15 @@ class Register:
                 pairs = zip(recording.times.tolist(), sides, strict=True)
                 found = np.array([step(time, left, right) for time, (left, right) in pairs])
                 return {self.field: found != self.is_negated}
-        return self._columns_one_by_one(recording)
+        return super().columns(recording)
 
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state."""
         if gap.is_empty:
             return
         self.gap = self.gap.join(gap) if self.gap else gap
+        # The truth, also for the least and the most favourable states.
+        self.fields = [f'{self.field}{each}' for each in BOUNDS]
         if len(self._branches) == 1:
             memories = self.memory, self.memory.of_row(0)
             self._branches = tuple(zip(self._bounded_sides(), memories, strict=True))
@@ -203,7 +277,7 @@ class Register:
         try:
             rows = [sides[sides.read(values)] for sides, _ in self._branches]
         except ReasoningError as error:
-            self._lose(error, time, values)
+            self.lose(error, time, values)
             return
         found = [
             memory.step(time, left, right) != self.is_negated
@@ -218,38 +292,16 @@ class Register:
             (_, first), (_, last) = self._branches
             self.gap = None if first.key == last.key else self.gap
 
-    def _lose(self, error: ReasoningError, time: int, values: MutableMapping[str, Any]) -> None:
-        """Take a state whose operands have no truth."""
+    def lose(self, error: ReasoningError, time: int, values: MutableMapping[str, Any]) -> None:
+        """Take a state at which an operand has no truth."""
         self._error = error
         for _, memory in self._branches:
             memory.lose(time)
-        values.update(dict.fromkeys(self.fields, error))
-
-    @property
-    def fields(self) -> list[str]:
-        """The fields: of the truth, after a gap also for the least and most favourable states."""
-        bounds = ('', '-', '+')[: 2 * len(self._branches) - 1]
-        return [f'{self.field}{each}' for each in bounds]
-
-    def _columns_one_by_one(self, recording: Recording) -> Columns:
-        names = {name for atom in self.operands.atoms for name in field_names(atom)}
-        found: dict[str, list[Any]] = {field: [] for field in self.fields}
-        for time, values in recording.rows(names):
-            self.step(time, values)
-            for name, column in found.items():
-                column.append(values[name])
-        return {name: column_array(column) for name, column in found.items()}
+        super().lose(error, time, values)
 
 
 def field_names(atom: Atom) -> list[str]:
     """Return the names of the fields that an atom may be read from."""
     if isinstance(atom, PastAtom):
-        return [f'{atom.field}{each}' for each in ('', '-', '+')]
+        return [f'{atom.field}{each}' for each in BOUNDS]
     return [field_name(each) for each in fields(atom)]
-
-
-def column_array(column: list[Any]) -> Array:
-    """Return booleans as such; errors and other values stay objects."""
-    if set(map(type, column)) <= {bool}:
-        return np.array(column, bool)
-    return np.fromiter(column, object, len(column))

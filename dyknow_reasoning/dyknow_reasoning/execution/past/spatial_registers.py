@@ -7,7 +7,7 @@ where values do not fit into these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import reduce
 from math import isfinite
 from operator import or_
@@ -17,7 +17,8 @@ import numpy as np
 
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.readers import quick_reader
-from dyknow_reasoning.execution.past.registers import column_array
+from dyknow_reasoning.execution.past.past_comparisons import TermMemories
+from dyknow_reasoning.execution.past.registers import PastRegister
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
@@ -27,6 +28,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Truths,
     UnreadableError,
     atom_form,
+    column_vector,
     term_form,
 )
 from dyknow_reasoning.language.formula import (
@@ -87,7 +89,6 @@ class SpatialTruths:
         shared: SharedVectors,
     ) -> None:
         self.formula, self.places, self.inner = atom.formula, places, inner
-        self.depth: int = 1 + max((each.depth for each in inner), default=0)
         self._is_each = bool(atom.target)
         self._kinds = kinds
         self._numbers = {name: index for index, name in enumerate(places.objects)}
@@ -260,45 +261,25 @@ def link_lengths(places: Places, formula: Spatial, kinds: Kinds) -> Callable[[Va
     return lambda values: read.operands(values)[0]
 
 
-class SpatialRegister:
+class SpatialRegister(PastRegister):
     """A spatial operator from one object on; it remembers nothing.
 
     Args:
         atom: the operator, with the name of its field.
         truths: its truth from each object on.
-        index: the index of its own.
-
-    Attributes as of `Register`.
     """
 
-    form: Final = None
-    is_plain: Final = True
-
     def __init__(self, atom: PastAtom, truths: SpatialTruths) -> None:
-        self.atom, self.atoms = atom, ()
-        self.field, self.users = atom.field, 0
-        self.gap: Gap | None = None
-        self.first_state: int | None = None
+        super().__init__(atom, (), truths.inner, TermMemories(()))
         self.truths = truths
-        self.depth, self.fields, self.memory = truths.depth, [atom.field], _NoMemory()
         self._index = truths.index(cast('SpatialAtom', atom.formula))
 
-    def begin_with(self, memory: _NoMemory) -> None:
-        """Replace the memory: there is none."""
-
-    def tried(self, memory: _NoMemory, time: int, values: Values) -> bool:  # noqa: ARG002
+    def tried(self, memory: TermMemories, time: int, values: Values) -> bool:  # noqa: ARG002
         """Return the truth at a state; raise ReasoningError for an unusable operand."""
         found = self.truths.at(values)
         if isinstance(found, ReasoningError):
             raise found
         return bool(found[self._index])
-
-    def step(self, time: int, values: MutableMapping[str, Any]) -> None:
-        """Take a state, and set the field of the register."""
-        try:
-            values[self.field] = self.tried(self.memory, time, values)
-        except ReasoningError as error:
-            values[self.field] = error
 
     def columns(self, recording: Recording) -> Columns:
         """Return the field of the register at the states of a recording."""
@@ -306,7 +287,7 @@ class SpatialRegister:
         found = [
             each if isinstance(each, ReasoningError) else bool(each[self._index]) for each in rows
         ]
-        return {self.field: column_array(found)}
+        return {self.field: column_vector(found)}
 
     def pass_gap(self, gap: Gap) -> None:
         """Take a gap before the next state, on which nothing depends."""
@@ -332,11 +313,3 @@ def _names(node: Formula | Term) -> Iterator[str]:
     else:
         for part in parts(node):
             yield from _names(part)
-
-
-class _NoMemory:
-    """The memory of a register without any."""
-
-    def of_row(self, _row: int) -> _NoMemory:
-        """Return itself."""
-        return self

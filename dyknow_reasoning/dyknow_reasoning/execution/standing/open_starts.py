@@ -18,7 +18,7 @@ Example, `p -> eventually[0, 5 s] q`, with a state each second:
 
 While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
 groups what the one before did: nothing. Then the states only join the group of the latest start,
-or are decided at once as the latest one was. Such states need no call, until `wakes_at`. Nor do
+or the formula is true from them at once. Such states need no call, until `wakes_at`. Nor do
 states at which the only change is that the oldest starts leave their group for one and the same
 other group, or that the formula becomes true from them: these starts *fade*, and are moved or
 dropped later (see `fading`).
@@ -115,11 +115,6 @@ class OpenStarts:
         self.join(len(self._times))
         self.resume(self.groups)
         self._known_validity.clear()
-
-    @property
-    def fails_at_once(self) -> bool:
-        """True if the formula is false from the latest state on, and that state decides it."""
-        return self._fresh.location.verdict is False
 
     @property
     def locations(self) -> list[Location]:
@@ -233,12 +228,6 @@ class OpenStarts:
         moment = DecidingMoment.of(before, decided.symbol, self._times[number], previous)
         return InstanceVerdict(before.instance, decided.holds, moment)
 
-    def begins(self) -> DecidedStarts:
-        """Return the verdict on the latest state, for which `fails_at_once` is true."""
-        number = len(self._times) - 1
-        now = self._times[number]
-        return DecidedStarts(self._initial, False, [Run(number, number, now, now)], self._symbol)
-
     def resume(self, groups: dict[Group, list[Run]]) -> None:
         """Set the starts that are undecided after the latest state."""
         self.groups = groups
@@ -291,7 +280,7 @@ class OpenStarts:
             symbol: the truth of the atoms of the formula at this state, as bits.
 
         Returns:
-            The starts that it decides, but for the state itself if that is decided at once.
+            The starts that it decides, but for the state itself if the formula is true from it on.
         """
         number = len(self._times) - 1
         self.join(number)
@@ -310,6 +299,10 @@ class OpenStarts:
             else:
                 self._move(group, runs, now, decided)
         self._begin(number, now)
+        if self._fresh.location.verdict is False:
+            run = Run(number, number, now, now)
+            decided.append(DecidedStarts(self._initial, False, [run], symbol))
+            self.wakes_at = -inf  # Each such state is recorded by itself.
         return decided
 
     def _move(self, group: Group, runs: list[Run], now: int, decided: list[DecidedStarts]) -> None:

@@ -14,7 +14,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
-from dyknow_reasoning.execution.past.histories import PastRegister
+from dyknow_reasoning.execution.past.registers import PastRegister
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts, open_starts
 from dyknow_reasoning.execution.standing.possible_starts import PossibleDecision, PossibleStarts
@@ -97,10 +97,6 @@ class StandingMonitor:
         # The earliest of these: states before that repeat the truth of the atoms need no step.
         self._wakes_at: float = -inf
         self._log: VerdictLog | None = None
-        self._fails_at_once: set[int] = set()
-        # The first instance that is false at once from the latest state on, and since which state.
-        self._failing: OpenStarts | None = None
-        self._failing_since = 0
         self._forgotten_fails = self._forgotten_unknown = 0
         # The starts from which the formula cannot become true, because of a gap.
         self._unprovable: list[Run] = []
@@ -141,8 +137,7 @@ class StandingMonitor:
         self._move_starts(possible, of)
         self._possible = possible
         self._starts, self._readers, self._symbols, self._ends = [], [], [], []
-        self._templates, self._failing, self._wakes_at = [], None, -inf
-        self._fails_at_once.clear()
+        self._templates, self._wakes_at = [], -inf
         return True
 
     def _move_starts(self, possible: PossibleStarts, of: Instances) -> None:
@@ -199,7 +194,6 @@ class StandingMonitor:
     @property
     def failures(self) -> Sequence[Failure]:
         """In the order of their states; those that have ended are forgotten after a while."""
-        self._record_failing(len(self._times))
         return self._failures.kept
 
     @property
@@ -263,7 +257,6 @@ class StandingMonitor:
 
     def _step(self, symbols: list[int], now: int, values: Values) -> bool:
         number = len(self._times)
-        self._record_failing(number)
         changed = False
         if self._gap_follows:
             changed = self._cross_gap(Gap(self._times[number - 1], now), values)
@@ -276,20 +269,8 @@ class StandingMonitor:
             starts = self._starts[index]
             decided += [(starts.verdict, found) for found in starts.step(symbols[index])]
             self._ends[index] = starts.wakes_at
-            if starts.fails_at_once:
-                self._fails_at_once.add(index)
-            else:
-                self._fails_at_once.discard(index)
         self._symbols = symbols
         changed |= self._apply(decided, now, values)
-        self._failing = None
-        if self._fails_at_once:
-            self._failing = self._starts[min(self._fails_at_once)]
-            begins = self._failing.begins()
-            changed |= self._fail(self._failing.verdict, begins, now, values)
-            if self._log:
-                self._log.add_at_once(begins.runs[0])
-            self._failing_since = number + 1
         self._limit_memory()
         changed |= self._end_failures()
         self._wakes_at = -inf if self._possible else min(self._ends, default=inf)
@@ -334,15 +315,6 @@ class StandingMonitor:
                 began |= self._failures.add(Failure(run, verdict, now, values))
         return began
 
-    def _record_failing(self, end: int) -> None:
-        """Record the states before a number that needed no step and are false at once."""
-        if self._failing and end > self._failing_since:
-            first, self._failing_since = self._failing_since, end
-            run = Run(first, end - 1, self._times[first], self._times[end - 1])
-            self._failures.extend(run)
-            if self._log:
-                self._log.add_at_once(run)
-
     def _end_failures(self) -> bool:
         """End failures after which the formula holds; return True if one has ended."""
         if not self._failures.waiting:
@@ -370,10 +342,8 @@ class StandingMonitor:
         return False
 
     def _settle(self) -> None:
-        end = len(self._times)
-        self._record_failing(end)
         for each in self._starts:
-            each.join(end)
+            each.join(len(self._times))
 
     def _limit_memory(self) -> None:
         """Limit the memory of automata that have grown, and of times.

@@ -116,14 +116,14 @@ class VerdictLog:
 
     Attributes:
         true_at: the time of the deciding state, in nanoseconds.
-        false_at: the same; None if that is the state itself.
+        false_at: the same.
         unprovable: the gap that prevents that the formula becomes true; what remained of it if
             its verdict depends on unknown values.
     """
 
     def __init__(self) -> None:
         self.true_at: dict[int, int] = {}
-        self.false_at: dict[int, int | None] = {}
+        self.false_at: dict[int, int] = {}
         self.unprovable: dict[int, Loss] = {}
 
     def add(self, decided: DecidedStarts | PossibleDecision, now: int) -> None:
@@ -136,10 +136,6 @@ class VerdictLog:
         else:
             for number in numbers:
                 self.false_at.setdefault(number, now)
-
-    def add_at_once(self, run: Run) -> None:
-        """Add states that decide by themselves that the formula is false."""
-        self.false_at.update(dict.fromkeys(_numbers([run])))
 
 
 def _numbers(runs: Iterable[Run]) -> list[int]:

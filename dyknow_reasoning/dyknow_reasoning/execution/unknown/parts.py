@@ -7,8 +7,7 @@ from functools import cached_property
 
 from dyknow_common import Alternatives
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
-from dyknow_reasoning.execution.past.histories import PastRegister
-from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.past.registers import PastRegister, Register
 from dyknow_reasoning.execution.unknown.completions import Completions, is_exact
 from dyknow_reasoning.language.formula import Atom, PastAtom
 from dyknow_reasoning.progression.atoms import Values, fields, predicate

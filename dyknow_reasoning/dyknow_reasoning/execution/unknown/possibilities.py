@@ -26,8 +26,7 @@ from typing import Any, Final, TypeAlias, TypeVar
 from dyknow_common import Alternatives, ExitCode, amount, round_duration
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Times
-from dyknow_reasoning.execution.past.histories import PastRegister
-from dyknow_reasoning.execution.past.registers import Register
+from dyknow_reasoning.execution.past.registers import PastRegister, Register
 from dyknow_reasoning.execution.unknown.parts import FormulaPart
 from dyknow_reasoning.language.formula import Atom
 from dyknow_reasoning.progression.atoms import Values

@@ -26,7 +26,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceVerdict,
 )
 from dyknow_reasoning.execution.automata.readers import quick_reader
-from dyknow_reasoning.execution.past.histories import PastRegister
+from dyknow_reasoning.execution.past.registers import PastRegister
 from dyknow_reasoning.execution.unknown.parts import FormulaPart, Instances
 from dyknow_reasoning.execution.unknown.possibilities import Possibilities, Possibility
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns

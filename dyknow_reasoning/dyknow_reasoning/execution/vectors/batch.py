@@ -10,23 +10,19 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Location, Times
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
     DecidingMoment,
-    FormulaInstance,
     InstanceState,
     InstanceVerdict,
 )
-from dyknow_reasoning.execution.automata.readers import careful_reader
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, FieldVectors, Truths, bits
 from dyknow_reasoning.execution.vectors.instance_vectors import (
     ClockedVectors,
     Decided,
     TabulatedVectors,
 )
-from dyknow_reasoning.progression.atoms import Predicate, Values, predicate
 from dyknow_reasoning.progression.nodes import Sides, slots
 
 
@@ -47,7 +43,6 @@ class Batch:
         # The indices of the instances in the field vectors; None if all are left.
         self._rows: Array | None = None
         self._loaded = len(states)
-        self._predicates: dict[FormulaInstance, list[Predicate]] = {}
 
     def __len__(self) -> int:
         return len(self._instances)
@@ -56,11 +51,6 @@ class Batch:
     def is_sparse(self) -> bool:
         """True if most values are loaded for instances that are gone."""
         return 2 * len(self._instances) < self._loaded
-
-    @property
-    def loads_too_much(self) -> bool:
-        """True if some values are loaded for instances that are gone."""
-        return self._rows is not None
 
     def attach(self, fields: FieldVectors) -> None:
         """Set the field vectors from which the atoms are evaluated."""
@@ -83,18 +73,6 @@ class Batch:
         """Return the symbols of the instances among those for which values are loaded."""
         return loaded if self._rows is None else loaded[..., self._rows]
 
-    def read(self, values: Values) -> tuple[Array, list[tuple[FormulaInstance, ReasoningError]]]:
-        """Return the truth of the atoms, read value by value, and errors of instances."""
-        found = np.zeros(len(self._instances), dtype=np.uint8)
-        errors = []
-        for index, instance in enumerate(self._instances):
-            location, _ = self._vectors.position(index, 0)
-            try:
-                found[index] = self._read(instance, location, values)
-            except ReasoningError as error:
-                errors.append((instance, error))
-        return found, errors
-
     def step(
         self, symbols: Array, now: int, elapsed: int, *, regular: bool
     ) -> list[InstanceVerdict]:
@@ -112,13 +90,9 @@ class Batch:
         self._origins.update(vectors, now)
         return [self._verdict(each, int(symbols[each.row]), now, previous) for each in decided]
 
-    def not_of(self, formulas: Collection[int]) -> Array:
-        """Return a mask of the instances of all other formulas."""
-        return ~np.isin(self._formulas, list(formulas))
-
     def remove(self, formulas: Collection[int], instances: Collection[int]) -> None:
         """Remove all instances of some formulas, and some instances given by their `id`."""
-        kept = self.not_of(formulas)
+        kept = ~np.isin(self._formulas, list(formulas))
         if instances:
             kept &= np.array([id(each) not in instances for each in self._instances], dtype=bool)
         if not kept.all():
@@ -163,13 +137,6 @@ class Batch:
         before = InstanceState(instance, self.template, location, decided.times, origins)
         moment = DecidingMoment(before, symbol & location.node.mask, now, previous)
         return InstanceVerdict(instance, decided.holds, moment)
-
-    def _read(self, instance: FormulaInstance, location: Location, values: Values) -> int:
-        if instance not in self._predicates:
-            atoms = instance.atoms
-            self._predicates[instance] = [predicate(atom, instance.kinds) for atom in atoms]
-        found = self._predicates[instance]
-        return careful_reader({slot: found[slot] for slot in slots(location.node.mask)})(values)
 
 
 def _vectors(

@@ -22,6 +22,7 @@ in ClockedVectors, at a state at 6 s; times are in seconds:
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
@@ -293,8 +294,8 @@ def _chosen(indices: Indices, chosen: Array) -> Array:
     return found
 
 
-_PATIENCE_STATES = 8
-_MAX_KNOWN_STEPS = 16
+_LATEST_STEPS = 16
+_FEW_STEPS, _MANY_STEPS = 4, 12
 
 
 class SamplingRegularity:
@@ -306,24 +307,14 @@ class SamplingRegularity:
 
     def __init__(self) -> None:
         self._is_regular = True
-        self._known: dict[int, None] = {}
-        self._new_in_a_row = 0
-        self._latest = 0
-        self._same_in_a_row = 0
+        self._latest: deque[int] = deque(maxlen=_LATEST_STEPS)
 
     def observe(self, elapsed: int) -> bool:
         """Record a step of time in nanoseconds; return True if steps repeat."""
-        self._same_in_a_row = self._same_in_a_row + 1 if elapsed == self._latest else 1
-        self._latest = elapsed
-        if not self._is_regular:
-            if self._same_in_a_row >= _PATIENCE_STATES:
-                self._is_regular, self._known, self._new_in_a_row = True, {elapsed: None}, 0
-        elif elapsed in self._known:
-            self._new_in_a_row = 0
-        else:
-            self._known[elapsed] = None
-            if len(self._known) > _MAX_KNOWN_STEPS:
-                del self._known[next(iter(self._known))]
-            self._new_in_a_row += 1
-            self._is_regular = self._new_in_a_row < _PATIENCE_STATES
+        self._latest.append(elapsed)
+        distinct = len(set(self._latest))
+        if self._is_regular:
+            self._is_regular = distinct < _MANY_STEPS
+        elif len(self._latest) == _LATEST_STEPS:
+            self._is_regular = distinct <= _FEW_STEPS
         return self._is_regular
