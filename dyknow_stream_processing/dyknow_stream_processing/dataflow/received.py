@@ -35,8 +35,9 @@ OVERTAKEN: Final = 'a violation was reported before this sample, and has not arr
 PATIENCE: Final = 20
 """The number of looks in a row after which a sample before a watermark is taken for lost."""
 
-SPACING: Final = 50 * NANOSECONDS['ms']
-"""The least time between two looks: watermarks that have waited come all at once."""
+SPACING: Final = 250 * NANOSECONDS['ms']
+"""The least time between two looks: watermarks that have waited come all at once, and Fast DDS
+sends samples that were lost on the way again after up to 3 s."""
 
 
 class ReceivedViolations:
