@@ -44,11 +44,10 @@ def exit_code(number: int) -> ExitCode:
         return ExitCode.INTERNAL_ERROR
 
 
-def shortened(text: object) -> str:
-    """Return a text for a message: its beginning and end, if it is long."""
-    found = str(text)
-    half = _MAX_QUOTED // 2
-    return found if len(found) <= _MAX_QUOTED else f'{found[:half]}…{found[-half:]}'
+def shortened(text: object, most: int = _MAX_QUOTED) -> str:
+    """Return a text for a message: its beginning and end, if it has more characters than that."""
+    found, half = str(text), most // 2
+    return found if len(found) <= most else f'{found[:half]}…{found[-half:]}'
 
 
 def amount(count: int) -> str:

@@ -27,6 +27,7 @@ from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.observation import Signal, SignalRecorder, terms_of
 from dyknow_recordings.evaluation.results import (
+    MAX_REMAINDER,
     Episode,
     FormulaReport,
     Outcome,
@@ -306,6 +307,16 @@ def test_the_deciding_object_comes_first_of_many() -> None:
     text = Outline(page(report)).text
     assert 'decides' in text
     assert '6 more are not shown' in text
+
+
+def test_of_a_long_remainder_people_see_the_ends() -> None:
+    """That of many objects would fill a screen of a terminal."""
+    remains = 'always p0' + ''.join(f' and always p{number}' for number in range(1, 200))
+    shown = Episode(0, residual_formula=remains).remainder
+    assert shown.startswith('nothing broke it; what remains: always p0 and always p1')
+    assert '…' in shown
+    assert shown.endswith(' and always p199')
+    assert len(shown) < MAX_REMAINDER + 50
 
 
 def test_a_page_is_complete_and_needs_no_network() -> None:

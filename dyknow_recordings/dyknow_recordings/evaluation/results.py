@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
-from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict
+from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict, shortened
 from dyknow_coordinator import SymbolGrounding
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.evaluation.recorded_map import RecordedMap
 from dyknow_recordings.health.expectations import BrokenExpectation
 from dyknow_stream_processing import Violation
+
+MAX_REMAINDER: Final = 300
+"""The most characters that people are shown of what remains of a formula; JSON has all of it."""
 
 
 class Outcome(StrEnum):
@@ -66,11 +70,11 @@ class Episode:
 
     @property
     def remainder(self) -> str:
-        """How an undecided formula has ended, and what remains of it, for people."""
+        """How an undecided formula has ended, and the ends of what remains of it, for people."""
         end = 'nothing broke it'
         if self.presumably_false:
             end = 'it may be false' if self.wants else 'an obligation was not met'
-        return f'{end}; what remains: {self.residual_formula}'
+        return f'{end}; what remains: {shortened(self.residual_formula, MAX_REMAINDER)}'
 
 
 @dataclass(frozen=True, slots=True)
