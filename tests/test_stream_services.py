@@ -491,7 +491,7 @@ def test_what_streams_have_in_common_is_done_once(engine: Nodes) -> None:
 def test_the_engine_reports_its_streams(engine: Nodes) -> None:
     reports = engine.collect(StreamStatusArray, f'/{ENGINE}/streams', LATEST)
     text = 'stream told = select data from "/told" with max_delay = 1 s'
-    samples = create(engine, 'told', text)
+    create(engine, 'told', text)
     source = engine.client.node.create_publisher(Sample, '/told', LATCHED)
     # What is sent before the engine subscribes is never late.
     engine.client.spin_until(lambda: source.get_subscription_count() == 1, 'the subscription')
@@ -511,7 +511,7 @@ def test_the_engine_reports_its_streams(engine: Nodes) -> None:
     assert account.topic == '/dyknow/streams/told'
     assert account.message_type == 'dyknow_interfaces/msg/Sample'
     assert account.specification == text
-    assert (account.samples, len(samples)) == (1, 1)
+    assert account.samples == 1  # It may not have arrived here: the report is another topic.
     assert [(drop.reason, drop.count) for drop in account.drops] == [('max_delay', 1)]
     assert account.violations == 1
     (told_of,) = account.sources
