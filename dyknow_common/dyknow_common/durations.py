@@ -29,6 +29,14 @@ NANOSECONDS: Final = {
 MAX_DURATION_NS: Final = (2**31 - 1) * SECOND_NS
 """The longest duration in a text, and the latest time: the longest in a message of ROS."""
 
+REPAIR_NS: Final = 5 * SECOND_NS
+"""The time in which a reader of a reliable topic gets what was lost on the way.
+
+Fast DDS sends it again after the next heartbeat of the writer, which comes each 3 s. Until then,
+the reader holds back all later messages of that writer. Parts of bursts are lost where they exceed
+the buffer of a socket, such as of all that a node announces at its start.
+"""
+
 MAX_DIGITS: Final = 100
 """The number of characters of a number in a text."""
 

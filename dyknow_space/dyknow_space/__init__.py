@@ -16,6 +16,7 @@ from dyknow_space.regions.region import (
     Region,
     geometry_of,
     parse_region,
+    settings_of,
 )
 from dyknow_space.regions.shapes import buffer_of, circle
 from dyknow_space.regions.units import (
@@ -73,5 +74,6 @@ __all__ = [
     'read_mask',
     'read_zone_set',
     'relation_of',
+    'settings_of',
     'shapely',
 ]

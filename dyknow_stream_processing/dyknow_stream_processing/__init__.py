@@ -9,7 +9,7 @@ from dyknow_stream_processing.dataflow.batches import (
     rows_of,
 )
 from dyknow_stream_processing.dataflow.computational_units import STATELESS_UNITS, load_units
-from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics
+from dyknow_stream_processing.dataflow.dataflow import Dataflow, Statistics, ignore
 from dyknow_stream_processing.dataflow.drift import GAP_PERIODS, Coverage
 from dyknow_stream_processing.dataflow.forecasts import MAX_STEPS, Forecast
 from dyknow_stream_processing.dataflow.operators import OTHER_CLOCK_NS, DelayLimits, SourceType
@@ -103,6 +103,7 @@ __all__ = [
     'built_in_fields',
     'concatenated',
     'free_names',
+    'ignore',
     'in_namespace',
     'joined_reasons',
     'load_units',

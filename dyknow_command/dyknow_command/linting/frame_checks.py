@@ -7,10 +7,8 @@ regions state their frame, which each sample must have. Here, both are compared 
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from typing import Final
 
 from dyknow_command.linting.findings import Finding, error_at, warning_at
 from dyknow_command.linting.inputs import LintInputs
@@ -33,6 +31,7 @@ from dyknow_reasoning import (
     parse_formula,
     walk,
 )
+from dyknow_space import settings_of
 from dyknow_stream_processing import (
     Call,
     Select,
@@ -41,9 +40,6 @@ from dyknow_stream_processing import (
     subterms,
 )
 from dyknow_stream_processing import Term as StreamTerm
-
-_STATED: Final = re.compile(r'(?:^|; )frame ([^;]+)')
-"""The frame of a region in the settings of a unit."""
 
 Topics = frozenset[str]
 
@@ -82,10 +78,12 @@ def _stated_frames(declaration: StreamDeclaration) -> Iterator[tuple[str, str]]:
     """Yield the topics whose frame a stream checks, each with the frame that is stated."""
     for call in subterms(declaration.stream):
         for each in call.arguments if isinstance(call, Call) else ():
-            stated = [each.value] if each.name == 'frame' else _STATED.findall(str(each.value))
+            text = str(each.value)
+            # A frame, or a region with its frame.
+            stated = text if each.name == 'frame' else settings_of(text.split(';')).get('frame')
             for topic, select in _selects(call) if stated else ():
                 if FRAME in select.demand:
-                    yield topic, str(stated[0])
+                    yield topic, str(stated)
 
 
 def _position_features(inputs: LintInputs) -> Mapping[str, Topics]:

@@ -290,7 +290,7 @@ def stream_findings(inputs: LintInputs, contents: Contents) -> Iterator[Finding]
         count = len(waiting)
         for name, (_, specification) in list(waiting.items()):
             try:
-                flow.create(name, specification, NO_CONSTRAINTS, _ignore, _ignore)
+                flow.create(name, specification, NO_CONSTRAINTS)
                 del waiting[name]
             except DyKnowError as error:
                 faults[name] = error
@@ -338,7 +338,3 @@ def _mentioned(message: str, text: str) -> int:
         if place is not None:
             return place.start()
     return 0
-
-
-def _ignore(_: object) -> None:
-    """Ignore a sample or a violation."""

@@ -23,16 +23,15 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from dyknow_common.durations import SECOND_NS
+from dyknow_common.durations import REPAIR_NS
 from dyknow_common.errors import DyKnowError, shortened
 from dyknow_common.ros.below_rclpy.senders import GID, SENDER, Senders, full_name, take
-from dyknow_common.ros.qos import REPAIR_S
 from dyknow_common.ros.throttle import Throttle
 
 Refusal = Callable[[str, str], str]
 """Returns why a message on a topic (absolute) of a node (full name) is refused; empty if not."""
 
-UNKNOWN_LIMIT_NS: Final = round(REPAIR_S * SECOND_NS)
+UNKNOWN_LIMIT_NS: Final = REPAIR_NS
 """The longest wait for the name of the node that has sent a message."""
 
 RETRY_PERIOD_S: Final = 0.05

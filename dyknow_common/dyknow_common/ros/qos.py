@@ -18,14 +18,6 @@ HEARTBEAT_PERIOD_S: Final = 0.5
 PULSE_PERIOD_S: Final = 0.05
 """The time between two pulses of a node, which it publishes while another one listens."""
 
-REPAIR_S: Final = 5.0
-"""The time in which a reader of a reliable topic gets what was lost on the way.
-
-Fast DDS sends it again after the next heartbeat of the writer, which comes each 3 s. Until then,
-the reader holds back all later messages of that writer. Parts of bursts are lost where they exceed
-the buffer of a socket, such as of all that a node announces at its start.
-"""
-
 
 def _latched(depth: int) -> QoSProfile:
     return QoSProfile(

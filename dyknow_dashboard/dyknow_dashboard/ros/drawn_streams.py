@@ -116,7 +116,7 @@ class MapStreams:
             # There is nothing to show of an object whose stream cannot be made.
             with suppress(DyKnowError):
                 take, specification = partial(self._take, name), parse_specification(streams[name])
-                self._dataflow.create(name, specification, NO_CONSTRAINTS, take, _ignore)
+                self._dataflow.create(name, specification, NO_CONSTRAINTS, take)
         with suppress(DyKnowError), ros_errors():
             self._sources.refresh()
 
@@ -127,7 +127,3 @@ class MapStreams:
         if self._found:
             found, self._found = self._found, []
             self._on_samples(found)
-
-
-def _ignore(_: object) -> None:
-    """Ignore a violation: the formulas report it."""

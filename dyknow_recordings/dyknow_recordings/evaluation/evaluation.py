@@ -13,7 +13,6 @@ reasoning engine). One loop drives all of them by the log times of the recording
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -52,6 +51,7 @@ from dyknow_recordings.reading.lost_messages import BEGINNING, LostMessages
 from dyknow_recordings.reading.recording import (
     RecordingReader,
     batches,
+    parts_by_topic,
     rows_of,
     split,
     without,
@@ -412,9 +412,7 @@ class ColumnStates:
         longest = max(int(times[0]) - before, int(np.diff(times).max(initial=0)))
         if not all(used) or longest > MAX_STEP_NS:
             return False
-        parts: dict[str, list[MessageColumns]] = defaultdict(list)
-        for part in batch:
-            parts[part.topic].append(part)
+        parts = parts_by_topic(batch)
         streams = list(chain(*used))
         if self._begins_others(streams, parts):
             return False

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import groupby
 from typing import Any, Final
 
 import numpy as np
@@ -16,7 +15,7 @@ from dyknow_configuration import RobotMap, TextSource
 from dyknow_coordinator import parse_sources
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.columns import MessageColumns
-from dyknow_recordings.reading.recording import RecordingReader, batches, rows_of
+from dyknow_recordings.reading.recording import RecordingReader, batches, parts_by_topic, rows_of
 from dyknow_space import Region
 from dyknow_stream_processing import Sample, SampleBatch
 
@@ -67,7 +66,7 @@ def recorded_map(
     for name, text in known.streams.items():
         traces[name] = trace = _Trace(moments, is_outline=name in known.outlines)
         with suppress(DyKnowError):
-            streams.create(_LABEL + name, text, NO_CONSTRAINTS, trace.samples.append, _ignore)
+            streams.create(_LABEL + name, text, NO_CONSTRAINTS, trace.samples.append)
     for batch in batches(recording.columns(fields)) if fields else ():
         found = _progressed(streams, batch)
         for name, trace in traces.items():
@@ -92,9 +91,7 @@ def _progressed(
     streams: RecordedStreams, batch: Sequence[MessageColumns]
 ) -> Mapping[str, SampleBatch]:
     """Process a batch; return the samples of each stream, unless callbacks have received them."""
-    ordered = sorted(batch, key=lambda part: part.topic)
-    parts = {topic: [*some] for topic, some in groupby(ordered, lambda part: part.topic)}
-    found = streams.step_many(parts, max(int(part.log_times[-1]) for part in batch))
+    found = streams.step_many(parts_by_topic(batch), max(int(part.log_times[-1]) for part in batch))
     for message in rows_of(batch) if found is None else ():
         streams.push(message)
     return found or {}
@@ -153,7 +150,3 @@ class _Trace:
         regular = range(0, len(times), -(-len(times) // count) or 1) if count else ()
         kept = sorted({*regular, *ends.tolist(), len(times) - 1} - {-1})
         self._parts = [(times[kept], {name: each[kept] for name, each in columns.items()})]
-
-
-def _ignore(_: object) -> None:
-    """Ignore a violation: the formulas report it."""

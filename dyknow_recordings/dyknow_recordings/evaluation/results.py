@@ -141,11 +141,19 @@ class FormulaReport:
         return next((each for each in Outcome if each in found), Outcome.UNDECIDED)
 
     @property
+    def decisive(self) -> Episode | None:
+        """The first episode with the outcome of the formula.
+
+        Of undecided ones, an obligation that was not met comes first: it may be a failure.
+        """
+        outcome = self.outcome
+        found = [each for each in self.episodes if each.outcome is outcome]
+        return next((each for each in found if each.presumably_false), found[0] if found else None)
+
+    @property
     def failure(self) -> Episode | None:
         """Its first false episode; None if its outcome is another one."""
-        is_false = self.outcome is Outcome.FALSE
-        found = (each for each in self.episodes if each.outcome is Outcome.FALSE)
-        return next(found, None) if is_false else None
+        return self.decisive if self.outcome is Outcome.FALSE else None
 
     @property
     def margin(self) -> Margin | None:

@@ -45,6 +45,7 @@ from dyknow_stream_processing import (
     WholeMessage,
     concatenated,
     free_names,
+    ignore,
     joined_reasons,
     load_units,
     nearest_topics,
@@ -143,13 +144,13 @@ class RecordedStreams:
         trial = self._new_dataflow()
         for name in self.running(origins):
             specification = parse_specification(self.dataflow.specification(name))
-            trial.create(name, specification, NO_CONSTRAINTS, _ignore, _ignore)
+            trial.create(name, specification, NO_CONSTRAINTS)
         # Those that select from streams read no more than these do.
         of_topics = (source for source in sources if source.select is None)
         for number, source in enumerate(of_topics):
             specification = parse_specification(';\n'.join([*source.units, source.declaration]))
             try:
-                trial.create(f'candidate {number}', specification, NO_CONSTRAINTS, _ignore, _ignore)
+                trial.create(f'candidate {number}', specification, NO_CONSTRAINTS)
             except DyKnowError:
                 continue  # It is an error of the formulas that choose it.
         for topic, fields in trial.sources().items():
@@ -179,7 +180,7 @@ class RecordedStreams:
         specification: str,
         constraints: StreamConstraints,
         on_sample: Callable[[Sample], None],
-        on_violation: Callable[[Violation], None],
+        on_violation: Callable[[Violation], None] = ignore,
     ) -> None:
         """Create a stream; see `Dataflow.create`."""
         parsed = parse_specification(specification)
@@ -386,7 +387,7 @@ class RecordedStreams:
         for name in names:
             specification = parse_specification(self._requested[name].specification)
             try:
-                self.dataflow.create(name, specification, NO_CONSTRAINTS, _ignore, _ignore)
+                self.dataflow.create(name, specification, NO_CONSTRAINTS)
             except DyKnowError as error:
                 self._faults[name] = error.message
         self._connect()
@@ -469,10 +470,6 @@ class RecordedStreams:
         if topic in self._rejected:
             return f'messages of {topic} cannot be used: {self._rejected[topic]}'
         return f'{topic} has fallen silent' if self._received[topic] <= since else ''
-
-
-def _ignore(_: object) -> None:
-    """Ignore a sample or a violation."""
 
 
 def _batch_of(parts: Sequence[MessageColumns]) -> SampleBatch:

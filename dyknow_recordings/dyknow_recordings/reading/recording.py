@@ -394,6 +394,14 @@ def _selected(
     return [part.rows(rows) for part, rows in zip(batch, found, strict=True) if rows.any()]
 
 
+def parts_by_topic(batch: Sequence[MessageColumns]) -> dict[str, list[MessageColumns]]:
+    """Return the parts of a batch, those of a topic in their order."""
+    found: dict[str, list[MessageColumns]] = {}
+    for part in batch:
+        found.setdefault(part.topic, []).append(part)
+    return found
+
+
 def rows_of(batch: Sequence[MessageColumns]) -> Iterator[RecordedFields]:
     """Yield the messages of a batch one by one, in the order of their log times."""
     rows = [row for each in batch for row in _rows(each)]

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from enum import StrEnum
 
 from dyknow_common.executables import ERROR, FALSE, SUCCESS
-from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
+from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 
 
 class Judgement(StrEnum):
@@ -37,22 +37,9 @@ class Judgement(StrEnum):
         return SUCCESS if is_well else FALSE
 
 
-def decisive_episode(report: FormulaReport) -> Episode | None:
-    """Return the first episode with the outcome of the formula.
-
-    Of undecided ones, an obligation that was not met comes first: it may be a failure.
-    """
-    found = [each for each in report.episodes if each.outcome is report.outcome]
-    return next((each for each in found if each.presumably_false), found[0] if found else None)
-
-
-def reasons(report: FormulaReport, decisive: Episode | None) -> Iterator[str]:
-    """Yield the lines that say why a formula has its outcome.
-
-    Args:
-        report: of the formula.
-        decisive: its decisive episode.
-    """
+def reasons(report: FormulaReport) -> Iterator[str]:
+    """Yield the lines that say why a formula has its outcome."""
+    decisive = report.decisive
     if len(report.episodes) > 1:
         counts = dict.fromkeys(Outcome, 0)
         for episode in report.episodes:

@@ -18,7 +18,7 @@ from dyknow_common import SECOND_NS, DyKnowError, ExitCode, with_readable_times
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.health.expectations import BrokenExpectation
-from dyknow_recordings.reporting.judgement import Judgement, decisive_episode, reasons
+from dyknow_recordings.reporting.judgement import Judgement, reasons
 from dyknow_recordings.reporting.outputs import check_place, write_report
 from dyknow_recordings.reporting.pictures.panels import formula_text
 from dyknow_recordings.reporting.pictures.timeline import extent
@@ -78,7 +78,7 @@ class JUnitSuites:
         return b'<?xml version="1.0" encoding="utf-8"?>\n%b\n' % document.tostring()
 
     def _case(self, formula: FormulaReport, recording: RecordingReport) -> TestCase:
-        decisive = decisive_episode(formula)
+        decisive = formula.decisive
         at = None if decisive is None else decisive.decided_at
         end = recording.end_time if at is None else at
         case = TestCase(
@@ -86,7 +86,7 @@ class JUnitSuites:
             _class_name(recording.recording),
             _seconds(end - recording.start_time),
         )
-        text = with_readable_times('\n'.join(reasons(formula, decisive)), extent(recording).start)
+        text = with_readable_times('\n'.join(reasons(formula)), extent(recording).start)
         lines = text, f'formula: {formula_text(formula.formula)}'
         if formula.outcome is Outcome.ERROR:
             error = formula.error or (decisive and decisive.error)

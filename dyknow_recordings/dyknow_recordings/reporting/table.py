@@ -22,7 +22,7 @@ from dyknow_common.tables import Terminal, figure, fixed, folded, framed_table
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.health.report import print_broken
 from dyknow_recordings.reading.recording import RecordingReader
-from dyknow_recordings.reporting.judgement import Judgement, decisive_episode, reasons
+from dyknow_recordings.reporting.judgement import Judgement, reasons
 from dyknow_recordings.reporting.pictures.timeline import extent
 
 _PLACE = '\n  '
@@ -85,7 +85,7 @@ def _print_place(report: FormulaReport) -> None:
 
 
 def _reason(report: FormulaReport) -> str:
-    return '\n'.join(reasons(report, decisive_episode(report)))
+    return '\n'.join(reasons(report))
 
 
 def _title(report: RecordingReport) -> Text:
@@ -111,7 +111,7 @@ def _row(
     has_probabilities: bool,
 ) -> tuple[Text, ...]:
     style = _STYLES.get(report.outcome, 'green' if judgement.passes(report) else 'red')
-    decisive = decisive_episode(report)
+    decisive = report.decisive
     decided_at = None if decisive is None else decisive.decided_at
     at = '' if decided_at is None else time_since(decided_at, start)
     return (

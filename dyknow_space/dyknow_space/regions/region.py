@@ -8,7 +8,7 @@ A region is closed: its boundary is inside. Distances are in metres, negative in
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
@@ -102,7 +102,7 @@ def parse_region(name: str, text: str) -> Region:
         SpaceError: if the text is no region.
     """
     wkt, *parts = text.split(';')
-    stated = {key: value for key, _, value in (each.strip().partition(' ') for each in parts)}
+    stated = settings_of(parts)
     if unknown := stated.keys() - {'frame', 'altitude', 'times'}:
         raise SpaceError(
             f"region '{name}' has an unknown part '{min(unknown)}'; write a polygon, then "
@@ -120,6 +120,11 @@ def parse_region(name: str, text: str) -> Region:
         )
     except SpaceError as error:
         raise SpaceError(f"region '{name}': {error.message}", error.code) from None
+
+
+def settings_of(parts: Iterable[str]) -> dict[str, str]:
+    """Return parts of the text of a region by their first words, `{'frame': 'map'}`."""
+    return {key: value for key, _, value in (each.strip().partition(' ') for each in parts)}
 
 
 def _time(text: str) -> int | None:

@@ -51,6 +51,10 @@ class Statistics:
     drops: Mapping[str, int]
 
 
+def ignore(_: object) -> None:
+    """Ignore a sample or a violation."""
+
+
 class Dataflow:
     """A set of named streams; parts that several of them have in common are computed once.
 
@@ -100,8 +104,8 @@ class Dataflow:
         name: str,
         specification: Specification,
         constraints: StreamConstraints,
-        on_sample: Callable[[Sample], None],
-        on_violation: Callable[[Violation], None],
+        on_sample: Callable[[Sample], None] = ignore,
+        on_violation: Callable[[Violation], None] = ignore,
     ) -> None:
         """Create a stream.
 

@@ -27,7 +27,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final, NamedTuple
 
-from dyknow_common import NANOSECONDS
+from dyknow_common import REPAIR_NS
 
 OVERTAKEN: Final = 'a violation was reported before this sample, and has not arrived yet'
 """What is known of a violation that a sample has overtaken."""
@@ -35,9 +35,8 @@ OVERTAKEN: Final = 'a violation was reported before this sample, and has not arr
 PATIENCE: Final = 20
 """The number of looks in a row after which a sample before a watermark is taken for lost."""
 
-SPACING: Final = 250 * NANOSECONDS['ms']
-"""The least time between two looks: watermarks that have waited come all at once, and Fast DDS
-sends samples that were lost on the way again after up to 3 s."""
+SPACING: Final = REPAIR_NS // PATIENCE
+"""The least time between two looks, as watermarks that have waited come all at once."""
 
 
 class ReceivedViolations:

@@ -8,7 +8,7 @@ from typing import Final
 
 from dyknow_common import with_readable_times
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome
-from dyknow_recordings.reporting.judgement import Judgement, decisive_episode
+from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.panels import Panel, formula_text, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import (
@@ -41,7 +41,7 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     """Yield why the formula has its outcome."""
     outcome = formula.outcome
     verdict = 'passes' if judgement.passes(formula) else 'does not pass'
-    episode = decisive_episode(formula)
+    episode = formula.decisive
     at = ''
     if episode is not None and episode.decided_at is not None:
         at = f' at {whole.text(episode.decided_at)}'

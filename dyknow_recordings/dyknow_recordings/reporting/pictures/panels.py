@@ -34,7 +34,6 @@ from dyknow_recordings.evaluation.observation import (
     with_inner_atoms,
 )
 from dyknow_recordings.evaluation.results import FormulaReport
-from dyknow_recordings.reporting.judgement import decisive_episode
 from dyknow_recordings.reporting.pictures.relations import held_spans
 from dyknow_recordings.reporting.pictures.timeline import (
     MAX_MARKS,
@@ -137,7 +136,7 @@ def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
     """Return the panels of a formula, the decisive ones first, and the number of omitted ones."""
     if formula.signals is None:
         return [], 0
-    decisive = decisive_episode(formula)
+    decisive = formula.decisive
     deciding_objects = '' if decisive is None else decisive.objects
     found: list[Panel] = []
     for binding, atoms in ground_atoms(parse_formula(formula.formula), formula.signals.domains):
@@ -157,7 +156,7 @@ def panels(formula: FormulaReport) -> tuple[list[Panel], int]:
 
 def marks(formula: FormulaReport, whole: Span) -> Marks:
     """Return what is marked in the panels of a formula."""
-    decisive = decisive_episode(formula)
+    decisive = formula.decisive
     values = {} if formula.signals is None else formula.signals.deciding
     worst = [run.first for run in episode_runs(formula) if run.first.outcome is formula.outcome]
     deciding = {
