@@ -32,7 +32,7 @@ UNUSED: Final = 10
 MAX_PROBES: Final = 16
 """The number of probes that wait for a reply."""
 
-FORMULA_TIMEOUT: Final = 2 * SECOND_NS
+FORMULA_TIMEOUT: Final = 5 * SECOND_NS
 """How long an answer to the request to evaluate a formula is waited for, in nanoseconds."""
 
 _STALE: Final = 3
@@ -196,7 +196,7 @@ class RemotePeer:
             if self.is_present and at >= each.due:
                 each.due = at + self._retry
                 self.send(each.request)
-        reason = f'it has not answered within {format_duration(FORMULA_TIMEOUT)}'
+        reason = f'it does not answer within {format_duration(FORMULA_TIMEOUT)}'
         return [events.FormulaAnswered(self.name, name, reason) for name in late]
 
     def expire(self, at: int) -> bool:
@@ -210,7 +210,9 @@ class RemotePeer:
 
     def request_formula(self, request: messages.FormulaRequest, at: int) -> None:
         """Ask it to evaluate a formula; see `Peer.request_formula`."""
-        self._formulas[request.stream] = _PendingFormula(request, at, at + FORMULA_TIMEOUT)
+        is_heard = self.is_present and not self.is_stale
+        deadline = at + (FORMULA_TIMEOUT if is_heard else 0)
+        self._formulas[request.stream] = _PendingFormula(request, at, deadline)
 
     def request(self, name: str, at: int, after: int, constants: tuple[float, ...] = ()) -> None:
         """Ask for a stream until it is released; see `Peer.request`."""

@@ -108,7 +108,9 @@ class ServiceClients:
         )[0]
         """The namespace of the stream manager, whose relative topics are in it."""
         federation = node.parameter('federation', 'federation', 'Name of the federation node.')
-        self.federation = RemoteNode(node, federation, services=(PushDown,))
+        self.federation = RemoteNode(
+            node, federation, timeout_s=LONG_TIMEOUT_S, services=(PushDown,)
+        )
         """It joins this host with others; most hosts have none."""
         semantics_manager = RemoteNode(node, names['stream_semantics_manager'])
         self.needed_nodes = (*self.nodes, semantics_manager)
