@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final
 
-from dyknow_common import NANOSECONDS, SECOND_NS, ExitCode
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
@@ -14,6 +14,7 @@ from dyknow_coordinator.grounding.source_choice import (
     TRANSIENT,
     SourceChoice,
     StateFault,
+    describe_sources,
     describe_violation,
     may_be_silent,
     worst_fault,
@@ -28,18 +29,20 @@ REPORT_NS: Final = 1200 * NANOSECONDS['ms']
 class SourceSession:
     """Decides which sources a group uses, and which are at fault.
 
-    It makes no streams: whoever does tells it of violations, looks periodically, and acts on its
-    `faults`. All times are in nanoseconds; receipts may be of another clock than `now`.
+    It makes no streams: whoever does tells it of violations, looks periodically, and while there
+    are `faults` does what `react` says. All times are in nanoseconds; receipts may be of another
+    clock than `now`.
 
         4.0 s  the states break the client's `max_gap`; which source is at fault is not known
         5.5 s  look: /b has had no message for longer than `max_gap`; its sources are excluded, and
                there is a fault
-        5.5 s  `replacements` has other sources; if all have failed, the formulas fail
+        5.5 s  `react` returns other sources; if all have failed, the formulas fail
 
     Args:
         inputs: of the group.
         known: returns all streams.
         on_exclude: called with sources that have failed.
+        can_wait: True if a stream that cannot be made now may be made later.
     """
 
     def __init__(
@@ -47,18 +50,22 @@ class SourceSession:
         inputs: FormulaInputs,
         known: Callable[[], KnownStreams],
         on_exclude: Callable[[Iterable[FeatureSource], int], None],
+        *,
+        can_wait: bool = True,
     ) -> None:
         self.inputs = inputs
         self.chosen: tuple[FeatureSource, ...] = ()
         """The sources in use."""
         self.faults: list[StateFault] = []
         """Reasons to replace them."""
-        self.obstacle = ''
-        """Why the latest attempt to replace them has failed."""
+        self.cause = CoordinationError('')
+        """Why states may be missing: the latest reason to replace sources; empty without any."""
         self.silence_limit = SILENCE_LIMIT_NS
         """The time without a message after which a topic is silent."""
-        self._known, self._on_exclude = known, on_exclude
+        self._known, self._on_exclude, self._can_wait = known, on_exclude, can_wait
         self._choice = SourceChoice()
+        # Why the latest attempt to replace sources has failed, and the faults that it was about.
+        self._obstacle, self._faults_met = '', 0
         # A broken constraint of the client, and the time at which the source at fault is known.
         self._unexplained: tuple[int, Violation] | None = None
 
@@ -66,8 +73,40 @@ class SourceSession:
         """Return the sources among some candidates that a new group would use."""
         return self._choice.choose(self.inputs.features, candidates, self._known(), now)
 
-    def replacements(self, now: int) -> tuple[FeatureSource, ...]:
-        """Return the sources to use after a fault, those in use or others."""
+    def react(
+        self, now: int, standby: tuple[FeatureSource, ...] = ()
+    ) -> tuple[FeatureSource, ...] | None:
+        """Return the sources to use after the faults; None if nothing can replace those in use.
+
+        Args:
+            now: the time.
+            standby: the sources whose states are kept; none unless they are well.
+        """
+        fault = worst_fault(self.faults)
+        self.cause, self._faults_met = fault.error, len(self.faults)
+        chosen = standby or self._replacements(now)
+        # Streams that are not at fault themselves may be made once more.
+        is_final = not fault.transient or (self._obstacle and not self._can_wait)
+        return None if not standby and is_final and self.have_failed(chosen, now) else chosen
+
+    def note_obstacle(
+        self, chosen: tuple[FeatureSource, ...], error: DyKnowError, now: int
+    ) -> None:
+        """Note that sources that `react` returned cannot be used."""
+        self._obstacle = error.message
+        others = set(chosen) - set(self.chosen)
+        if not self._can_wait:
+            self.exclude(others or chosen, now)
+        elif error.code is not ExitCode.UNAVAILABLE:
+            self.exclude(others, now)
+
+    def note_replaced(self, chosen: Iterable[FeatureSource]) -> str:
+        """Note that sources that `react` returned are used; return what people are told."""
+        self._obstacle = ''
+        del self.faults[: self._faults_met]
+        return f'{self.cause.message}; {describe_sources(chosen)}'
+
+    def _replacements(self, now: int) -> tuple[FeatureSource, ...]:
         inputs = self.inputs
         return self._choice.replacements(inputs.features, inputs.candidates, self._known(), now)
 
@@ -106,13 +145,16 @@ class SourceSession:
         If the states break a constraint of the client, `look` finds the source at fault later.
         """
         if violation.constraint in TRANSIENT:
-            error = CoordinationError(describe_violation(violation), ExitCode.UNAVAILABLE)
-            self.faults.append(StateFault(error, transient=True))
+            self.note_loss(describe_violation(violation))
         elif violation.stream_name != stream:
             affected = self._known().affected(chosen, violation.stream_name)
             self._blame(affected or chosen, violation, now)
         elif self.unexplained(stream) is None:
             self._unexplained = now + REPORT_NS, violation
+
+    def note_loss(self, text: str, *, transient: bool = True) -> None:
+        """Note why samples are missing; if transient, the sources themselves are not at fault."""
+        self.faults.append(StateFault(CoordinationError(text, ExitCode.UNAVAILABLE), transient))
 
     def unexplained(self, stream: str) -> Violation | None:
         """Return the violation in a state stream whose source is not known yet, if any."""
@@ -147,7 +189,7 @@ class SourceSession:
     def failure(self) -> CoordinationError:
         """Return the error of the formulas if nothing can replace the sources at fault."""
         error = worst_fault(self.faults).error
-        reason = f'; no other states: {self.obstacle}' if self.obstacle else ''
+        reason = f'; no other states: {self._obstacle}' if self._obstacle else ''
         return CoordinationError(f'{error.message}{reason}', error.code)
 
     def _explain(self, violation: Violation, received: Mapping[str, int], now: int) -> None:
@@ -168,11 +210,10 @@ class SourceSession:
         for topic in [topic for topic, silence in silences.items() if silence > 0]:
             sources = known.affected(self.chosen, topic)
             self.exclude(sources, now)
-            can_replace = self._choice.can_replace(sources, self.replacements(now), known, now)
+            can_replace = self._choice.can_replace(sources, self._replacements(now), known, now)
             if can_replace or any(known.is_overdue(each, started) for each in sources):
                 text = f"topic '{topic}' has been silent for {limit / SECOND_NS:g} s"
-                error = CoordinationError(text, ExitCode.UNAVAILABLE)
-                self.faults.append(StateFault(error, transient=can_replace))
+                self.note_loss(text, transient=can_replace)
 
     def _blame(self, sources: Sequence[FeatureSource], violation: Violation, now: int) -> None:
         self.exclude(sources, now)
