@@ -130,10 +130,49 @@ def test_characters_of_idl_are_texts_and_long_doubles_are_left_out() -> None:
     }
 
 
-def test_a_wide_character_has_no_certain_width() -> None:
-    idl = IDL.replace('char grade;', 'wchar grade;')
-    with pytest.raises(RecordingError, match=r"'grade' .* wchar, whose size differs between midd"):
-        TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2idl', idl))
+WIDE = """
+module made_up {
+  module msg {
+    struct Letter {
+      octet a;
+      WIDE;
+      octet b;
+    };
+    struct Top {
+      double x;
+      MEMBERS
+      double y;
+    };
+  };
+};
+"""
+
+
+@pytest.mark.parametrize(
+    ('wide', 'members', 'readable'),
+    [
+        ('octet w', 'wchar w;', ['x']),
+        ('octet w', 'wchar w[2];', ['x']),
+        ('octet w', 'sequence<wchar> w;', ['x']),
+        ('wchar w', 'Letter first; Letter second;', ['x', 'first.a']),
+        ('wchar w', 'sequence<Letter> letters;', ['x']),
+        ('wchar w', 'Letter letters[2];', ['x']),
+    ],
+)
+def test_what_precedes_a_wide_character_is_read(
+    wide: str, members: str, readable: list[str]
+) -> None:
+    """A wide character has 2 bytes or 4, so nobody knows where the next field begins."""
+    idl = WIDE.replace('WIDE', wide).replace('MEMBERS', members)
+    layout = TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2idl', idl))
+    assert list(layout.fields) == readable
+    data = b'\0\1\0\0' + struct.pack('<d', 0.5) + bytes([7]) + bytes(40)
+    fields, faults = CdrReader(layout, readable, is_exact=True).read(stored([data]))
+    assert faults == {}
+    expected = {'x': 0.5, 'first.a': 7}
+    assert all(fields.values[path].tolist() == [expected[path]] for path in readable)
+    with pytest.raises(RecordingError, match=r"no field 'y' .*; 'w' of .*, a wchar, and what f"):
+        layout.check(['y'])
 
 
 def test_types_keep_their_width() -> None:
