@@ -35,8 +35,7 @@ from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
-from dyknow_coordinator.grounding.source_choice import TRANSIENT, describe_sources
-from dyknow_coordinator.grounding.source_session import SourceSession
+from dyknow_coordinator.grounding.source_session import TRANSIENT, SourceSession, describe_sources
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.standby import Standby

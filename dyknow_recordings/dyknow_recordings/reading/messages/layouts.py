@@ -21,12 +21,13 @@ from dyknow_common import (
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.definitions import (
     CHARACTER,
+    NO_TYPES,
     PLACEHOLDER,
     Members,
+    MessageTypes,
     TypeDefinition,
     parsed_types,
 )
-from dyknow_recordings.reading.messages.message_types import NO_TYPES, MessageTypes
 
 _HEADER: Final = 'std_msgs/msg/Header'
 STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
