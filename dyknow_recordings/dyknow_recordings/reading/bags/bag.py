@@ -223,6 +223,8 @@ class Bag(RecordingReader):
             except RecordingError as error:
                 self._unreadable[channel.topic] = str(error)
                 continue
+            if layout.unread:
+                self._opening.add(f"the type of topic '{channel.topic}'", layout.unread)
             has_stamp = bool(layout.stamp_fields)
             return TopicContent(
                 layout.name,

@@ -116,8 +116,7 @@ class MessageLayout(ABC):
         """
         for path in paths:
             if not listed_as(self.fields, path) or parse_field(path) is None:
-                lack = absence(self.name, self.fields, path)
-                raise RecordingError(f'{lack}{self.unread}', ExitCode.NOT_FOUND)
+                raise RecordingError(absence(self.name, self.fields, path), ExitCode.NOT_FOUND)
 
 
 class TypeLayout(MessageLayout):
@@ -181,8 +180,8 @@ class TypeLayout(MessageLayout):
                 if not total.is_whole:
                     self._types[name] = members[: number + (kind[0] == Nodetype.NAME)]
                     self._unread = self._unread or (
-                        f"; '{member}' of {name}, a wchar, and what follows it are not read, as "
-                        'the size of a wchar differs between middlewares'
+                        f"'{member}' of {name}, a wchar, and what follows it are not read, as the "
+                        'size of a wchar differs between middlewares'
                     )
                     break
             if max(total.values, total.bytes >> 15) > MAX_VALUES or total.text > MAX_TEXT:
