@@ -157,3 +157,25 @@ def test_sources_that_no_stream_is_made_of_are_tried_again_if_that_may_help(
     world.violate('/a')
     assert world.session.react(1) is None
     assert world.session.react(1, standby=(B, G)) == (B, G)
+
+
+@pytest.mark.parametrize(
+    ('can_wait', 'code', 'tried', 'excluded'),
+    [
+        (True, ExitCode.UNAVAILABLE, (B, G), []),
+        (True, ExitCode.NOT_FOUND, (B, G), [B]),
+        (True, ExitCode.NOT_FOUND, (A, G), []),
+        (False, ExitCode.UNAVAILABLE, (B, G), [B]),
+        (False, ExitCode.NOT_FOUND, (A, G), [A, G]),
+    ],
+)
+def test_sources_that_no_stream_is_made_of_are_excluded_unless_it_may_be_made_later(
+    *,
+    can_wait: bool,
+    code: ExitCode,
+    tried: tuple[FeatureSource, ...],
+    excluded: list[FeatureSource],
+) -> None:
+    world = World(A, B, G, can_wait=can_wait)
+    world.session.note_obstacle(tried, DyKnowError('no engine', code), 1)
+    assert world.excluded == excluded
