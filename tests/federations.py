@@ -17,7 +17,8 @@ from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import with_robot
-from dyknow_common.ros import LATCHED, nanoseconds_to_duration
+from dyknow_common import StreamConstraints
+from dyknow_common.ros import LATCHED, constraints_to_message, nanoseconds_to_duration
 from dyknow_coordinator import Grounding
 from dyknow_federation.report import FederationReport, LinkState
 from system import LIMIT, Client, private_environment
@@ -131,14 +132,16 @@ class Host:
         peers = self.reports[-1].peers if self.reports else ()
         return next((each.state for each in peers if each.name == peer), None)
 
-    def ask(self, formula: str, timeout_s: float = LIMIT) -> Any:
-        """Return the future of an answer."""
+    def ask(self, formula: str, *, here: bool = False) -> Any:
+        """Return the future of an answer; `here`: samples cross, not verdicts of peers."""
+        constraints = StreamConstraints(max_gap=10**15 if here else None)
         return self.client.request(
             EvaluateFormula,
             '/stream_reasoning_coordinator/evaluate_formula',
             formula=formula,
             grounding=int(Grounding.SEMANTIC),
-            timeout=nanoseconds_to_duration(round(timeout_s * 1e9)),
+            constraints=constraints_to_message(constraints),
+            timeout=nanoseconds_to_duration(round(LIMIT * 1e9)),
         )
 
 

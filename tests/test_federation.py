@@ -61,6 +61,12 @@ def listening(host: Host, topic: str, values: list[Value]) -> Iterator[None]:
     node.destroy_subscription(subscription)
 
 
+def is_asked(host: Host, *, here: bool) -> bool:
+    """Return True if a host asks for nothing but the charge, or the verdict of a formula."""
+    asked = host.reports[-1].peers[0].asked
+    return len(asked) == 1 and asked[0].startswith('Charge_' if here else '_base_')
+
+
 def assert_permitted(recorders: list[GraphRecorder]) -> None:
     """What the federation nodes use is in the policy of a host with peers."""
     policy = policy_text(SecuredSystem(has_peers=True).enclaves(), 'a host with peers')
@@ -84,11 +90,33 @@ def test_a_formula_is_about_another_host(fleet: Fleet) -> None:
     assert_permitted(recorders)
 
 
+def test_a_verdict_crosses_after_an_outage(fleet: Fleet) -> None:
+    """The formula is false during the outage, for a moment that no sample tells of."""
+    wait_for_streams(2, fleet.base, fleet.carrier)
+    values: list[Value] = []
+    asked = fleet.base.ask('forall c in Carrier: always Charge[c] > 0.5')
+    fleet.wait(lambda: is_asked(fleet.base, here=False), 'the request')
+    (verdict,) = fleet.base.reports[-1].peers[0].asked
+    with listening(fleet.base, f'/dyknow/federation/carrier1/{verdict}', values):
+        fleet.link.cut()
+        fleet.carrier.percentage = 0.25
+        fleet.wait(lambda: fleet.base.link_to('carrier1') is LinkState.STALE, 'the outage')
+        fleet.carrier.percentage = 0.9
+        assert not asked.done()
+        fleet.link.restore()
+        fleet.wait(asked.done, 'the answer')
+        fleet.wait(lambda: bool(values), 'the verdict')
+    answer = asked.result()
+    assert answer.verdict == FormulaResult.FALSE, answer
+    assert 'Charge[carrier1] = 0.25' in answer.explanation
+    fleet.wait(lambda: not fleet.base.reports[-1].peers[0].asked, 'the release')
+
+
 def test_of_a_feature_that_is_compared_only_the_comparison_is_known(fleet: Fleet) -> None:
     wait_for_streams(2, fleet.base, fleet.carrier)
     values: list[Value] = []
     with listening(fleet.base, '/dyknow/federation/carrier1/Voltage_carrier1', values):
-        asked = fleet.base.ask('always[0 s, 1 s] Voltage[carrier1] > 10')
+        asked = fleet.base.ask('always[0 s, 1 s] Voltage[carrier1] > 10', here=True)
         fleet.wait(asked.done, 'the answer')
     assert asked.result().verdict == FormulaResult.TRUE, asked.result()
     assert isinstance(values[-1], Alternatives)
@@ -101,7 +129,7 @@ def test_a_change_is_seen_where_its_time_is_not_known(fleet: Fleet) -> None:
     wait_for_streams(2, fleet.base, fleet.carrier)
     values: list[Value] = []
     with listening(fleet.base, '/dyknow/federation/carrier1/Charge_carrier1', values):
-        asked = fleet.base.ask('always Charge[carrier1] > 0.5')
+        asked = fleet.base.ask('always Charge[carrier1] > 0.5', here=True)
         fleet.wait(lambda: len(values) > 1, 'samples')
         assert not asked.done()
         fleet.carrier.percentage = 0.25
@@ -118,7 +146,7 @@ def test_a_change_is_seen_where_its_time_is_not_known(fleet: Fleet) -> None:
 
 def test_bridges_lead_from_the_words_of_a_peer_to_own_ones(fleet: Fleet) -> None:
     wait_for_streams(2, fleet.base, fleet.carrier)
-    asked = fleet.base.ask('forall v in Vehicle: always[0 s, 1 s] Level[v] > 0.5')
+    asked = fleet.base.ask('forall v in Vehicle: always[0 s, 1 s] Level[v] > 0.5', here=True)
     fleet.wait(asked.done, 'the answer')
     answer = asked.result()
     assert answer.verdict == FormulaResult.TRUE, answer
@@ -139,10 +167,12 @@ def test_a_host_of_another_version_is_reported(fleet: Fleet, tmp_path: Path) -> 
         fleet.wait(is_reported, 'the report')
 
 
-def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet) -> None:
+@pytest.mark.parametrize('here', [True, False])
+def test_a_violation_at_another_host_ends_a_formula(fleet: Fleet, *, here: bool) -> None:
+    """Whether the samples cross, or the verdict."""
     wait_for_streams(2, fleet.base, fleet.carrier)
-    asked = fleet.base.ask('always Charge[carrier1] > 0.5')
-    fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
+    asked = fleet.base.ask('always Charge[carrier1] > 0.5', here=here)
+    fleet.wait(lambda: is_asked(fleet.base, here=here), 'the request')
     fleet.carrier.battery_age_s = 10
     fleet.wait(asked.done, 'the answer')
     fleet.carrier.battery_age_s = 0
@@ -174,7 +204,7 @@ def test_a_guard_closes_when_the_link_is_older_than_its_timeout(
 def test_a_peer_that_leaves_ends_a_formula(fleet: Fleet) -> None:
     wait_for_streams(2, fleet.base, fleet.carrier)
     asked = fleet.base.ask('always Charge[carrier1] > 0.5')
-    fleet.wait(lambda: fleet.base.reports[-1].peers[0].asked == ['Charge_carrier1'], 'the request')
+    fleet.wait(lambda: is_asked(fleet.base, here=False), 'the request')
     fleet.link.cut()
     fleet.wait(asked.done, 'the answer')
     status = asked.result().exit_status

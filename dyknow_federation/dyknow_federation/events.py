@@ -68,6 +68,15 @@ class WatermarkArrived:
 
 
 @dataclass(frozen=True, slots=True)
+class FormulaAnswered:
+    """A peer will evaluate a formula, or refuses it, or has not answered in time."""
+
+    peer: str
+    stream: str
+    refusal: str
+
+
+@dataclass(frozen=True, slots=True)
 class ClockJumped:
     """The clock of a peer, whose samples may have wrong times, or the own one, has jumped."""
 
@@ -83,6 +92,7 @@ Event = (
     | ValueKnown
     | StreamViolated
     | WatermarkArrived
+    | FormulaAnswered
     | ClockJumped
 )
 """An event."""

@@ -128,6 +128,37 @@ class RequestRefusal:
 
 
 @dataclass(frozen=True, slots=True)
+class FormulaRequest:
+    """A request to evaluate a formula over streams that are shared; see `push_down`.
+
+    It is repeated until it is answered. The evaluation begins with the request for the stream of
+    the verdict, and ends with its release.
+
+    Args:
+        stream: of the verdict: a name that begins with an underscore, which no shared one does.
+        formula: over the names of streams, `always Charge_r1.value > 0.2`.
+        sample_period: of its states, in nanoseconds; 0: every change is a state.
+    """
+
+    stream: str
+    formula: str
+    sample_period: int = 0
+
+    def __post_init__(self) -> None:
+        check_name(self.stream, FederationError)
+        if not self.stream.startswith('_') or self.sample_period < 0:
+            raise FederationError(f"'{self.stream}' names no verdict, or its period is negative")
+
+
+@dataclass(frozen=True, slots=True)
+class FormulaReply:
+    """The answer to a request to evaluate a formula: why not; empty if it will be evaluated."""
+
+    stream: str
+    refusal: str
+
+
+@dataclass(frozen=True, slots=True)
 class Grant:
     """The answer to a request that does not know the epoch of the stream yet.
 
@@ -240,6 +271,8 @@ Message = (
     | Request
     | Release
     | RequestRefusal
+    | FormulaRequest
+    | FormulaReply
     | Grant
     | StreamMessage
     | Probe

@@ -15,6 +15,7 @@ All times are in nanoseconds of the own clock.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain, count
 from typing import Final, NamedTuple
@@ -26,7 +27,8 @@ from dyknow_federation.clocks import BEGINNING, NEVER
 from dyknow_federation.encoding import MAX_MESSAGES, decode
 from dyknow_federation.errors import FederationError
 from dyknow_federation.events import Event
-from dyknow_federation.messages import Message, Packet, Request, Shares
+from dyknow_federation.messages import MAX_REASON, Message, Packet, Request, Shares
+from dyknow_federation.push_down import streams_of
 from dyknow_federation.remote import RemotePeer, hello_period
 from dyknow_federation.sending import SentStream, Thinning
 
@@ -42,6 +44,9 @@ WATERMARK_DELAY: Final = 50 * NANOSECONDS['ms']
 MAX_COMPARISONS: Final = 100
 """The number of lists of constants with which peers may ask for one stream."""
 
+MAX_FORMULAS: Final = 100
+"""The number of formulas that are evaluated for others."""
+
 _Constants = tuple[float, ...]
 """With which peers compare the values of a stream; empty if they need all values."""
 
@@ -53,6 +58,23 @@ class Effects(NamedTuple):
     events: list[Event]
 
 
+@dataclass(frozen=True, slots=True)
+class AskedFormula:
+    """A formula that is evaluated for another peer.
+
+    Args:
+        asker: the peer.
+        request: of the peer.
+        streams: that the formula is about.
+        expires: when it ends, if its verdict is not requested before.
+    """
+
+    asker: str
+    request: messages.FormulaRequest
+    streams: frozenset[str]
+    expires: int
+
+
 class Peer:
     """The own host among its peers.
 
@@ -61,6 +83,7 @@ class Peer:
         shares: what the own host shares.
         sent: the own streams that others ask for, or did so for the time of the history, by their
             names and constants: `publish` their samples.
+        formulas: that others have asked to evaluate, by the streams of their verdicts.
 
     Args:
         settings: its settings.
@@ -80,6 +103,7 @@ class Peer:
         self.shares = Shares(1)
         self.remotes: dict[str, RemotePeer] = {}
         self.sent: dict[str, dict[_Constants, SentStream]] = {}
+        self.formulas: dict[str, AskedFormula] = {}
         self._epochs = count(1)
         self._hello_at = self._flush_at = BEGINNING
         self._events: list[Event] = []
@@ -114,7 +138,10 @@ class Peer:
     ) -> None:
         """Replace what the own host shares: nothing else is sent to anybody."""
         self.shares = Shares(self.shares.version + 1, tuple(objects), tuple(features))
-        for name in self.sent.keys() - {each.stream for each in self.shares.features}:
+        shared = {each.stream for each in self.shares.features}
+        own = self.formulas.items()
+        self.formulas = {name: each for name, each in own if each.streams <= shared}
+        for name in self.sent.keys() - shared - self.formulas.keys():
             del self.sent[name]
         self._hello_at = at
 
@@ -159,6 +186,13 @@ class Peer:
         """
         Request(stream, constants=constants)  # Checks them.
         self._remote(peer, at).request(stream, at, min(after, at), constants)
+
+    def request_formula(self, peer: str, request: messages.FormulaRequest, at: int) -> None:
+        """Ask a peer to evaluate a formula; a `FormulaAnswered` follows.
+
+        Then the stream of the verdict is to be requested, within `peer_timeout` of the peer.
+        """
+        self._remote(peer, at).request_formula(request, at)
 
     def release(self, peer: str, stream: str) -> None:
         """Ask a peer for a stream no more."""
@@ -225,7 +259,12 @@ class Peer:
                 remote.send(self.shares)
             case Request():
                 self._take_request(remote, message, at)
+            case messages.FormulaRequest():
+                self._take_formula(remote, message, at)
             case messages.Release(stream):
+                if stream in self.formulas and self._is_asked(stream, remote):
+                    del self.formulas[stream]
+                    self.sent.pop(stream, None)
                 for each in self._named(stream):
                     each.release(remote.name)
             case messages.Probe(sent_at):
@@ -234,10 +273,32 @@ class Peer:
             case _:
                 self._events += remote.take(message, at)
 
+    def _is_asked(self, stream: str, remote: RemotePeer) -> bool:
+        """Return True for the verdict of a formula that a peer has asked for."""
+        return stream in self.formulas and self.formulas[stream].asker == remote.name
+
+    def _take_formula(self, remote: RemotePeer, request: messages.FormulaRequest, at: int) -> None:
+        refusal = ''
+        if request.stream not in self.formulas:
+            try:
+                self._accept(remote, request, at)
+            except FederationError as error:
+                refusal = error.message[:MAX_REASON]
+        elif not self._is_asked(request.stream, remote):
+            refusal = f"'{request.stream}' is the verdict of another peer; choose another name"
+        remote.send(messages.FormulaReply(request.stream, refusal))
+
+    def _accept(self, remote: RemotePeer, request: messages.FormulaRequest, at: int) -> None:
+        streams = streams_of(request.formula, [each.stream for each in self.shares.features])
+        if len(self.formulas) >= MAX_FORMULAS:
+            raise FederationError(f'{MAX_FORMULAS} formulas are evaluated for peers; end some')
+        expires = at + self._settings.peer_timeout
+        self.formulas[request.stream] = AskedFormula(remote.name, request, streams, expires)
+
     def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
         name, constants = request.stream, request.constants
-        shared = next((each for each in self.shares.features if each.stream == name), None)
-        if shared is None:
+        feature = next((each.name for each in self.shares.features if each.stream == name), None)
+        if feature is None and not self._is_asked(name, remote):
             reason = 'it is not shared; name it in share there'
             remote.send(messages.RequestRefusal(name, reason))
             return
@@ -247,8 +308,8 @@ class Peer:
                 reason = f'peers compare it with more than {MAX_COMPARISONS} lists of constants'
                 remote.send(messages.RequestRefusal(name, reason))
                 return
-            thinned = (each for each in self._settings.share if each.name == shared.name)
-            share = next(thinned, RequestedShare(shared.name))
+            thinned = (each for each in self._settings.share if each.name == feature)
+            share = next(thinned, RequestedShare(name))
             thinning = Thinning(share.every, share.deadband, constants)
             history = self._settings.history
             streams[constants] = SentStream(name, next(self._epochs), history, thinning)
@@ -267,6 +328,10 @@ class Peer:
                     del streams[constants]
             if not streams:
                 del self.sent[name]
+                self.formulas.pop(name, None)
+        for name, asked in list(self.formulas.items()):
+            if name not in self.sent and at >= asked.expires:
+                del self.formulas[name]
         for name, remote in list(self.remotes.items()):
             if remote.expire(at):
                 del self.remotes[name]

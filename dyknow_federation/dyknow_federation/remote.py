@@ -32,6 +32,9 @@ UNUSED: Final = 10
 MAX_PROBES: Final = 16
 """The number of probes that wait for a reply."""
 
+FORMULA_TIMEOUT: Final = 2 * SECOND_NS
+"""How long an answer to the request to evaluate a formula is waited for, in nanoseconds."""
+
 _STALE: Final = 3
 """A link over which nothing has been heard for this part of `peer_timeout` is stale."""
 
@@ -51,6 +54,15 @@ class _Requested:
     """When the request is repeated."""
     precision: Precision
     is_refused: bool = False
+
+
+@dataclass(slots=True)
+class _PendingFormula:
+    """A request to evaluate a formula without an answer, which is repeated until its deadline."""
+
+    request: messages.FormulaRequest
+    due: int
+    deadline: int
 
 
 class RemotePeer:
@@ -94,17 +106,20 @@ class RemotePeer:
         self._probe_at = at
         self.requested: dict[str, _Requested] = {}
         """The streams that were requested of it, by their names."""
+        self._formulas: dict[str, _PendingFormula] = {}
+        """Those that it was asked to evaluate, without an answer, by the streams of verdicts."""
         self._granted: dict[int, str] = {}
         """The streams by their epochs, which those messages name that are sent often."""
 
     def next_deadline(self) -> int:
         """Return when to call `advance`."""
+        waits = (min(each.due, each.deadline) for each in self._formulas.values())
         if not self.is_present:
-            return NEVER
+            return min((each.deadline for each in self._formulas.values()), default=NEVER)
         timeout = self._settings.peer_timeout
         limit = timeout if self.is_stale else timeout // _STALE
         due = (each.due for each in self.requested.values())
-        return min(self.heard_at + limit, self._probe_at, *due)
+        return min(self.heard_at + limit, self._probe_at, *due, *waits)
 
     def hear(self, incarnation: int, at: int) -> list[Event] | None:
         """Take a sign of life; return None if it is a late one of a former run."""
@@ -154,13 +169,14 @@ class RemotePeer:
 
     def advance(self, at: int) -> list[Event]:
         """Do what is due: requests, probes, and the end of a link."""
+        found = self._ask_again(at)
         if not self.is_present:
-            return []
+            return found
         silence = at - self.heard_at
         if silence >= self._settings.peer_timeout:
             self.is_present = self.is_stale = False
             self.departure = f"peer '{self.name}' has not been heard for {round_duration(silence)}"
-            return [events.PeerLeft(self.name, self.departure)]
+            return [*found, events.PeerLeft(self.name, self.departure)]
         self.is_stale = silence >= self._settings.peer_timeout // _STALE
         if at >= self._probe_at:
             self._probes.append(at)
@@ -169,7 +185,19 @@ class RemotePeer:
         for each in self.requested.values():
             if at >= each.due:
                 self._send_request(each, at)
-        return []
+        return found
+
+    def _ask_again(self, at: int) -> list[Event]:
+        """Repeat requests to evaluate formulas, and give up those that are late."""
+        late = [name for name, each in self._formulas.items() if at >= each.deadline]
+        for name in late:
+            del self._formulas[name]
+        for each in self._formulas.values():
+            if self.is_present and at >= each.due:
+                each.due = at + self._retry
+                self.send(each.request)
+        reason = f'it has not answered within {format_duration(FORMULA_TIMEOUT)}'
+        return [events.FormulaAnswered(self.name, name, reason) for name in late]
 
     def expire(self, at: int) -> bool:
         """Return True if it has left, and nothing was asked of it for `peer_timeout` since.
@@ -179,6 +207,10 @@ class RemotePeer:
         if self.is_present or self.requested:
             self._needed_at = at
         return at - self._needed_at >= self._settings.peer_timeout
+
+    def request_formula(self, request: messages.FormulaRequest, at: int) -> None:
+        """Ask it to evaluate a formula; see `Peer.request_formula`."""
+        self._formulas[request.stream] = _PendingFormula(request, at, at + FORMULA_TIMEOUT)
 
     def request(self, name: str, at: int, after: int, constants: tuple[float, ...] = ()) -> None:
         """Ask for a stream until it is released; see `Peer.request`."""
@@ -194,27 +226,32 @@ class RemotePeer:
             self._granted = {key: each for key, each in self._granted.items() if each != name}
             self.send(messages.Release(name))
 
-    def take(self, message: messages.Message, at: int) -> list[Event]:
+    def take(  # noqa: PLR0911 - one for each kind
+        self, message: messages.Message, at: int
+    ) -> list[Event]:
         """Take a message that answers what the own host has asked."""
         match message:
-            case messages.Hello(version):
-                if self._version < version:
-                    self.send(messages.SharesRequest())
-            case messages.Shares(version):
-                if self._version < version:
-                    self.shares, self._version = message, version
-                    for each in self.requested.values():
-                        each.is_refused = False
-                    return [events.SharesChanged(self.name, message)]
+            case messages.Hello(version) if self._version < version:
+                self.send(messages.SharesRequest())
+            case messages.Shares(version) if self._version < version:
+                return self._take_shares(message)
             case messages.Grant():
                 return self._take_grant(message)
             case messages.Samples() | messages.Watermark():
                 return [*self._take_samples(message, at)]
             case messages.RequestRefusal(stream, reason):
                 return self._take_refusal(stream, reason, at)
+            case messages.FormulaReply(stream, refusal) if self._formulas.pop(stream, None):
+                return [events.FormulaAnswered(self.name, stream, refusal)]
             case messages.ProbeReply():
                 return self._take_reply(message, at)
         return []
+
+    def _take_shares(self, shares: messages.Shares) -> list[Event]:
+        self.shares, self._version = shares, shares.version
+        for each in self.requested.values():
+            each.is_refused = False
+        return [events.SharesChanged(self.name, shares)]
 
     def check_stamp(self, stamp: int, at: int) -> list[Event]:
         """Notice a clock that has jumped ahead, by a stamp that is later than it can be."""
@@ -229,7 +266,8 @@ class RemotePeer:
         if grant.constants != requested.precision.constants:
             return []  # It is a late answer to an earlier request.
         shared = self.shares.features if self._version else ()
-        deadband = next((each.deadband for each in shared if each.stream == name), None)
+        exact = 0.0 if name.startswith('_') else None  # The verdict of a formula.
+        deadband = next((each.deadband for each in shared if each.stream == name), exact)
         former = requested.stream.epoch
         if epoch <= former or deadband is None:  # Without shares, the next request is granted, too.
             return []

@@ -16,6 +16,7 @@ from dyknow_federation.errors import FederationError
 from dyknow_federation.events import (
     ClockJumped,
     Event,
+    FormulaAnswered,
     PeerFault,
     PeerLeft,
     SharesChanged,
@@ -24,6 +25,8 @@ from dyknow_federation.events import (
 )
 from dyknow_federation.messages import (
     MAX_BATCH,
+    FormulaReply,
+    FormulaRequest,
     Hello,
     Message,
     Packet,
@@ -33,7 +36,7 @@ from dyknow_federation.messages import (
     SharedFeature,
     StreamFault,
 )
-from dyknow_federation.peer import MAX_COMPARISONS, Peer
+from dyknow_federation.peer import MAX_COMPARISONS, MAX_FORMULAS, Peer
 
 MS = NANOSECONDS['ms']
 LARGEST = sys.float_info.max
@@ -112,9 +115,9 @@ class Net:
         assert 0 <= found.time - at <= 4 * MS
 
 
-def sharing(*, offset: int = 0) -> Net:
+def sharing(*others: str, offset: int = 0) -> Net:
     """`b` asks `a` for its level."""
-    net = Net('a', 'b')
+    net = Net('a', 'b', *others)
     net.offsets['a'] = offset
     net.peers['a'].share([], [LEVEL], net.time('a'))
     net.peers['b'].request('a', 'level', net.time('b'))
@@ -461,3 +464,119 @@ def test_an_old_value_is_no_alternative_after_a_pause() -> None:
     values = [each.value for each in known]
     assert [getattr(each, 'values', each) for each in values] == [3, (3, 4), 4]
     assert all(each.time > told for each in known)
+
+
+ASKED = FormulaRequest('_b_1', 'always level.value > 3', 100 * MS)
+
+
+def has(packet: Packet, kind: type[Message]) -> bool:
+    return any(isinstance(each, kind) for each in packet.messages)
+
+
+def ask_formula(net: Net, request: FormulaRequest = ASKED, asker: str = 'b') -> list[Event]:
+    """Ask `a` to evaluate a formula; return what becomes of it."""
+    net.peers[asker].request_formula('a', request, net.time(asker))
+    net.run(3)
+    return net.take(asker, FormulaAnswered)
+
+
+def test_the_verdict_of_a_formula_crosses_like_a_stream() -> None:
+    net = sharing()
+    assert ask_formula(net) == [FormulaAnswered('a', '_b_1', '')]
+    a, b = net.peers['a'], net.peers['b']
+    assert a.formulas['_b_1'].streams == {'level'}
+    assert '_b_1' not in a.sent
+    b.request('a', '_b_1', net.time('b'))
+    net.run(0.5)
+    assert a.given('b') == ['_b_1', 'level']
+    a.publish('_b_1', net.time('a'), 'undecided', net.time('a'))
+    net.run(20)
+    assert a.formulas, 'the subscription is repeated'
+    a.publish('_b_1', net.time('a'), 'true: so', net.time('a'))
+    net.run(0.1)
+    a.promise('_b_1', net.time('a'), net.time('a'))
+    net.run(0.5)
+    assert net.values('b')[-1] == 'true: so'
+    b.release('a', '_b_1')
+    net.run(0.5)
+    assert not a.formulas
+    assert '_b_1' not in a.sent
+
+
+def test_a_formula_is_asked_for_again_until_it_is_answered() -> None:
+    net = sharing()
+    losses = iter([True] * 3)
+    net.drops = lambda packet: has(packet, FormulaRequest) and next(losses, False)
+    assert ask_formula(net) == [FormulaAnswered('a', '_b_1', '')]
+
+
+def test_a_formula_that_nobody_answers_is_given_up() -> None:
+    net = sharing()
+    net.drops = lambda packet: has(packet, FormulaReply)
+    (answer,) = ask_formula(net)
+    assert answer == FormulaAnswered('a', '_b_1', 'it has not answered within 2 s')
+    net.run(15)
+    assert not net.peers['a'].formulas, 'its verdict was not requested'
+    del net.peers['a']
+    net.run(20)
+    net.take('b', FormulaAnswered)
+    assert ask_formula(net) == [answer]
+
+
+@pytest.mark.parametrize(
+    ('request_', 'refusal'),
+    [
+        (replace(ASKED, formula='always other.value > 3'), "'other' is not shared; name it in"),
+        (replace(ASKED, formula='always'), "'always' is no formula here"),
+        (replace(ASKED, stream='_c_1'), "'_c_1' is the verdict of another peer"),
+    ],
+)
+def test_a_formula_that_is_refused(request_: FormulaRequest, refusal: str) -> None:
+    net = sharing('c')
+    ask_formula(net, replace(ASKED, stream='_c_1'), 'c')
+    (answer,) = ask_formula(net, request_)
+    assert isinstance(answer, FormulaAnswered)
+    assert answer.refusal.startswith(refusal)
+
+
+def test_the_number_of_formulas_is_limited() -> None:
+    net = sharing()
+    for number in range(MAX_FORMULAS + 1):
+        request = replace(ASKED, stream=f'_b_{number}')
+        net.peers['b'].request_formula('a', request, net.time('b'))
+    net.run(3)
+    refusals = [each.refusal for each in net.take('b', FormulaAnswered)]
+    assert [each for each in refusals if each] == [
+        f'{MAX_FORMULAS} formulas are evaluated for peers; end some'
+    ]
+
+
+def test_only_who_asked_reads_and_ends_a_verdict() -> None:
+    net = sharing('c')
+    ask_formula(net)
+    net.peers['c'].request('a', '_b_1', net.time('c'))
+    net.run(1)
+    (violation,) = net.take('c', StreamViolated)
+    assert 'it is not shared' in violation.reason
+    net.peers['c'].release('a', '_b_1')
+    net.run(1)
+    assert '_b_1' in net.peers['a'].formulas
+
+
+def test_a_formula_ends_with_the_share_of_a_stream_of_it() -> None:
+    net = sharing()
+    ask_formula(net)
+    net.peers['b'].request('a', '_b_1', net.time('b'))
+    net.run(1)
+    net.peers['a'].share((), (), net.time('a'))
+    net.run(2)
+    assert not net.peers['a'].formulas
+    violations = net.take('b', StreamViolated)
+    assert {each.stream for each in violations} == {'level', '_b_1'}
+    assert all('it is not shared' in each.reason for each in violations)
+
+
+@pytest.mark.parametrize('wrong', [{'stream': 'level'}, {'sample_period': -1}])
+def test_a_request_for_a_formula_is_checked(wrong: dict[str, object]) -> None:
+    with pytest.raises(FederationError, match='names no verdict, or its period is negative'):
+        replace(ASKED, **wrong)

@@ -230,20 +230,25 @@ def federation_interfaces(engines: Collection[str]) -> Interfaces:
         engines: the absolute names of the engines.
     """
     watched = ('ontology_manager', 'stream_semantics_manager', 'stream_manager')
-    return DYKNOW_NODE | Interfaces(
-        publishes=frozenset({'~/federation', REMOTE_STREAMS}),
-        subscribes=_watched(*watched)
-        | frozenset(f'{each}/_heartbeat' for each in engines)
-        | frozenset(map(streams_of, engines)),
-        requests=_services('stream_manager', 'stream_create_from_spec', 'stream_destroy')
-        | _services(
-            'ontology_manager',
-            'concept_create',
-            'instance_create',
-            'instance_destroy',
-            'ontology_query',
+    return (
+        DYKNOW_NODE
+        | MONITOR
+        | Interfaces(
+            publishes=frozenset({'~/federation', REMOTE_STREAMS}),
+            serves=frozenset({'~/push_down'}),
+            subscribes=_watched(*watched)
+            | frozenset(f'{each}/_heartbeat' for each in engines)
+            | frozenset(map(streams_of, engines)),
+            requests=_services('stream_manager', 'stream_create_from_spec', 'stream_destroy')
+            | _services(
+                'ontology_manager',
+                'concept_create',
+                'instance_create',
+                'instance_destroy',
+                'ontology_query',
+            )
+            | _services('stream_semantics_manager', *SERVICES['stream_semantics_manager']),
         )
-        | _services('stream_semantics_manager', *SERVICES['stream_semantics_manager']),
     )
 
 
@@ -358,7 +363,8 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
     others = SERVICES.keys() - {ENGINE, COORDINATOR}
     return Interfaces(
         publishes=frozenset({'~/evaluations', '~/ready', '~/verdicts/*', '/diagnostics'}),
-        subscribes=_watched(*others, *engines)
+        # Also of a host without peers: it looks for them.
+        subscribes=_watched(*others, *engines, FEDERATION)
         | {f'{each}/violations' for each in streams}
         | {
             '~/_results_*',
@@ -370,6 +376,7 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
         },
         requests=_services('ontology_manager', 'concept_get_instances', 'ontology_query')
         | _services('semantic_matching_engine', *SERVICES['semantic_matching_engine'])
+        | _services(FEDERATION, 'push_down')
         | _services('stream_reasoning_engine', *SERVICES['stream_reasoning_engine'])
         | _services('stream_manager', *of_streams),
         executes=_services('~', *ACTIONS),

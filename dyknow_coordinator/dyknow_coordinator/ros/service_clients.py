@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
-from dyknow_interfaces.msg import Domain, StreamSpec, UnknownFeature
+from dyknow_interfaces.msg import Domain, StreamSpec, SymbolGrounding, UnknownFeature
 from dyknow_interfaces.srv import (
     ConceptGetInstances,
     FindAllMatchingStreams,
@@ -18,6 +18,7 @@ from dyknow_interfaces.srv import (
     FormulaGroupExtractSymbols,
     FormulaGroupRemoveFormula,
     OntologyQuery,
+    PushDown,
     StreamCreateFromSpec,
     StreamDestroy,
     StreamGetTopic,
@@ -32,6 +33,7 @@ from dyknow_common.ros import (
     RemoteNode,
     constraints_to_message,
     identities_to_message,
+    nanoseconds_to_duration,
     nanoseconds_to_time,
 )
 from dyknow_coordinator.errors import CoordinationError
@@ -105,6 +107,9 @@ class ServiceClients:
             '/'
         )[0]
         """The namespace of the stream manager, whose relative topics are in it."""
+        federation = node.parameter('federation', 'federation', 'Name of the federation node.')
+        self.federation = RemoteNode(node, federation, services=(PushDown,))
+        """It joins this host with others; most hosts have none."""
         semantics_manager = RemoteNode(node, names['stream_semantics_manager'])
         self.needed_nodes = (*self.nodes, semantics_manager)
         """These nodes, and those that they need in turn; without the engines."""
@@ -206,7 +211,7 @@ class ServiceClients:
         await self._call_group(
             FormulaGroupEvaluate,
             group_id,
-            domains=[Domain(sort=sort, objects=list(found)) for sort, found in domains.items()],
+            domains=_domains_to_message(domains),
             unknown=[
                 UnknownFeature(name=name, lower=lower, upper=upper)
                 for name, (lower, upper) in unknown.items()
@@ -254,6 +259,32 @@ class ServiceClients:
         response = await self.stream_manager.call(StreamGetTopic, stream_name=stream)
         return str(response.topic_name), str(response.message_type)
 
+    async def pushed_down(
+        self,
+        formula: str,
+        domains: Mapping[str, Sequence[str]],
+        groundings: Sequence[SymbolGrounding],
+        sample_period: int | None,
+    ) -> tuple[str, tuple[str, ...]]:
+        """Return what peers leave of a formula, and what they evaluate.
+
+        All of it is left, as an empty text, without peers, or if these cannot evaluate a part.
+        """
+        if not self.federation.alive:
+            return '', ()
+        try:
+            response = await self.federation.call(
+                PushDown,
+                formula=formula,
+                domains=_domains_to_message(domains),
+                groundings=groundings,
+                sample_period=list(map(nanoseconds_to_duration, filter(None, [sample_period]))),
+            )
+        except DyKnowError as error:
+            self._node.get_logger().info(f'no part is evaluated by peers: {error}')
+            return '', ()
+        return str(response.formula), tuple(response.parts)
+
     async def destroy_stream(self, name: str) -> None:
         """Destroy a stream."""
         await self.stream_manager.call(StreamDestroy, stream_name=name)
@@ -285,3 +316,7 @@ class ServiceClients:
                 f'group as nobody seemed to use it: {error}'
             )
             raise CoordinationError(text, ExitCode.UNAVAILABLE) from None
+
+
+def _domains_to_message(domains: Mapping[str, Sequence[str]]) -> list[Domain]:
+    return [Domain(sort=sort, objects=list(found)) for sort, found in domains.items()]

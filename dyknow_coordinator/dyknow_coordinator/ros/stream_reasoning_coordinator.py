@@ -156,6 +156,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             remote.on_found.append(self._update_status)
             remote.on_lost.append(self._update_status)
         clients.stream_reasoning_engine.on_lost.append(self._on_reasoning_engine_lost)
+        clients.federation.on_lost.append(self._on_federation_lost)
         self._update_status()
 
     def destroy_node(self) -> None:
@@ -283,6 +284,11 @@ class StreamReasoningCoordinator(DyKnowNode):
         for evaluation in list(self._evaluations):
             name = self._shared.clients.stream_reasoning_engine.name
             evaluation.fail_unavailable(f'node {name}')
+
+    def _on_federation_lost(self) -> None:
+        """End the formulas of which peers evaluate parts: nobody tells their verdicts any more."""
+        for evaluation in [each for each in self._evaluations if each.needs_peers]:
+            evaluation.fail_unavailable(f'node {self._shared.clients.federation.name}')
 
     def _update_status(self) -> None:
         missing = [remote.name for remote in self._shared.clients.nodes if not remote.alive]

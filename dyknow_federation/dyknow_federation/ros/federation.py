@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from dyknow_interfaces.srv import PushDown
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from std_msgs.msg import String
@@ -26,7 +27,9 @@ from dyknow_federation.offers import shares
 from dyknow_federation.peer import Effects, Peer
 from dyknow_federation.remote import RemotePeer
 from dyknow_federation.report import FederationReport, LinkState, PeerReport
+from dyknow_federation.ros.own_formulas import OwnFormulas
 from dyknow_federation.ros.own_streams import OwnStreams
+from dyknow_federation.ros.remote_formulas import RemoteFormulas
 from dyknow_federation.ros.remote_streams import PREFIX, RemoteStreams, StreamName
 from dyknow_federation.ros.transport import ZenohTransport
 from dyknow_federation.ros.vocabulary import SharedVocabulary
@@ -52,6 +55,8 @@ class Federation(DyKnowNode):
         self._latest = self.now()
         self._remote = RemoteStreams(self)
         self._own = OwnStreams(self, self._peer, self._plan)
+        self._own_formulas = OwnFormulas(self._own)
+        self._formulas = RemoteFormulas(self._peer, self._remote, settings.name)
         prefix = str(self.resolve_topic_name(PREFIX)) + '/'
         self._vocabulary = SharedVocabulary(self, settings.same, self._remote.topic, prefix)
         self._meaning_of: object = None
@@ -69,9 +74,11 @@ class Federation(DyKnowNode):
         self._deadline = timer(PERIOD_S, self._advance)
         timer(PERIOD_S, self._update)
         timer(REPORT_PERIOD_S, self._publish_report)
+        self.serve(PushDown, self._formulas.push_down)
 
     def destroy_node(self) -> None:
         """Leave the federation."""
+        self._own_formulas.close()
         self._transport.close()
         super().destroy_node()
 
@@ -133,6 +140,8 @@ class Federation(DyKnowNode):
 
     def _handle_peer(self, event: events.Event) -> None:
         match event:
+            case events.FormulaAnswered():
+                self._formulas.take(event)
             case events.SharesChanged(peer):
                 self._meaning_of = None
                 if peer not in self._peer.remotes:
@@ -164,6 +173,7 @@ class Federation(DyKnowNode):
             self._peer.request(*name, now, told, self._compared(name))
         for name in ended:
             self._peer.release(*name)
+        self._own_formulas.reconcile()
         self._own.reconcile()
         version = self._vocabulary.version
         if version not in (None, self._meaning_of) and not self._is_working:

@@ -101,15 +101,22 @@ class OwnStreams:
         services = (StreamCreateFromSpec, StreamDestroy)
         name = node.parameter('stream_manager', 'stream_manager', 'Name of the stream manager.')
         self._manager = RemoteNode(node, name, services=services)
+        self.needed: frozenset[str] = frozenset()
+        """Those that formulas of peers are about."""
         self._topics = NodeTopics.of(node)
         self._failed: set[str] = set()
         """The streams of which peers know that they cannot be made."""
         self._made: dict[str, tuple[Offer, Callable[[], None]]] = {}
         self._is_working = False
 
+    @property
+    def made(self) -> frozenset[str]:
+        """The names of those that are made."""
+        return frozenset(self._made)
+
     def reconcile(self) -> None:
         """Make the streams that are asked for, and destroy those that are not, or are outdated."""
-        asked = self.peer.sent.keys()
+        asked = self.peer.sent.keys() | self.needed
         self._failed &= asked
         due = {name: self.offers[name] for name in asked & self.offers.keys()}
         if not self._is_working and due != {name: each for name, (each, _) in self._made.items()}:

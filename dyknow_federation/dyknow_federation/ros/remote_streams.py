@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 from dyknow_interfaces.msg import ConstraintViolation, StreamWatermark, StreamWatermarks
 from dyknow_interfaces.msg import Sample as SampleMessage
 
-from dyknow_common import Value
+from dyknow_common import SECOND_NS, Value
 from dyknow_common.ros import STREAM, VIOLATIONS, DyKnowNode, nanoseconds_to_time
 from dyknow_federation.offers import VALUE
 from dyknow_stream_processing import Sample
@@ -27,6 +27,10 @@ from dyknow_stream_processing.ros import (
 
 PREFIX: Final = 'dyknow/federation'
 """The beginning of the topics, relative to the namespace of the node."""
+
+
+VERDICT_TIMEOUT_NS: Final = 30 * SECOND_NS
+"""How long the verdict of a formula is published before somebody reads it."""
 
 
 class RemoteStream:
@@ -107,29 +111,42 @@ class RemoteStreams:
     """The streams of all peers, which a node publishes."""
 
     def __init__(self, node: DyKnowNode) -> None:
-        self._node = node
+        self.node = node
         self._streams: dict[StreamName, RemoteStream] = {}
+        self._verdicts: dict[StreamName, int] = {}
+        """When those of formulas were added, until they are read no more."""
         self._watermarks: dict[str, Any] = {}
         self._wanted: set[StreamName] = set()
 
     def topic(self, peer: str, stream: str) -> str:
         """Return the absolute topic of a stream."""
-        return str(self._node.resolve_topic_name(f'{PREFIX}/{peer}/{stream}'))
+        return str(self.node.resolve_topic_name(f'{PREFIX}/{peer}/{stream}'))
 
     def keep(self, names: set[StreamName]) -> None:
         """Publish these streams, and no others but those that are still read."""
+        names = names | self._verdicts.keys()
         for name in self._streams.keys() - names - self._wanted:
             self._streams.pop(name).destroy()
         for peer in self._watermarks.keys() - {each.peer for each in (*self._streams, *names)}:
-            self._node.destroy_publisher(self._watermarks.pop(peer))
+            self.node.destroy_publisher(self._watermarks.pop(peer))
         for name in names - self._streams.keys():
             topic = self.topic(*name)
             if name.peer not in self._watermarks:
-                self._watermarks[name.peer] = self._node.create_publisher(
+                self._watermarks[name.peer] = self.node.create_publisher(
                     StreamWatermarks, watermarks_topic(topic.rpartition('/')[0]), WATERMARKS
                 )
             watermarks = self._watermarks[name.peer]
-            self._streams[name] = RemoteStream(self._node, topic, watermarks)
+            self._streams[name] = RemoteStream(self.node, topic, watermarks)
+
+    def add(self, name: StreamName) -> None:
+        """Publish the verdict of a formula, until it is read no more, or is not read in time."""
+        self._verdicts[name] = self.node.now()
+        self.keep(self._streams.keys() | {name})
+
+    @property
+    def by_topic(self) -> dict[str, StreamName]:
+        """The streams by their topics."""
+        return {self.topic(*name): name for name in self._streams}
 
     def demand(self) -> tuple[dict[StreamName, int], set[StreamName]]:
         """Return the streams that are read since the last call, and those that are no more.
@@ -138,6 +155,11 @@ class RemoteStreams:
         """
         wanted = {name for name, each in self._streams.items() if each.is_wanted}
         former, self._wanted = self._wanted, wanted
+        late = self.node.now() - VERDICT_TIMEOUT_NS
+        for name in [name for name in self._verdicts if name not in wanted]:
+            if name in former or self._verdicts[name] < late:
+                del self._verdicts[name]
+                self._streams.pop(name).destroy()
         return {name: self._streams[name].told for name in wanted - former}, former - wanted
 
     def of(self, peer: str, stream: str = '') -> list[RemoteStream]:

@@ -48,7 +48,9 @@ class Not(SyntaxNode):
 
 
 @dataclass(frozen=True, slots=True)
-class _Connective(SyntaxNode):
+class Connective(SyntaxNode):
+    """Two formulas joined by a word of logic."""
+
     left: Formula
     right: Formula
     symbol: ClassVar[str]
@@ -58,28 +60,28 @@ class _Connective(SyntaxNode):
 
 
 @dataclass(frozen=True, slots=True)
-class And(_Connective):
+class And(Connective):
     """Both formulas."""
 
     symbol: ClassVar[str] = 'and'
 
 
 @dataclass(frozen=True, slots=True)
-class Or(_Connective):
+class Or(Connective):
     """At least one of two formulas."""
 
     symbol: ClassVar[str] = 'or'
 
 
 @dataclass(frozen=True, slots=True)
-class Implies(_Connective):
+class Implies(Connective):
     """The right formula wherever the left one holds."""
 
     symbol: ClassVar[str] = '->'
 
 
 @dataclass(frozen=True, slots=True)
-class Equivalent(_Connective):
+class Equivalent(Connective):
     """Both formulas or none."""
 
     symbol: ClassVar[str] = '<->'
@@ -328,7 +330,7 @@ def parts(  # noqa: C901, PLR0911 - one for each kind
 ) -> tuple[Formula | Term, ...]:
     """Return the formulas and terms that a node directly consists of, from left to right."""
     match node:
-        case Operation() | _Connective() | _BinaryTemporal():
+        case Operation() | Connective() | _BinaryTemporal():
             return (node.left, node.right)
         case Over():
             return (node.links, node.origin, node.body)
@@ -361,7 +363,7 @@ def with_changed_parts(  # noqa: C901, PLR0911 - one for each kind
 ) -> Any:
     """Return a node with a function applied to each of its parts."""
     match node:
-        case Operation() | _Connective() | _BinaryTemporal():
+        case Operation() | Connective() | _BinaryTemporal():
             return replace(node, left=change(node.left), right=change(node.right))
         case Over(links=links, origin=origin, body=body):
             return replace(node, links=change(links), origin=change(origin), body=change(body))

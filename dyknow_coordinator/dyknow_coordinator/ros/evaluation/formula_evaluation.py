@@ -8,7 +8,7 @@ exists (9), or it would miss the first states.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
@@ -17,7 +17,16 @@ from dyknow_interfaces.msg import FormulaProgress
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, Margin, Symbol, Verdict, listed, one_line
+from dyknow_common import (
+    DyKnowError,
+    ExitCode,
+    Margin,
+    StreamConstraints,
+    Symbol,
+    Verdict,
+    listed,
+    one_line,
+)
 from dyknow_common.ros import margin_from_message, probability_from_message, time_to_nanoseconds
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import (
@@ -46,7 +55,10 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import (
     EvaluationGroups,
     find_candidates,
 )
-from dyknow_coordinator.ros.reporting.evaluation_messages import verdicts_from_message
+from dyknow_coordinator.ros.reporting.evaluation_messages import (
+    symbol_grounding_to_message,
+    verdicts_from_message,
+)
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -83,6 +95,7 @@ class FormulaEvaluation(Evaluation):
         progress: the latest FormulaProgress.
         margin: the latest one, if it was asked for.
         episodes: the verdicts, if the formula is asked at every state.
+        needs_peers: True if peers evaluate parts of it.
         on_progress: called for each FormulaProgress and FormulaEpisodes, and when the evaluation
             begins to wait.
     """
@@ -113,6 +126,9 @@ class FormulaEvaluation(Evaluation):
         self._group: EvaluationGroup | None = None
         self._is_preparing = False
         self._units: dict[str, str] = {}
+        # The objects of its sorts, also of parts that peers evaluate.
+        self._domains: Mapping[str, tuple[str, ...]] = {}
+        self.needs_peers = False
         self._last_groundings: tuple[SymbolGrounding, ...] = ()
         self._last_topics: tuple[str, ...] = ()
 
@@ -171,7 +187,7 @@ class FormulaEvaluation(Evaluation):
         group = self._group
         if group is None or self.has_ended or self._is_preparing:
             return
-        domains = group.states.inputs.domains
+        domains = self._domains
         try:
             if await self._context.clients.domains(domains) == domains:
                 return
@@ -187,7 +203,7 @@ class FormulaEvaluation(Evaluation):
             return
         self._leave()
         objects = '; '.join(
-            f'{sort}: {listed(found) or "none"}' for sort, found in prepared.inputs.domains.items()
+            f'{sort}: {listed(found) or "none"}' for sort, found in self._domains.items()
         )
         self.add_event(f'restarted with {objects}')
         self.progress, self.episodes = FormulaProgress(), StandingVerdicts()
@@ -325,22 +341,56 @@ class FormulaEvaluation(Evaluation):
         return f'no state has come{since}: {reason}'
 
     async def _prepare(self) -> PreparedFormula:
-        """Find the inputs of the formula, with a formula group of its own."""
+        """Find the inputs of what is evaluated here, with a formula group of its own."""
+        request = self.request
+        prepared = await self._grounded(request.formula, request.grounding)
+        self._domains, self.needs_peers = prepared.inputs.domains, False
+        remaining, events = await self._pushed_down(prepared)
+        if not remaining:
+            return prepared
+        self._context.cleanup.destroy_group(prepared.group_id)
+        canonical, self.needs_peers = self.canonical_formula, True
+        for event in events:
+            self.add_event(event)
+        # It names the streams of verdicts.
+        prepared = await self._grounded(remaining, Grounding.AUTO)
+        self._formula, self.canonical_formula = prepared.formula, canonical
+        return prepared
+
+    async def _pushed_down(self, prepared: PreparedFormula) -> tuple[str, tuple[str, ...]]:
+        """Return what peers leave of a formula, empty for all of it, and what they evaluate."""
+        request, inputs = self.request, prepared.inputs
+        period = request.constraints.sample_period
+        has_others = request.constraints != StreamConstraints(sample_period=period)
+        needs_values = request.margin or request.every_state or request.record is not None
+        if needs_values or has_others or inputs.unknown:
+            return '', ()
+        chosen = inputs.candidates.choose(inputs.features)
+        groundings = inputs.candidates.symbol_groundings(chosen)
+        return await self._context.clients.pushed_down(
+            prepared.formula,
+            inputs.domains,
+            list(map(symbol_grounding_to_message, groundings)),
+            period,
+        )
+
+    async def _grounded(self, text: str, grounding: Grounding) -> PreparedFormula:
+        """Find the inputs of a formula, with a formula group of its own."""
         clients, request = self._context.clients, self.request
         # Step 1 is the client's request. Step 2: a formula group with the formula in it.
         name = next(self._context.names)
         group_id = await clients.create_group(name)
         try:
-            formula_id, formula, symbols = await self._add_formula(group_id, name)
+            formula_id, formula, symbols = await self._add_formula(text, grounding, group_id, name)
             # Step 4: the domain of each sort.
             domains = await clients.domains(sort_names(symbols))
             check_domains(self._context.limits, symbols, domains)
             await check_compared_objects(self.canonical_formula, domains, clients.query)
             unknown: dict[str, tuple[float, float]] = {}
-            if request.grounding is not Grounding.SYNTACTIC:
+            if grounding is not Grounding.SYNTACTIC:
                 unknown = await unknown_features(symbols, clients.query)
             # Step 5: the streams that match each feature.
-            candidates = await find_candidates(self._context, symbols, request.grounding)
+            candidates = await find_candidates(self._context, symbols, grounding)
             # Step 7: the reasoning engine subscribes before the first state is published. Given
             # the domains, it knows the ground features that each state must hold.
             topic = self._context.state_topic(name)
@@ -352,14 +402,15 @@ class FormulaEvaluation(Evaluation):
             self._context.cleanup.destroy_group(group_id)
             raise
         inputs = FormulaInputs(
-            symbols, request.grounding, features, candidates, domains, request.constraints, unknown
+            symbols, grounding, features, candidates, domains, request.constraints, unknown
         )
         return PreparedFormula(name, group_id, formula_id, formula, inputs)
 
-    async def _add_formula(self, group_id: int, name: str) -> tuple[int, str, tuple[Symbol, ...]]:
-        """Add the formula to its group; return its id, its text with all sorts, its symbols."""
-        clients, formula = self._context.clients, self.request.formula
-        request = self.request
+    async def _add_formula(
+        self, formula: str, grounding: Grounding, group_id: int, name: str
+    ) -> tuple[int, str, tuple[Symbol, ...]]:
+        """Add a formula to a group; return its id, its text with all sorts, its symbols."""
+        clients, request = self._context.clients, self.request
         add_formula = partial(
             clients.add_formula,
             group_id,
@@ -370,8 +421,8 @@ class FormulaEvaluation(Evaluation):
         formula_id, self.canonical_formula = await add_formula(formula)
         # Step 3: the symbols of the formula.
         symbols = await clients.symbols(group_id)
-        check_symbols(symbols, self.request.grounding)
-        if self.request.margin and self.request.grounding is not Grounding.SYNTACTIC:
+        check_symbols(symbols, grounding)
+        if request.margin and grounding is not Grounding.SYNTACTIC:
             self._units = await feature_units(symbols, clients.query)
         formula = await completed(self.canonical_formula, symbols, clients.domains, clients.query)
         if formula == self.canonical_formula:

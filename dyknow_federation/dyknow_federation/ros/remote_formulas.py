@@ -1,0 +1,93 @@
+"""The parts of formulas of this host that peers evaluate; see `push_down`."""
+
+from __future__ import annotations
+
+from itertools import count
+from typing import Any
+
+from rclpy.task import Future
+
+from dyknow_common import shortened
+from dyknow_common.ros import time_to_nanoseconds
+from dyknow_federation.events import FormulaAnswered
+from dyknow_federation.messages import FormulaRequest
+from dyknow_federation.offers import VALUE
+from dyknow_federation.peer import Peer
+from dyknow_federation.push_down import Part, PushDown
+from dyknow_federation.ros.remote_streams import RemoteStreams, StreamName
+from dyknow_reasoning import parse_formula
+from dyknow_stream_processing import (
+    Select,
+    Selection,
+    StreamDeclaration,
+    StreamReference,
+    parse_specification,
+)
+
+
+class RemoteFormulas:
+    """The parts of formulas that peers evaluate.
+
+    Args:
+        peer: this host among its peers.
+        streams: the streams of peers, to which those of the verdicts are added.
+        name: of this host.
+    """
+
+    def __init__(self, peer: Peer, streams: RemoteStreams, name: str) -> None:
+        self._peer = peer
+        self._streams = streams
+        # Unique also across restarts of this node.
+        self._names = (f'_{name}_{streams.node.started_at:x}_{each}' for each in count(1))
+        self._waiting: dict[StreamName, Future] = {}
+
+    def take(self, event: FormulaAnswered) -> None:
+        """Take the answer of a peer."""
+        waiting = self._waiting.pop(StreamName(event.peer, event.stream), None)
+        if waiting is not None:
+            waiting.set_result(event.refusal)
+
+    async def push_down(self, request: Any, response: Any) -> None:
+        """Serve PushDown: what no peer takes on remains to be evaluated here."""
+        topics = self._streams.by_topic
+        streams: dict[str, StreamName] = {}
+        for each in request.groundings:
+            topic = _plain_topic(each.stream, each.symbol)
+            if topic in topics and not each.stand_ins:
+                streams[each.symbol] = topics[topic]
+        if not streams:
+            return
+        domains = {each.sort: tuple(each.objects) for each in request.domains}
+        found = PushDown(parse_formula(request.formula), domains, streams)
+        period = sum(map(time_to_nanoseconds, request.sample_period))
+        asked = [(part, *self._ask(part, period)) for part in found.parts]
+        given: dict[Part, str] = {}
+        for part, name, answered in asked:
+            if refusal := await answered:
+                text = (
+                    f"peer '{part.peer}' does not evaluate '{shortened(part.formula)}': {refusal}"
+                )
+                self._streams.node.get_logger().info(text)
+            else:
+                self._streams.add(name)
+                given[part] = self._streams.topic(*name)
+        if given:
+            response.formula = found.remaining(given)
+            response.parts = [f'{each.peer} evaluates {each.formula}' for each in given]
+
+    def _ask(self, part: Part, sample_period: int) -> tuple[StreamName, Future]:
+        name, now = StreamName(part.peer, next(self._names)), self._streams.node.now()
+        self._waiting[name] = Future()
+        asked = FormulaRequest(name.stream, part.text, sample_period)
+        self._peer.request_formula(part.peer, asked, now)
+        return name, self._waiting[name]
+
+
+def _plain_topic(stream: str, symbol: str) -> str:
+    """Return the topic whose values a stream has as they are; empty if there is none."""
+    (declaration,) = parse_specification(f'stream s = {stream}').declared(StreamDeclaration)
+    source = getattr(declaration.stream, 'source', None)
+    if not isinstance(source, StreamReference):
+        return ''
+    plain = Select((Selection(VALUE, symbol),), StreamReference(source.name, is_topic=True))
+    return source.name if declaration.stream == plain else ''

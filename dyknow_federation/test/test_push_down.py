@@ -1,0 +1,206 @@
+"""Parts of formulas that peers evaluate: the verdict is that of the whole formula."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dyknow_common import SECOND_NS, Verdict
+from dyknow_federation.errors import FederationError
+from dyknow_federation.push_down import (
+    MAX_NODES,
+    UNDECIDED,
+    Part,
+    PushDown,
+    streams_of,
+    verdict_text,
+    with_prefix,
+)
+from dyknow_reasoning import FormulaGroup, parse_formula
+
+DOMAINS = {'Robot': ('r1', 'r2', 'r3')}
+PEERS = ('r1', 'r2')
+"""Each is a peer with the streams of its features; `r3` is this host."""
+
+STREAMS = {
+    f'{feature}[{peer}]': (peer, f'{feature}_{peer}') for peer in PEERS for feature in ('P', 'X')
+}
+FEATURES = [f'{feature}[{robot}]' for robot in DOMAINS['Robot'] for feature in ('P', 'X')]
+
+
+def verdict_topic(part: Part, number: int) -> str:
+    return f'/dyknow/federation/{part.peer}/_{number}'
+
+
+def verdicts(
+    formula: str, domains: Mapping[str, Sequence[str]], states: Sequence[Mapping[str, Any]]
+) -> list[Verdict]:
+    """The verdict on a formula after each state."""
+    group = FormulaGroup()
+    number = group.add_formula('', formula)
+    group.begin(domains)
+    found, verdict = [], Verdict.UNDECIDED
+    for result in group.decided_at_once():
+        verdict = result.verdict
+    for time, state in enumerate(states):
+        for result in group.progress(time * SECOND_NS, state):
+            assert result.formula_id == number
+            verdict = result.verdict
+        found.append(verdict)
+    return found
+
+
+def text_of(robots: Sequence[str]) -> st.SearchStrategy[str]:
+    """Formulas about some robots."""
+    atoms = st.one_of(
+        st.sampled_from([f'P[{robot}]' for robot in robots]),
+        st.builds(
+            lambda robot, limit: f'X[{robot}] > {limit}',
+            st.sampled_from(robots),
+            st.integers(0, 3),
+        ),
+    )
+    windows = st.sampled_from(['', '[0 s, 2 s]', '[1 s, 3 s]'])
+    return st.recursive(
+        atoms,
+        lambda inner: st.one_of(
+            st.builds('not ({})'.format, inner),
+            st.builds('({}) and ({})'.format, inner, inner),
+            st.builds('({}) or ({})'.format, inner, inner),
+            st.builds('({}) -> ({})'.format, inner, inner),
+            st.builds('({}) <-> ({})'.format, inner, inner),
+            st.builds('always{} ({})'.format, windows, inner),
+            st.builds('eventually{} ({})'.format, windows, inner),
+            st.builds('({1}) until{0} ({2})'.format, windows, inner, inner),
+            st.builds('once{} ({})'.format, windows, inner),
+        ),
+        max_leaves=5,
+    )
+
+
+QUANTIFIED = st.builds(
+    str.format,
+    st.sampled_from(
+        [
+            'forall x in Robot: ({})',
+            'exists x in Robot: ({})',
+            'at least 2 x in Robot: ({})',
+            'forall x in Robot: (x = r2 or {})',
+            'forall x in Robot: exists z in Robot: x != z and ({})',
+            'exists z in Robot: forall x in Robot: x = z -> ({})',
+        ]
+    ),
+    st.one_of(text_of(['x']), text_of(['x', 'r1'])),
+)
+
+FORMULAS = st.recursive(
+    st.one_of(text_of(['r1', 'r2', 'r3']), text_of(['r1']), text_of(['r2']), QUANTIFIED),
+    lambda inner: st.one_of(
+        st.builds('({}) and ({})'.format, inner, inner),
+        st.builds('({}) or ({})'.format, inner, inner),
+        st.builds('not ({})'.format, inner),
+    ),
+    max_leaves=3,
+)
+
+STATES = st.lists(
+    st.fixed_dictionaries(
+        {each: st.booleans() if each[0] == 'P' else st.integers(0, 4) for each in FEATURES}
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+@given(FORMULAS, STATES, st.sets(st.sampled_from(PEERS)))
+def test_the_verdict_is_that_of_the_whole_formula(
+    formula: str, states: list[dict[str, Any]], refusing: set[str]
+) -> None:
+    """At each state: a verdict crosses at the state that decides it."""
+    parsed = parse_formula(formula)
+    found = PushDown(parsed, DOMAINS, STREAMS)
+    seen: list[dict[str, Any]] = [dict(state) for state in states]
+    topics: dict[Part, str] = {}
+    for number, part in enumerate(found.parts):
+        if part.peer in refusing:
+            continue
+        topics[part] = verdict_topic(part, number)
+        own = [{f'{name}_{part.peer}.value': state[f'{name}[{part.peer}]'] for name in 'PX'}
+               for state in states]  # fmt: skip
+        for state, verdict in zip(seen, verdicts(part.text, {}, own), strict=True):
+            is_true, is_known = verdict is Verdict.TRUE, verdict is not Verdict.UNDECIDED
+            told = verdict_text(is_true=is_true, reason='so') if is_known else UNDECIDED
+            state[f'"{topics[part]}".value'] = told
+    remaining = found.remaining(topics)
+    assert verdicts(remaining, DOMAINS, seen) == verdicts(str(parsed), DOMAINS, states)
+
+
+@pytest.mark.parametrize(
+    ('formula', 'parts'),
+    [
+        ('always P[r1]', ['r1: always P_r1.value']),
+        ('forall x in Robot: always P[x]', ['r1: always P_r1.value', 'r2: always P_r2.value']),
+        ('exists x in Robot: eventually P[x]',
+         ['r1: eventually P_r1.value', 'r2: eventually P_r2.value']),
+        ('(always P[r1]) and always P[r1]',
+         ['r1: (always P_r1.value) and (always P_r1.value)']),
+        ('(always P[r1]) -> not eventually X[r2] > 1',
+         ['r1: always P_r1.value', 'r2: not (eventually (X_r2.value > 1))']),
+        # Only here is it known at which states the other ones matter.
+        ('always (P[r3] -> eventually P[r1])', []),
+        ('always (P[r1] or P[r2])', []),
+        # Without time, a value is as short as a verdict.
+        ('P[r1]', []),
+        ('once P[r1]', []),
+        ('always max(X[x] for x in Robot) > 1', []),
+        ('P(always normal(X[r1], 1) > 1) > 0.9', []),
+        ('always P[r3]', []),
+        ('always "/r1/battery".percentage > 1', []),
+    ],
+)  # fmt: skip
+def test_parts(formula: str, parts: list[str]) -> None:
+    found = PushDown(parse_formula(formula), DOMAINS, STREAMS).parts
+    assert [f'{each.peer}: {each.text}' for each in found] == parts
+
+
+def test_what_remains_needs_no_stream_of_the_others() -> None:
+    found = PushDown(parse_formula('forall x in Robot: always P[x]'), DOMAINS, STREAMS)
+    group = FormulaGroup()
+    group.add_formula('', found.remaining({each: f'/{each.peer}' for each in found.parts}))
+    group.begin(DOMAINS)
+    names = {str(each) for each in group.symbols() if each.name not in DOMAINS}
+    assert {each for each in names if '[' in each} == {'P[r3]'}
+
+
+def test_a_formula_that_is_too_large_stays_here() -> None:
+    many = {'Robot': tuple(f'r{number}' for number in range(MAX_NODES // 3))}
+    formula = parse_formula('forall x in Robot: always P[x]')
+    found = PushDown(formula, many, {f'P[{each}]': ('r1', 'P') for each in many['Robot']})
+    assert found.parts == ()
+    assert found.remaining({}) == str(formula)
+
+
+@pytest.mark.parametrize(
+    ('formula', 'message'),
+    [
+        ('always P_r1.value', ''),
+        ('always P_r1.value and', "'always P_r1.value and' is no formula here: "),
+        ('always P[r1]', "'always P[r1]' is not about streams alone"),
+        ('forall x in Robot: always P_r1.value', 'is not about streams alone'),
+        ('always max(P_r1.a, P_r1.b) > 1 and P(normal(P_r1.a, 1) > 1) > 0.5', 'is not about'),
+        ('always Q_r1.value', "'Q_r1' is not shared; name it in share there"),
+        ('always "/secret".value > 1', "'/secret' is not shared"),
+    ],
+)
+def test_a_formula_of_a_peer_is_checked(formula: str, message: str) -> None:
+    if not message:
+        assert streams_of(formula, ['P_r1']) == {'P_r1'}
+        assert with_prefix(formula, '_own_') == 'always _own_P_r1.value'
+        return
+    with pytest.raises(FederationError) as caught:
+        streams_of(formula, ['P_r1'])
+    assert message in caught.value.message
