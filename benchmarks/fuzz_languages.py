@@ -40,8 +40,8 @@ from dyknow_common import (
     unit_conversion,
 )
 from dyknow_configuration import read_formulas
+from dyknow_coordinator.grounding.completion import with_sorts
 from dyknow_coordinator.grounding.feature_sources import referenced_source
-from dyknow_coordinator.grounding.sorts import with_sorts
 from dyknow_reasoning import FormulaGroup, FormulaLimits, parse_formula
 from dyknow_reasoning.trace import read_trace
 from dyknow_semantics import (

@@ -1,7 +1,7 @@
-"""Write pages of docs/ from the code: commands, nodes, interfaces, the Python API, the recipes.
+"""Write pages of docs/ from the code: commands, nodes, interfaces, Python API, limits, recipes.
 
-Run it after a change of an option, a parameter, a service, a docstring of the Python API or a
-recipe. With --check, it names the pages that are out of date and writes nothing.
+Run it after a change of an option, a parameter, a service, a docstring of the Python API, a limit
+or a recipe. With --check, it names the pages that are out of date and writes nothing.
 """
 
 import argparse
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from reference.commands import commands_page
 from reference.interfaces import interfaces_page
+from reference.limits import limits_page
 from reference.nodes import nodes_page
 from reference.python_api import python_page
 from reference.recipes import recipes_page
@@ -21,6 +22,7 @@ PAGES = {
     'reference/interfaces.md': interfaces_page,
     'reference/nodes.md': nodes_page,
     'reference/python.md': python_page,
+    'limits.md': limits_page,
     'recipes.md': recipes_page,
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dyknow_common.parsing.corrections import correction
+from dyknow_common.parsing.language import correction
 
 CORRECTIONS = {'&&': 'and', 'G': 'always', '==': '=', 'ALWAYS': 'always'}
 

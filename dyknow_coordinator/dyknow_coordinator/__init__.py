@@ -33,18 +33,19 @@ from dyknow_coordinator.grounding.known_streams import (
     stream_topic,
 )
 from dyknow_coordinator.grounding.region_relations import ground_features
-from dyknow_coordinator.grounding.source_choice import (
+from dyknow_coordinator.grounding.source_session import (
     EXCLUSION_NS,
     SILENCE_LIMIT_NS,
     SILENCE_LIMITS_S,
     TRANSIENT,
     SourceChoice,
+    SourceSession,
+    StandbySources,
     StateFault,
     describe_sources,
     describe_violation,
     worst_fault,
 )
-from dyknow_coordinator.grounding.source_session import SourceSession, StandbySources
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, state_specification
 from dyknow_coordinator.grounding.units import feature_units, with_unit
 from dyknow_coordinator.plan import (

@@ -6,7 +6,7 @@ import pytest
 
 from dyknow_common import Symbol, SymbolKind
 from dyknow_coordinator import CoordinationError
-from dyknow_coordinator.grounding.sorts import (
+from dyknow_coordinator.grounding.completion import (
     ArgumentPlace,
     declared_sorts,
     only_sort,

@@ -21,8 +21,8 @@ from dyknow_coordinator import (
     parse_sources,
     worst_fault,
 )
-from dyknow_coordinator.grounding.sorts import infer_sorts
-from dyknow_coordinator.grounding.source_choice import may_be_silent
+from dyknow_coordinator.grounding.completion import infer_sorts
+from dyknow_coordinator.grounding.source_session import may_be_silent
 from dyknow_stream_processing import Violation
 
 

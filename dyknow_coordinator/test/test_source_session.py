@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dyknow_common import NO_CONSTRAINTS, SECOND_NS, ExitCode
+from dyknow_common import NO_CONSTRAINTS, SECOND_NS, DyKnowError, ExitCode
 from dyknow_coordinator import (
     Candidates,
     FeatureSource,
@@ -31,13 +31,15 @@ A, B, G = source('a', 'F'), source('b', 'F'), source('g', 'G')
 class World:
     """A session, and its streams; times are in seconds."""
 
-    def __init__(self, *found: FeatureSource, published: str = 'abg') -> None:
+    def __init__(
+        self, *found: FeatureSource, published: str = 'abg', can_wait: bool = True
+    ) -> None:
         self.excluded: list[FeatureSource] = []
         known = KnownStreams([], {f'/{each}' for each in published}.__contains__)
         inputs = FormulaInputs(
             (), Grounding.AUTO, ('F', 'G'), Candidates(found), {}, NO_CONSTRAINTS
         )
-        self.session = SourceSession(inputs, lambda: known, self._exclude)
+        self.session = SourceSession(inputs, lambda: known, self._exclude, can_wait=can_wait)
         self.session.chosen = self.session.choose(inputs.candidates, 0)
 
     def _exclude(self, sources: object, _now: int) -> None:
@@ -67,13 +69,13 @@ def test_the_source_of_a_violation_is_replaced(world: World) -> None:
     assert not fault.transient
     assert fault.error.code is ExitCode.CONSTRAINT_VIOLATION
     assert world.excluded == [A]
-    assert world.session.replacements(1) == (B, G)
+    assert world.session.react(1) == (B, G)
 
 
 def test_a_transient_violation_excludes_nothing(world: World) -> None:
     world.violate('/a', ViolationKind.LOST)
     assert [each.transient for each in world.session.faults] == [True]
-    assert world.session.replacements(1) == (A, G)
+    assert world.session.react(1) == (A, G)
 
 
 def test_a_violation_of_unknown_origin_excludes_all_sources(world: World) -> None:
@@ -129,5 +131,51 @@ def test_a_silent_topic_that_should_not_be_is_a_failure() -> None:
     world = World(periodic, G, published='ag')
     world.look(9, a=1, g=8)
     assert world.session.failure().message == "topic '/a' has been silent for 5 s"
-    world.session.obstacle = 'no engine'
+    world.session.note_obstacle((periodic, G), DyKnowError('no engine'), 0)
     assert world.session.failure().message.endswith('5 s; no other states: no engine')
+
+
+def test_replaced_sources_are_why_states_may_be_missing(world: World) -> None:
+    world.violate('/a')
+    assert world.session.react(1) == (B, G)
+    world.violate('/g', ViolationKind.LOST)  # Meanwhile.
+    event = world.session.note_replaced((B, G))
+    assert event.startswith('broken (max_gap: 2 s observed, 1 s allowed); states are made of sele')
+    assert world.session.cause.code is ExitCode.CONSTRAINT_VIOLATION
+    assert [each.transient for each in world.session.faults] == [True]
+
+
+@pytest.mark.parametrize('can_wait', [True, False])
+def test_sources_that_no_stream_is_made_of_are_tried_again_if_that_may_help(
+    *, can_wait: bool
+) -> None:
+    world = World(A, G, published='ag', can_wait=can_wait)
+    world.violate('/a', ViolationKind.LOST)
+    assert world.session.react(1) == (A, G)
+    world.session.note_obstacle((A, G), DyKnowError('no engine', ExitCode.UNAVAILABLE), 1)
+    assert world.session.react(1) == ((A, G) if can_wait else None)
+    world.violate('/a')
+    assert world.session.react(1) is None
+    assert world.session.react(1, standby=(B, G)) == (B, G)
+
+
+@pytest.mark.parametrize(
+    ('can_wait', 'code', 'tried', 'excluded'),
+    [
+        (True, ExitCode.UNAVAILABLE, (B, G), []),
+        (True, ExitCode.NOT_FOUND, (B, G), [B]),
+        (True, ExitCode.NOT_FOUND, (A, G), []),
+        (False, ExitCode.UNAVAILABLE, (B, G), [B]),
+        (False, ExitCode.NOT_FOUND, (A, G), [A, G]),
+    ],
+)
+def test_sources_that_no_stream_is_made_of_are_excluded_unless_it_may_be_made_later(
+    *,
+    can_wait: bool,
+    code: ExitCode,
+    tried: tuple[FeatureSource, ...],
+    excluded: list[FeatureSource],
+) -> None:
+    world = World(A, B, G, can_wait=can_wait)
+    world.session.note_obstacle(tried, DyKnowError('no engine', code), 1)
+    assert world.excluded == excluded

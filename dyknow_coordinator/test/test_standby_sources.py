@@ -6,7 +6,7 @@ import pytest
 
 from dyknow_common import SECOND_NS
 from dyknow_coordinator import Candidates, FeatureSource, KnownStreams, StandbySources
-from dyknow_coordinator.grounding.source_choice import EXCLUSION_NS
+from dyknow_coordinator.grounding.source_session import EXCLUSION_NS
 from dyknow_stream_processing import Violation, ViolationKind
 
 

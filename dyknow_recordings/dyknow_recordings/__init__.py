@@ -24,7 +24,7 @@ from dyknow_recordings.health.observing import observe_recording
 from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
 from dyknow_recordings.reading.bags.bag_writing import bag_writer, offered_profile
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.messages.message_types import MessageTypes
+from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import (
     add_reading_options,
     message_types,

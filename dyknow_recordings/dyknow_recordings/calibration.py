@@ -45,7 +45,7 @@ from dyknow_reasoning import (
     walk,
 )
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.messages.message_types import MessageTypes
+from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_stream_processing import GAP_PERIODS, Forecast, load_units

@@ -22,7 +22,7 @@ from dyknow_recordings.evaluation.recorded_map import recorded_map
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_recordings.health.expectations import broken_in
-from dyknow_recordings.reading.messages.message_types import MessageTypes
+from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 
 JobResult = RecordingReport | DyKnowError

@@ -1,5 +1,7 @@
+import re
 import struct
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from random_types import Member, all_values, definition, messages, types
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from dyknow_common import ValueType, listed_as
+from dyknow_recordings import Bag
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.cdr import CdrReader
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
@@ -130,10 +134,62 @@ def test_characters_of_idl_are_texts_and_long_doubles_are_left_out() -> None:
     }
 
 
-def test_a_wide_character_has_no_certain_width() -> None:
-    idl = IDL.replace('char grade;', 'wchar grade;')
-    with pytest.raises(RecordingError, match=r"'grade' .* wchar, whose size differs between midd"):
-        TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2idl', idl))
+WIDE = """
+module made_up {
+  module msg {
+    struct Letter {
+      octet a;
+      WIDE;
+      octet b;
+    };
+    struct Top {
+      double x;
+      MEMBERS
+      double y;
+    };
+  };
+};
+"""
+
+
+@pytest.mark.parametrize(
+    ('wide', 'members', 'readable'),
+    [
+        ('octet w', 'wchar w;', ['x']),
+        ('octet w', 'wchar w[2];', ['x']),
+        ('octet w', 'sequence<wchar> w;', ['x']),
+        ('wchar w', 'Letter first; Letter second;', ['x', 'first.a']),
+        ('wchar w', 'sequence<Letter> letters;', ['x']),
+        ('wchar w', 'Letter letters[2];', ['x']),
+    ],
+)
+def test_what_precedes_a_wide_character_is_read(
+    wide: str, members: str, readable: list[str]
+) -> None:
+    """A wide character has 2 bytes or 4, so nobody knows where the next field begins."""
+    idl = WIDE.replace('WIDE', wide).replace('MEMBERS', members)
+    layout = TypeLayout(TypeDefinition('made_up/msg/Top', 'ros2idl', idl))
+    assert list(layout.fields) == readable
+    data = b'\0\1\0\0' + struct.pack('<d', 0.5) + bytes([7]) + bytes(40)
+    fields, faults = CdrReader(layout, readable, is_exact=True).read(stored([data]))
+    assert faults == {}
+    expected = {'x': 0.5, 'first.a': 7}
+    assert all(fields.values[path].tolist() == [expected[path]] for path in readable)
+    assert re.match("'w' of made_up/msg/.*, a wchar, and what follows it are not", layout.unread)
+
+
+def test_what_is_not_read_of_a_wide_character_is_noted(tmp_path: Path) -> None:
+    text = f'{"=" * 80}\nIDL: made_up/msg/Top\n{WIDE.replace("WIDE", "octet w")}'
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        text = text.replace('MEMBERS', 'wchar w;')
+        topic = writer.add_connection('/top', 'made_up/msg/Top', msgdef=text, rihs01='x')
+        writer.write(topic, 1, b'\0\1\0\0' + struct.pack('<d2sxxxxxxd', 0.5, b'A', 1.0))
+    with Bag(tmp_path / 'bag') as bag:
+        assert bag.contents['/top'].fields == {'x': ValueType.FLOAT}
+        (part,) = bag.columns({'/top': ['x']})
+        (fault,) = bag.faults
+    assert part.values['x'].tolist() == [0.5]
+    assert str(fault).startswith("the type of topic '/top': 'w' of made_up/msg/Top, a wchar, and")
 
 
 def test_types_keep_their_width() -> None:

@@ -13,7 +13,7 @@ from small_bags import channel, mcap, schema, stored
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings import MessageTypes, RecordingError, evaluate_recording, open_recording
 from dyknow_recordings.check import main
-from dyknow_recordings.reading.messages import definitions, message_types
+from dyknow_recordings.reading.messages import definitions
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
 from dyknow_recordings.reading.messages.layouts import TypeLayout
 
@@ -124,7 +124,7 @@ def test_messages_of_folders_and_workspaces(
     (folder / file).parent.mkdir(parents=True)
     (folder / file).write_text(text)
     (folder / file).with_name('Inner.msg').write_text('float64 x')
-    message_types._members.cache_clear()  # No command looks again.
+    definitions._members.cache_clear()  # No command looks again.
     with open_recording(path, None if is_sourced else MessageTypes(folders=(folder,))) as opened:
         (part,) = opened.columns({'/level': ['inner.x']})
         assert part.values['inner.x'].tolist() == [1.5]
@@ -187,7 +187,7 @@ def test_types_of_any_size(text: str, reason: str) -> None:
 
 
 def test_folders_of_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(message_types, 'MAX_FILES', 3)
+    monkeypatch.setattr(definitions, 'MAX_FILES', 3)
     monkeypatch.setattr(definitions, 'MAX_DEFINITION', 100)
     path = tmp_path / 'large' / 'msg' / 'A.msg'
     path.parent.mkdir(parents=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 from dyknow_common import NO_CONSTRAINTS
 from dyknow_coordinator import Candidates, FeatureSource, FormulaInputs, Grounding, KnownStreams
-from dyknow_coordinator.grounding.source_choice import EXCLUSION_NS
+from dyknow_coordinator.grounding.source_session import EXCLUSION_NS
 from dyknow_reasoning import StateLine
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.standby import RecordedStandby, RecordedStates

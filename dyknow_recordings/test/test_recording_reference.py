@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,11 +13,12 @@ from recorded import TYPE, RecordedSample, at, recording
 
 from dyknow_common import Verdict
 from dyknow_configuration import RequestedFormula
-from dyknow_reasoning import CheckResult, RecordedState, check_trace
+from dyknow_reasoning import CheckResult, RecordedState, check_trace, read_trace
 from dyknow_recordings.evaluation.episodes import EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import Episode, FormulaReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.reading.trace_recording import TraceRecording
 
 pytestmark = pytest.mark.long
 
@@ -117,6 +119,26 @@ def test_samples_in_any_order(first: Drawn, second: Drawn) -> None:
         (expected,) = check_trace([formula], {}, states(used(formula, recorded), last))
         (episode,) = found.episodes
         assert (episode.verdict, episode.decided_at) == (expected.verdict, expected.decided_at)
+
+
+@given(st.lists(st.tuples(st.integers(1, 900), st.integers(0, 4)), min_size=1, max_size=12))
+def test_traces_as_the_command_check_decides_them(rows: list[tuple[int, int]]) -> None:
+    times = accumulate(time for time, _ in rows)
+    lines = [
+        'time_ms,v,w',
+        *(f'{now},{v},{v / 2}' for now, (_, v) in zip(times, rows, strict=True)),
+    ]
+    formulas = ['always v < 3', 'eventually[0 s, 1 s] w > 1.2', 'v < 3 until[100 ms, 2 s] w = 2']
+    with TemporaryDirectory() as folder:
+        path = Path(folder, 'trace.csv')
+        path.write_text('\n'.join(lines))
+        # Both commands read a trace by the same reader, but make states of it each in its own way.
+        report = evaluate_recording(
+            TraceRecording(path), [RequestedFormula(each) for each in formulas]
+        )
+    expected = check_trace(formulas, {}, read_trace(lines))
+    for found, each in zip(report.formulas, expected, strict=True):
+        agrees(found, each)
 
 
 @given(SAMPLES, st.sampled_from([each for each in FORMULAS if '/b' not in each]))

@@ -14,10 +14,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import ComputedField, Value, ValueType, absence, field_type, parse_field
+from dyknow_common import (
+    AGGREGATES,
+    ComputedField,
+    Value,
+    ValueType,
+    absence,
+    field_type,
+    parse_field,
+)
+from dyknow_common.fields import CONDITIONED
 from dyknow_space import MAX_VERTICES
 from dyknow_stream_processing import NoValueError, value_reader
-from dyknow_stream_processing.aggregates import number
+from dyknow_stream_processing.aggregates import _REDUCTIONS, _RESULTS, number
 
 RANGES = {
     code: (0 if code.isupper() else -(2 ** (bits - 1)), 2 ** (bits - code.islower()) - 1)
@@ -36,6 +45,11 @@ TEXT_OPERATORS = {
     'does not start with': lambda text, part: text[: len(part)] != part,
 }
 EDGES = [0.5, -0.5, 2.0**53, float(2**63), -float(2**63), 0.1, 1e300, 3, 2**53 + 1, 2**64, -1]
+
+
+def test_each_name_has_a_function_and_each_function_a_name() -> None:
+    assert sorted([*_REDUCTIONS, *_RESULTS]) == sorted(AGGREGATES)
+    assert sorted(_RESULTS) == sorted(CONDITIONED)
 
 
 @st.composite

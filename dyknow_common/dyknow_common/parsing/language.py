@@ -6,6 +6,7 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from difflib import get_close_matches
 from functools import cached_property
 from itertools import islice
 from types import MappingProxyType
@@ -17,7 +18,6 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedTok
 from dyknow_common.constraints import CONSTRAINT_KINDS
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
 from dyknow_common.limits import MAX_CHARACTERS, MAX_DEPTH, MAX_WORDS
-from dyknow_common.parsing.corrections import correction
 from dyknow_common.parsing.lalr_parsers import lalr_parser
 from dyknow_common.parsing.positions import (
     LanguageError,
@@ -54,6 +54,26 @@ _SPELLINGS: Final = {
     'SWITCH': _CONSTRAINT,
 }
 """The names in messages of terminals that several languages have."""
+
+_TOKEN: Final = re.compile(r'[A-Za-z_]\w*|[=&|!<>~-]+')
+_TOPIC: Final = re.compile(
+    r"['\u2018\u201c](?P<quoted>[\w/]+)['\u2019\u201d]|(?P<bare>/[A-Za-z_][\w/]*)"
+)
+"""A topic, or another name, as it must not be written: in other quotes, or in none."""
+
+_BETWEEN: Final = re.compile(r'[\s(\[]*')
+_NEAR: Final = 30
+"""The number of characters around an error in which the mistake is looked for."""
+
+_SIMILARITY: Final = 0.8
+
+_NUMBERS: Final = {
+    r'(?<![0-9])\.([0-9]+)': r'did you mean 0.\1 instead of .\1?',
+    r'\b([0-9]+)\.(?![0-9])': r'did you mean \1.0 instead of \1.?',
+    r'\+\s*([0-9.]+)': r'numbers have no sign +: write \1',
+    r'(?<![(\[])\b([0-9]+),([0-9]+)\b': r'did you mean \1.\2 instead of \1,\2?',
+}
+"""Advice on numbers, which all languages write alike."""
 
 
 class Language:
@@ -256,3 +276,59 @@ class Language:
         if terminal in self._spellings:
             return self._spellings[terminal]
         return f"'{self._parser.get_terminal(terminal).pattern.value}'"
+
+
+def correction(
+    text: str,
+    offset: int,
+    corrections: Mapping[str, str],
+    advice: Mapping[str, str] = MappingProxyType({}),
+) -> str:
+    """Return a question about the mistake at an error, such as `did you mean 'and' ...?`.
+
+    In `G(p > q)`, the error is at `>`, as `G(p` may begin a predicate: names of operators before an
+    open parenthesis are mistakes, too.
+
+    Args:
+        text: the text with the error.
+        offset: of what was unexpected; the mistake stands there, or before it as in `alway p`.
+        corrections: what is meant, by mistake. Words close to what is meant are mistakes too.
+        advice: what to write instead of mistakes that are more than a word. The keys are regular
+            expressions of mistakes, and the values may refer to their groups.
+
+    Returns:
+        An empty text if no mistake is known.
+    """
+    if topic := _TOPIC.match(text, offset):
+        return f'did you mean "{topic["quoted"] or topic["bare"]}" instead of {topic[0]}?'
+    meant = sorted(set(corrections.values()))
+    near = [*_TOKEN.finditer(text, max(0, offset - _NEAR), offset + _NEAR)]
+    for each in reversed(near):
+        is_at_error = each.start() <= offset < each.end()
+        is_before = each.end() <= offset and _BETWEEN.fullmatch(text, each.end(), offset)
+        if (is_at_error or is_before) and each[0] not in meant:
+            close = get_close_matches(each[0], meant, 1, _SIMILARITY)
+            if found := corrections.get(each[0], *close or ['']):
+                return _question(found, each[0])
+        if each[0] in corrections and _is_inside(text[each.end() : offset]):
+            return _question(corrections[each[0]], each[0])
+    return _advice(text, offset, {**advice, **_NUMBERS})
+
+
+def _advice(text: str, offset: int, advice: Mapping[str, str]) -> str:
+    """Return the advice on a mistake that contains an error, or ends before it."""
+    for mistake, what in advice.items():
+        for match in re.compile(mistake).finditer(text, max(0, offset - _NEAR), offset + _NEAR):
+            is_before = match.end() <= offset and _BETWEEN.fullmatch(text, match.end(), offset)
+            if match.start() <= offset and (match.end() > offset or is_before):
+                return match.expand(what)
+    return ''
+
+
+def _is_inside(text: str) -> bool:
+    """Return True if a text begins with a parenthesis that it does not close."""
+    return text.lstrip().startswith('(') and text.count('(') > text.count(')')
+
+
+def _question(meant: str, mistake: str) -> str:
+    return f"did you mean '{meant}' instead of '{shortened(mistake)}'?"

@@ -1,14 +1,35 @@
-"""Completion of formulas: what the ontology says of their symbols is stated in their texts."""
+"""Completion of formulas: what the ontology says of their symbols is stated in their texts.
+
+In `forall u: always Power[u] < 200`, the variable `u` has the sort `?u`. The symbols of the formula
+contain it, `Power[?u]`. If the ontology says that the argument of `Power` is a `UAV`, the formula
+is `forall u in UAV: always Power[u] < 200`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
 
-from dyknow_common import Symbol
-from dyknow_coordinator.grounding.declared_properties import QueryFunction
+from dyknow_common import Symbol, SymbolKind
+from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.grounding.declared_properties import (
+    QueryFunction,
+    Rows,
+    own_or_inherited,
+    property_query,
+)
 from dyknow_coordinator.grounding.region_relations import DomainFunction, with_relations
-from dyknow_coordinator.grounding.sorts import infer_sorts, with_sorts
 from dyknow_coordinator.grounding.units import find_uncertainties, find_units, has_units, with_units
+
+# A text in quotes, or a quantifier without a sort.
+_UNSORTED: Final = re.compile(
+    r'"(?:\\.|[^"\\])*"'
+    r'|\b(?:forall|exists|for|(?:at least|at most|exactly) [0-9]+) '
+    r"(?P<variable>[A-Za-z_]\w*'*)[:)]"
+)
 
 
 async def completed(
@@ -29,3 +50,97 @@ async def completed(
     text = await with_relations(sorted_text, domains, query)
     units = await find_units(symbols, query) if has_units(formula) else {}
     return with_units(text, units, await find_uncertainties(formula, symbols, query))
+
+
+@dataclass(frozen=True, slots=True)
+class ArgumentPlace:
+    """An argument of a feature; the number counts from 1."""
+
+    feature: str
+    number: int
+
+    @property
+    def query(self) -> str:
+        """The SPARQL query for concepts that state the sort of the argument, and these sorts."""
+        return property_query(self.feature, f'argument{self.number}')
+
+    def __str__(self) -> str:
+        return f'argument {self.number} of {self.feature}'
+
+
+def places_of_variables(symbols: Iterable[Symbol]) -> dict[str, tuple[ArgumentPlace, ...]]:
+    """Return the arguments that each variable without a sort is, by variable."""
+    places: dict[str, dict[ArgumentPlace, None]] = defaultdict(dict)
+    for symbol in symbols:
+        if symbol.kind is SymbolKind.SORT and symbol.name.startswith('?'):
+            places.setdefault(symbol.name[1:], {})
+        for number, argument in enumerate(symbol.arguments, start=1):
+            if argument.startswith('?'):
+                places[argument[1:]][ArgumentPlace(symbol.name, number)] = None
+    return {variable: tuple(found) for variable, found in places.items()}
+
+
+async def infer_sorts(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, str]:
+    """Return the sort of each variable whose quantifier names none.
+
+    Args:
+        symbols: of the formula.
+        query: returns the solutions of a SPARQL query of the ontology.
+
+    Raises:
+        DyKnowError: for a variable with no possible sort or several, or if the query fails.
+    """
+    sorts = {}
+    for variable, places in places_of_variables(symbols).items():
+        found = {place: declared_sorts(place, await query(place.query)) for place in places}
+        sorts[variable] = only_sort(variable, found)
+    return sorts
+
+
+def declared_sorts(place: ArgumentPlace, rows: Rows) -> frozenset[str]:
+    """Return the sorts of an argument, given the solutions of its query.
+
+    A feature that states the sort itself does not inherit it.
+    """
+    stated = ((concept, sort) for concept, sort in rows)
+    return frozenset(own_or_inherited(place.feature, stated))
+
+
+def only_sort(variable: str, sorts: Mapping[ArgumentPlace, Iterable[str]]) -> str:
+    """Return the one possible sort of a variable, given the sorts of its places.
+
+    Raises:
+        CoordinationError: if there is none, or more than one.
+    """
+    found = {sort for each in sorts.values() for sort in each}
+    correction = f'write {variable} in SORT after forall or exists'
+    if not sorts:
+        raise CoordinationError(
+            f"the sort of '{variable}' is unknown, as no feature has it as an argument; "
+            f'{correction}'
+        )
+    unknown = ', '.join(str(place) for place, each in sorts.items() if not each)
+    if unknown:
+        raise CoordinationError(
+            f"the sort of '{variable}' is unknown: the ontology has none for {unknown}; "
+            f'{correction}'
+        )
+    if len(found) > 1:
+        uses = ', '.join(f'{" or ".join(sorted(each))} as {place}' for place, each in sorts.items())
+        raise CoordinationError(f"the sort of '{variable}' is ambiguous: {uses}; {correction}")
+    (sort,) = found
+    if not sort.rstrip("'").isidentifier():
+        raise CoordinationError(
+            f"the sort of '{variable}' is {sort}, a name that formulas cannot have; {correction}"
+        )
+    return sort
+
+
+def with_sorts(formula: str, sorts: Mapping[str, str]) -> str:
+    """Return a canonical text in which the quantifiers of some variables have their sorts."""
+
+    def completed(found: re.Match[str]) -> str:
+        sort = sorts.get(found['variable'] or '')
+        return f'{found[0][:-1]} in {sort}{found[0][-1]}' if sort else found[0]
+
+    return _UNSORTED.sub(completed, formula)

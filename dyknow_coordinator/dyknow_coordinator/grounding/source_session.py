@@ -3,43 +3,231 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common import NANOSECONDS, SECOND_NS, ExitCode
+from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, ExitCode, round_duration
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
-from dyknow_coordinator.grounding.source_choice import (
-    SILENCE_LIMIT_NS,
-    TRANSIENT,
-    SourceChoice,
-    StateFault,
-    describe_violation,
-    may_be_silent,
-    worst_fault,
-)
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
-from dyknow_stream_processing import Violation
+from dyknow_stream_processing import Violation, ViolationKind
+
+SILENCE_LIMIT_NS: Final = 5 * SECOND_NS
+"""The default time after which a topic without a message is silent, as is a stream of states."""
+
+SILENCE_LIMITS_S: Final = (0.1, 1e9)
+"""The least and the greatest time that can be set instead, in seconds."""
+
+_MAX_LAG_NS: Final = SECOND_NS
+
+EXCLUSION_NS: Final = 10 * SECOND_NS
+"""Time for which a source that failed is not chosen again."""
+
+TRANSIENT: Final = frozenset({ViolationKind.LOST, ViolationKind.SOURCE})
+"""Violations on the way of the samples: the stream itself may be chosen again."""
 
 REPORT_NS: Final = 1200 * NANOSECONDS['ms']
 """Time after which it is known which topics are silent when states break a constraint."""
 
 
+@dataclass(frozen=True, slots=True)
+class StateFault:
+    """Reason to replace the streams in use.
+
+    Args:
+        error: the error of the formulas if nothing can replace them.
+        transient: True if the streams themselves are not at fault, and may be chosen again.
+    """
+
+    error: CoordinationError
+    transient: bool
+
+
+class SourceChoice:
+    """Chooses the best available source of each ground feature that has not failed recently.
+
+    All times are of one clock, in nanoseconds.
+    """
+
+    def __init__(self) -> None:
+        self._failed: dict[FeatureSource, int] = {}
+
+    def choose(
+        self,
+        features: Iterable[str],
+        candidates: Candidates,
+        known: KnownStreams,
+        now: int,
+        *preferences: Callable[[FeatureSource], bool],
+    ) -> tuple[FeatureSource, ...]:
+        """Return a source for each ground feature; see `Candidates.choose`.
+
+        One that nobody publishes is worse than one that has failed. Further preferences are less
+        important.
+        """
+        return candidates.choose(
+            features,
+            known.is_available,
+            lambda source: not self.is_excluded(source, now),
+            *preferences,
+        )
+
+    def replacements(
+        self, features: Iterable[str], candidates: Candidates, known: KnownStreams, now: int
+    ) -> tuple[FeatureSource, ...]:
+        """Return what `choose` does, but a source that has samples if there is one.
+
+        It is asked after a failure: at the start, the first samples may still be on their way.
+        """
+        return self.choose(features, candidates, known, now, known.is_flowing)
+
+    def better(
+        self,
+        in_use: Sequence[FeatureSource],
+        candidates: Candidates,
+        known: KnownStreams,
+        now: int,
+    ) -> tuple[FeatureSource, ...]:
+        """Return the best source of each feature that has samples; those in use if none is better.
+
+        Args:
+            in_use: the sources in use, ordered by feature.
+            candidates: all sources.
+            known: all streams.
+            now: the time.
+        """
+        used = frozenset(in_use)
+        found = self.choose(
+            [each.feature for each in in_use],
+            candidates,
+            known,
+            now,
+            lambda source: source in used or known.is_flowing(source),
+        )
+        return tuple(
+            new if self.can_replace([old], [new], known, now) else old
+            for new, old in zip(found, in_use, strict=True)
+        )
+
+    def stand_ins(
+        self,
+        in_use: Sequence[FeatureSource],
+        candidates: Candidates,
+        known: KnownStreams,
+        now: int,
+        present: Sequence[FeatureSource] = (),
+    ) -> tuple[FeatureSource, ...]:
+        """Return another available source of each feature that has one, else the one in use.
+
+        Return none if no feature has another one, or if one has only a source that failed recently.
+        A source whose streams have samples is preferred to one whose streams wait for them.
+
+        Args:
+            in_use: the sources in use.
+            candidates: all sources.
+            known: all streams.
+            now: the time.
+            present: sources that are preferred to better ones, as they stand by already.
+        """
+        used = frozenset(in_use)
+
+        def is_well(source: FeatureSource) -> bool:
+            return not self.is_excluded(source, now) and known.is_available(source)
+
+        features = [each.feature for each in in_use]
+        found = candidates.choose(
+            features,
+            is_well,
+            lambda source: source not in used,
+            known.is_flowing,
+            present.__contains__,
+        )
+        return found if set(found) != used and all(map(is_well, found)) else ()
+
+    def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
+        """Record that sources have failed."""
+        self._failed.update(dict.fromkeys(sources, now))
+
+    def is_excluded(self, source: FeatureSource, now: int) -> bool:
+        """Return True if a source has failed recently."""
+        return source in self._failed and now - self._failed[source] < EXCLUSION_NS
+
+    def exclusion_end(self, sources: Iterable[FeatureSource], now: int) -> int | None:
+        """Return when the first of some sources is no longer excluded; None if none is."""
+        failed = [self._failed[each] for each in sources if self.is_excluded(each, now)]
+        return min(failed) + EXCLUSION_NS if failed else None
+
+    def can_replace(
+        self,
+        sources: Iterable[FeatureSource],
+        others: Iterable[FeatureSource],
+        known: KnownStreams,
+        now: int,
+    ) -> bool:
+        """Return True if others have samples for the features of sources, and have not failed.
+
+        Sources that have failed recently would be replaced again at once, without end.
+        """
+        features = {each.feature for each in sources}
+        new = {each for each in others if each.feature in features}
+        are_well = all(known.is_available(each) and known.is_flowing(each) for each in new)
+        are_others = bool(new) and new.isdisjoint(sources)
+        return are_others and are_well and not any(self.is_excluded(each, now) for each in new)
+
+
+def may_be_silent(received: Iterable[int], now: int, limit: int) -> bool:
+    """Return True if a topic may have fallen silent, which will soon be known.
+
+    Better streams could then only follow with a gap, while a standby has kept states.
+
+    Args:
+        received: when the latest message of each topic was received; 0 before the first.
+        now: the time, in nanoseconds.
+        limit: the time without a message after which a topic is silent.
+    """
+    return any(_MAX_LAG_NS < now - latest < 2 * limit for latest in received)
+
+
+def worst_fault(faults: Sequence[StateFault]) -> StateFault:
+    """Return the latest fault of the streams themselves; if there is none, the latest."""
+    return next((each for each in reversed(faults) if not each.transient), faults[-1])
+
+
+def describe_sources(chosen: Iterable[FeatureSource]) -> str:
+    """Return the sources that states are made of, for clients."""
+    return f'states are made of {", ".join(sorted(map(str, chosen)))}'
+
+
+def describe_violation(violation: Violation) -> str:
+    """Return the description of a violation for clients."""
+    observed, allowed = violation.observed, violation.allowed
+    measured = (
+        f' ({violation.constraint}: {round_duration(observed, allowed)} observed, '
+        f'{round_duration(allowed, observed)} allowed)'
+        if observed or allowed
+        else f' ({violation.constraint})'
+    )
+    return f'{violation.message}{measured}'
+
+
 class SourceSession:
     """Decides which sources a group uses, and which are at fault.
 
-    It makes no streams: whoever does tells it of violations, looks periodically, and acts on its
-    `faults`. All times are in nanoseconds; receipts may be of another clock than `now`.
+    It makes no streams: whoever does tells it of violations, looks periodically, and while there
+    are `faults` does what `react` says. All times are in nanoseconds; receipts may be of another
+    clock than `now`.
 
         4.0 s  the states break the client's `max_gap`; which source is at fault is not known
         5.5 s  look: /b has had no message for longer than `max_gap`; its sources are excluded, and
                there is a fault
-        5.5 s  `replacements` has other sources; if all have failed, the formulas fail
+        5.5 s  `react` returns other sources; if all have failed, the formulas fail
 
     Args:
         inputs: of the group.
         known: returns all streams.
         on_exclude: called with sources that have failed.
+        can_wait: True if a stream that cannot be made now may be made later.
     """
 
     def __init__(
@@ -47,18 +235,22 @@ class SourceSession:
         inputs: FormulaInputs,
         known: Callable[[], KnownStreams],
         on_exclude: Callable[[Iterable[FeatureSource], int], None],
+        *,
+        can_wait: bool = True,
     ) -> None:
         self.inputs = inputs
         self.chosen: tuple[FeatureSource, ...] = ()
         """The sources in use."""
         self.faults: list[StateFault] = []
         """Reasons to replace them."""
-        self.obstacle = ''
-        """Why the latest attempt to replace them has failed."""
+        self.cause = CoordinationError('')
+        """Why states may be missing: the latest reason to replace sources; empty without any."""
         self.silence_limit = SILENCE_LIMIT_NS
         """The time without a message after which a topic is silent."""
-        self._known, self._on_exclude = known, on_exclude
+        self._known, self._on_exclude, self._can_wait = known, on_exclude, can_wait
         self._choice = SourceChoice()
+        # Why the latest attempt to replace sources has failed, and the faults that it was about.
+        self._obstacle, self._faults_met = '', 0
         # A broken constraint of the client, and the time at which the source at fault is known.
         self._unexplained: tuple[int, Violation] | None = None
 
@@ -66,8 +258,40 @@ class SourceSession:
         """Return the sources among some candidates that a new group would use."""
         return self._choice.choose(self.inputs.features, candidates, self._known(), now)
 
-    def replacements(self, now: int) -> tuple[FeatureSource, ...]:
-        """Return the sources to use after a fault, those in use or others."""
+    def react(
+        self, now: int, standby: tuple[FeatureSource, ...] = ()
+    ) -> tuple[FeatureSource, ...] | None:
+        """Return the sources to use after the faults; None if nothing can replace those in use.
+
+        Args:
+            now: the time.
+            standby: the sources whose states are kept; none unless they are well.
+        """
+        fault = worst_fault(self.faults)
+        self.cause, self._faults_met = fault.error, len(self.faults)
+        chosen = standby or self._replacements(now)
+        # Streams that are not at fault themselves may be made once more.
+        is_final = not fault.transient or (self._obstacle and not self._can_wait)
+        return None if not standby and is_final and self.have_failed(chosen, now) else chosen
+
+    def note_obstacle(
+        self, chosen: tuple[FeatureSource, ...], error: DyKnowError, now: int
+    ) -> None:
+        """Note that sources that `react` returned cannot be used."""
+        self._obstacle = error.message
+        others = set(chosen) - set(self.chosen)
+        if not self._can_wait:
+            self.exclude(others or chosen, now)
+        elif error.code is not ExitCode.UNAVAILABLE:
+            self.exclude(others, now)
+
+    def note_replaced(self, chosen: Iterable[FeatureSource]) -> str:
+        """Note that sources that `react` returned are used; return what people are told."""
+        self._obstacle = ''
+        del self.faults[: self._faults_met]
+        return f'{self.cause.message}; {describe_sources(chosen)}'
+
+    def _replacements(self, now: int) -> tuple[FeatureSource, ...]:
         inputs = self.inputs
         return self._choice.replacements(inputs.features, inputs.candidates, self._known(), now)
 
@@ -106,13 +330,16 @@ class SourceSession:
         If the states break a constraint of the client, `look` finds the source at fault later.
         """
         if violation.constraint in TRANSIENT:
-            error = CoordinationError(describe_violation(violation), ExitCode.UNAVAILABLE)
-            self.faults.append(StateFault(error, transient=True))
+            self.note_loss(describe_violation(violation))
         elif violation.stream_name != stream:
             affected = self._known().affected(chosen, violation.stream_name)
             self._blame(affected or chosen, violation, now)
         elif self.unexplained(stream) is None:
             self._unexplained = now + REPORT_NS, violation
+
+    def note_loss(self, text: str, *, transient: bool = True) -> None:
+        """Note why samples are missing; if transient, the sources themselves are not at fault."""
+        self.faults.append(StateFault(CoordinationError(text, ExitCode.UNAVAILABLE), transient))
 
     def unexplained(self, stream: str) -> Violation | None:
         """Return the violation in a state stream whose source is not known yet, if any."""
@@ -147,7 +374,7 @@ class SourceSession:
     def failure(self) -> CoordinationError:
         """Return the error of the formulas if nothing can replace the sources at fault."""
         error = worst_fault(self.faults).error
-        reason = f'; no other states: {self.obstacle}' if self.obstacle else ''
+        reason = f'; no other states: {self._obstacle}' if self._obstacle else ''
         return CoordinationError(f'{error.message}{reason}', error.code)
 
     def _explain(self, violation: Violation, received: Mapping[str, int], now: int) -> None:
@@ -168,11 +395,10 @@ class SourceSession:
         for topic in [topic for topic, silence in silences.items() if silence > 0]:
             sources = known.affected(self.chosen, topic)
             self.exclude(sources, now)
-            can_replace = self._choice.can_replace(sources, self.replacements(now), known, now)
+            can_replace = self._choice.can_replace(sources, self._replacements(now), known, now)
             if can_replace or any(known.is_overdue(each, started) for each in sources):
                 text = f"topic '{topic}' has been silent for {limit / SECOND_NS:g} s"
-                error = CoordinationError(text, ExitCode.UNAVAILABLE)
-                self.faults.append(StateFault(error, transient=can_replace))
+                self.note_loss(text, transient=can_replace)
 
     def _blame(self, sources: Sequence[FeatureSource], violation: Violation, now: int) -> None:
         self.exclude(sources, now)

@@ -31,7 +31,7 @@ from dyknow_common.ros import (
 )
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Answer, EvaluationRequest
-from dyknow_coordinator.grounding.source_choice import SILENCE_LIMIT_NS, SILENCE_LIMITS_S
+from dyknow_coordinator.grounding.source_session import SILENCE_LIMIT_NS, SILENCE_LIMITS_S
 from dyknow_coordinator.reporting.evaluation_status import (
     EvaluationStatus,
     Level,

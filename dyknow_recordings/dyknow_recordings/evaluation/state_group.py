@@ -24,7 +24,6 @@ from dyknow_coordinator import (
     describe_sources,
     describe_violation,
     state_specification,
-    worst_fault,
 )
 from dyknow_reasoning import Breach, StateLine
 from dyknow_recordings.evaluation.episodes import EpisodeGroup
@@ -67,7 +66,9 @@ class StateGroup:
         self._begin, self._on_fault = begin, on_fault
         self._line: StateLine[RecordedStates] = StateLine(episodes.gap, episodes.end_gap)
         self._standby = RecordedStandby(inputs, streams, self._create, self._line)
-        self._session = SourceSession(inputs, lambda: streams.known, self._standby.exclude)
+        self._session = SourceSession(
+            inputs, lambda: streams.known, self._standby.exclude, can_wait=False
+        )
         self._session.silence_limit = silence_limit
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
@@ -79,7 +80,6 @@ class StateGroup:
         # The log time from which on the stream in use is.
         self._used_since = 0
         self._latest_receipt, self._streams_made = -1, 0
-        self._latest_error = CoordinationError('')
 
     def start(self, now: int) -> None:
         """Make the states, unless no formula needs them."""
@@ -139,26 +139,20 @@ class StateGroup:
     def react(self, now: int) -> None:
         """Replace streams that have failed, or fail; free the states at the end."""
         session, faults = self._session, self._session.faults
-        session.obstacle = ''
         while faults and not self.episodes.has_ended:
-            fault, count = worst_fault(faults), len(faults)
             standby = self._standby.take(now)
-            chosen = standby.chosen if standby else session.replacements(now)
-            failed = session.have_failed(chosen, now)
-            if not standby and failed and (session.obstacle or not fault.transient):
+            chosen = session.react(now, standby.chosen if standby else ())
+            if chosen is None:
                 self._fail(session.failure())
                 break
             try:
                 if not standby:
                     self._switch(chosen, now)
             except DyKnowError as error:
-                session.obstacle = error.message
-                session.exclude(set(chosen) - set(session.chosen) or chosen, now)
+                session.note_obstacle(chosen, error, now)
                 continue
-            del faults[:count]
-            self._latest_error = fault.error
             # The kept states may end the formulas.
-            self.episodes.add_event(f'{fault.error.message}; {describe_sources(chosen)}')
+            self.episodes.add_event(session.note_replaced(chosen))
             if standby:
                 self._take_over(standby, now)
         if self._standby.is_due(now) and (better := self._standby.take(now)):
@@ -232,7 +226,7 @@ class StateGroup:
             self.episodes.fail(CoordinationError(text, ExitCode.CONSTRAINT_VIOLATION))
         elif self._line.is_in_gap and not self.episodes.has_losses:
             reason = self._streams.waits_for(stream.name, made) or 'no state has come since'
-            error = self._latest_error
+            error = self._session.cause
             self.episodes.fail(CoordinationError(f'{error.message}; {reason}', error.code))
         self.episodes.finish()
         since = end - WAITING_LIMIT_NS

@@ -18,7 +18,7 @@ from dyknow_configuration import (
     TopicTimes,
 )
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.messages.message_types import MessageTypes
+from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import RecordingReader
 

@@ -11,7 +11,7 @@ from typing import Final
 from dyknow_common import ExitCode, sourced_prefixes
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.bag import Bag
-from dyknow_recordings.reading.messages.message_types import (
+from dyknow_recordings.reading.messages.definitions import (
     DISTROS,
     MessageTypes,
     check_folder,

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from dyknow_common import sourced_prefixes
-from dyknow_recordings.reading.messages.definitions import TypeDefinition
+from dyknow_recordings.reading.messages.definitions import MessageTypes, TypeDefinition
 from dyknow_recordings.reading.messages.layouts import TypeLayout
-from dyknow_recordings.reading.messages.message_types import MessageTypes
 from dyknow_stream_processing import StreamError
 from dyknow_stream_processing.ros import message_class, scalar_fields
 

@@ -29,19 +29,13 @@ from typing import Final, Protocol
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from dyknow_common import DyKnowError, ExitCode, with_readable_times
+from dyknow_common import DyKnowError, with_readable_times
 from dyknow_common.ros import full_name
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.known_streams import KnownStreams
-from dyknow_coordinator.grounding.source_choice import (
-    TRANSIENT,
-    StateFault,
-    describe_sources,
-    worst_fault,
-)
-from dyknow_coordinator.grounding.source_session import SourceSession
+from dyknow_coordinator.grounding.source_session import TRANSIENT, SourceSession, describe_sources
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_coordinator.ros.evaluation.standby import Standby
@@ -114,8 +108,6 @@ class StateSupervisor:
         self.stream = self._new_stream(name)
         self.used_since = context.node.now()
         """The time since which the streams in use are."""
-        self.fault = ''
-        """Why streams were replaced the last time that states may be missing; empty if never."""
         self._next: StateStream | None = None
         # Streams that were used, and that the reasoning engine has not unsubscribed from.
         self._left: list[StateStream] = []
@@ -131,6 +123,11 @@ class StateSupervisor:
     def chosen(self) -> tuple[FeatureSource, ...]:
         """The sources in use."""
         return self._session.chosen
+
+    @property
+    def fault(self) -> str:
+        """Why states may be missing; empty if they never were."""
+        return self._session.cause.message
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -261,8 +258,7 @@ class StateSupervisor:
         engine = 'the stream_processing_engine that made the states'
         if known is not None and known.engine:
             engine = f'node {known.engine}, the stream processing engine that made the states,'
-        error = CoordinationError(f'{engine} is gone', ExitCode.UNAVAILABLE)
-        self._session.faults.append(StateFault(error, transient=True))
+        self._session.note_loss(f'{engine} is gone')
         self._interrupt()
 
     def _interrupt(self) -> None:
@@ -273,33 +269,26 @@ class StateSupervisor:
 
     async def _recover(self) -> None:
         """Switch to other streams because of faults, or fail."""
-        session, faults = self._session, self._session.faults
-        session.obstacle = ''
+        session = self._session
         limit = self._context.node.deadlines.after(RESUME_TIMEOUT_S)
         limit.add_done_callback(lambda _: self._give_up())
-        standby = None
-        while faults and not self._has_ended:
+        while session.faults and not self._has_ended:
             standby = self._standby.take()
             if standby is None and await self._settle():
                 continue
-            fault, count, now = worst_fault(faults), len(faults), self._context.wall_time()
-            self.fault = fault.error.message
-            chosen = session.replacements(now)
-            if not standby and not fault.transient and session.have_failed(chosen, now):
+            chosen = session.react(self._context.wall_time(), standby.chosen if standby else ())
+            if chosen is None:
                 self._give_up()
                 break
             try:
                 await (self._take_over(standby) if standby else self._switch(chosen, gap=True))
             except DyKnowError as error:
-                session.obstacle = error.message
-                if error.code is not ExitCode.UNAVAILABLE:
-                    self._exclude(set(chosen) - set(self.chosen))
+                session.note_obstacle(chosen, error, self._context.wall_time())
                 self._context.node.get_logger().info(f'{self.stream.name}: {error}')
                 await self._context.node.deadlines.after(POLL_PERIOD_S)
             else:
-                del faults[:count]
                 self.used_since = self._context.node.now()
-                event = f'{fault.error.message}; {describe_sources(self.chosen)}'
+                event = session.note_replaced(self.chosen)
                 self._observer.add_event(event)
                 text = f'{self._observer.titles}: {with_readable_times(event)}'
                 self._observer.logger.warning(text)

@@ -21,15 +21,15 @@ from dyknow_recordings.reading.bags.bag_metadata import METADATA, BagMetadata, d
 from dyknow_recordings.reading.bags.storage import ZSTD_MAGIC, StoredChannel, decompressed
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
-from dyknow_recordings.reading.messages.definitions import type_constants
-from dyknow_recordings.reading.messages.json_messages import JSON, JsonLayout, JsonReader
-from dyknow_recordings.reading.messages.layouts import MessageLayout, TypeLayout
-from dyknow_recordings.reading.messages.message_types import (
+from dyknow_recordings.reading.messages.definitions import (
     DISTROS,
     LATEST,
     NO_TYPES,
     MessageTypes,
+    type_constants,
 )
+from dyknow_recordings.reading.messages.json_messages import JSON, JsonLayout, JsonReader
+from dyknow_recordings.reading.messages.layouts import MessageLayout, TypeLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredBlock, StoredMessages, joined
 from dyknow_recordings.reading.recording import (
     FaultCounter,
@@ -223,6 +223,8 @@ class Bag(RecordingReader):
             except RecordingError as error:
                 self._unreadable[channel.topic] = str(error)
                 continue
+            if layout.unread:
+                self._opening.add(f"the type of topic '{channel.topic}'", layout.unread)
             has_stamp = bool(layout.stamp_fields)
             return TopicContent(
                 layout.name,

@@ -45,8 +45,7 @@ from dyknow_recordings.reading.bags.sequence_numbers import SequenceNumbers
 from dyknow_recordings.reading.bags.storage import StoredChannel, offered_quality
 from dyknow_recordings.reading.lost_messages import BEGINNING
 from dyknow_recordings.reading.messages.cdr_cursor import SerialisedMessages
-from dyknow_recordings.reading.messages.definitions import TypeDefinition
-from dyknow_recordings.reading.messages.message_types import LATEST
+from dyknow_recordings.reading.messages.definitions import LATEST, TypeDefinition
 from dyknow_recordings.reading.messages.stored_messages import (
     MessageBuffer,
     StoredBlock,

@@ -20,8 +20,7 @@ from dyknow_recordings.reading.bags.storage import (
     offered_quality,
 )
 from dyknow_recordings.reading.lost_messages import BEGINNING, END
-from dyknow_recordings.reading.messages.definitions import TypeDefinition
-from dyknow_recordings.reading.messages.message_types import LATEST
+from dyknow_recordings.reading.messages.definitions import LATEST, TypeDefinition
 from dyknow_recordings.reading.messages.stored_messages import StoredBlock, StoredMessages
 from dyknow_recordings.reading.recording import MAX_TIME, FaultCounter, count_steps_back
 

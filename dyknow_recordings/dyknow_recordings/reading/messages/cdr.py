@@ -120,7 +120,7 @@ class CdrReader:
     def __init__(
         self, layout: TypeLayout, paths: Collection[str], *, is_exact: bool = False
     ) -> None:
-        self._is_exact = is_exact
+        self._is_exact = is_exact and not layout.unread
         whole = {path for path in paths if is_computed(path)}
         self._steps = _Compiler(layout).message(layout.name, _tree(set(paths) - whole))
         self._computed = ComputedColumns(layout.fields, whole)

@@ -21,18 +21,22 @@ from dyknow_common import (
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.messages.definitions import (
     CHARACTER,
+    NO_TYPES,
     PLACEHOLDER,
     Members,
+    MessageTypes,
     TypeDefinition,
     parsed_types,
 )
-from dyknow_recordings.reading.messages.message_types import NO_TYPES, MessageTypes
 
 _HEADER: Final = 'std_msgs/msg/Header'
 STAMP: Final = ('header.stamp.sec', 'header.stamp.nanosec')
 
 LONG_DOUBLE: Final = 'float128'
 """A type of IDL whose values are left out: numpy has none that is equal on all machines."""
+
+_WIDE_CHARACTER: Final = 'wchar'
+"""A type of IDL whose size differs between middlewares, so what follows it cannot be found."""
 
 _VALUE_TYPES: Final = {
     'bool': ValueType.BOOLEAN,
@@ -65,12 +69,14 @@ class _TypeSize:
         text: the number of characters in their paths.
         bytes: the least number that they take.
         is_fixed: True if all messages have this size.
+        is_whole: True if its end is known.
     """
 
     values: int
     text: int
     bytes: int
     is_fixed: bool = True
+    is_whole: bool = True
 
     def plus(self, member: _TypeSize, length: int) -> _TypeSize:
         """Return the size with a member whose name has some length."""
@@ -79,6 +85,7 @@ class _TypeSize:
             self.text + member.text + member.values * length,
             self.bytes + member.bytes,
             self.is_fixed and member.is_fixed,
+            member.is_whole,
         )
 
 
@@ -88,11 +95,13 @@ class MessageLayout(ABC):
     Args:
         name: of the type.
         fields: the paths to the single values with their types.
+        unread: why there are further fields that are not read; empty if there are none.
     """
 
-    def __init__(self, name: str, fields: Mapping[str, ValueType]) -> None:
+    def __init__(self, name: str, fields: Mapping[str, ValueType], unread: str = '') -> None:
         self.name = name
         self.fields = fields
+        self.unread = unread
 
     @property
     @abstractmethod
@@ -111,7 +120,7 @@ class MessageLayout(ABC):
 
 
 class TypeLayout(MessageLayout):
-    """The fields of a message type, in the order in which they are serialised.
+    """The fields of a message type, in the order in which they are serialised, up to a `wchar`.
 
     Args:
         definition: of the type.
@@ -126,8 +135,9 @@ class TypeLayout(MessageLayout):
         self._others = types
         self._types = parsed_types(definition)
         self._sizes: dict[str, _TypeSize] = {}
+        self._unread = ''
         self._measure(self.name, 0)
-        super().__init__(self.name, self._scalar_fields(self.name, ''))
+        super().__init__(self.name, self._scalar_fields(self.name, ''), self._unread)
 
     @property
     def stamp_fields(self) -> tuple[str, ...]:
@@ -164,9 +174,16 @@ class TypeLayout(MessageLayout):
                 f"the message type '{shortened(name)}' contains itself, or is nested too deeply"
             )
         if name not in self._sizes:
-            total = _TypeSize(0, 0, 0)
-            for member, kind in self.members(name):
+            total, members = _TypeSize(0, 0, 0), self.members(name)
+            for number, (member, kind) in enumerate(members):
                 total = total.plus(self._measured(kind, depth), len(member) + 1)
+                if not total.is_whole:
+                    self._types[name] = members[: number + (kind[0] == Nodetype.NAME)]
+                    self._unread = self._unread or (
+                        f"'{member}' of {name}, a wchar, and what follows it are not read, as the "
+                        'size of a wchar differs between middlewares'
+                    )
+                    break
             if max(total.values, total.bytes >> 15) > MAX_VALUES or total.text > MAX_TEXT:
                 raise RecordingError(
                     f"the message type '{shortened(name)}' is too large: it has more than "
@@ -179,7 +196,8 @@ class TypeLayout(MessageLayout):
         if kind[0] == Nodetype.NAME:
             return self._measure(kind[1], depth + 1)
         if kind[0] == Nodetype.BASE:
-            return _TypeSize(1, 0, 1, is_fixed=kind[1][0] not in {'string', 'wstring'})
+            base, is_text = kind[1][0], kind[1][0] in {'string', 'wstring'}
+            return _TypeSize(1, 0, 1, not is_text, base != _WIDE_CHARACTER)
         element, size = kind[1]
         found = self._measured(element, depth)
         if kind[0] == Nodetype.SEQUENCE:
@@ -198,10 +216,6 @@ class TypeLayout(MessageLayout):
                 path = all_elements(path, bound)
             if element[0] == Nodetype.NAME:
                 fields |= self._scalar_fields(element[1], f'{path}.')
-            elif element[1][0] == 'wchar':
-                raise RecordingError(
-                    f"'{path}' of {name} is a wchar, whose size differs between middlewares"
-                )
             elif member != PLACEHOLDER and element[1][0] != LONG_DOUBLE:
                 fields[path] = _VALUE_TYPES[element[1][0]]
         return fields
