@@ -59,7 +59,7 @@ class Effects(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class AskedFormula:
+class FormulaForPeer:
     """A formula that is evaluated for another peer.
 
     Args:
@@ -103,7 +103,7 @@ class Peer:
         self.shares = Shares(1)
         self.remotes: dict[str, RemotePeer] = {}
         self.sent: dict[str, dict[_Constants, SentStream]] = {}
-        self.formulas: dict[str, AskedFormula] = {}
+        self.formulas: dict[str, FormulaForPeer] = {}
         self._epochs = count(1)
         self._hello_at = self._flush_at = BEGINNING
         self._events: list[Event] = []
@@ -293,7 +293,7 @@ class Peer:
         if len(self.formulas) >= MAX_FORMULAS:
             raise FederationError(f'{MAX_FORMULAS} formulas are evaluated for peers; end some')
         expires = at + self._settings.peer_timeout
-        self.formulas[request.stream] = AskedFormula(remote.name, request, streams, expires)
+        self.formulas[request.stream] = FormulaForPeer(remote.name, request, streams, expires)
 
     def _take_request(self, remote: RemotePeer, request: Request, at: int) -> None:
         name, constants = request.stream, request.constants

@@ -73,7 +73,7 @@ than the states from the first one on."""
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class PeerPart:
     """A part of a formula, for given objects.
 
     Args:
@@ -91,7 +91,7 @@ class Part:
 class _Hole(Truth):
     """The place of a part, in what remains of a formula."""
 
-    part: Part
+    part: PeerPart
 
 
 class _TooLargeError(Exception):
@@ -127,7 +127,7 @@ class PushDown:
         holes = (each for each in walk(self._remaining) if isinstance(each, _Hole))
         self.parts = tuple(dict.fromkeys(each.part for each in holes))
 
-    def remaining(self, topics: Mapping[Part, str]) -> str:
+    def remaining(self, topics: Mapping[PeerPart, str]) -> str:
         """Return the formula over the verdicts of peers, on their topics.
 
         Parts that have no topic are evaluated here.
@@ -178,7 +178,7 @@ class PushDown:
             return None
         formula = _joined(join, instances)
         text = str(self._over_streams(formula))
-        return None if len(text) > MAX_LENGTH else _Hole(True, Part(peer, formula, text))
+        return None if len(text) > MAX_LENGTH else _Hole(True, PeerPart(peer, formula, text))
 
     def _peer(self, instances: Sequence[Formula]) -> str | None:
         """Return the peer whose streams all features are, if time matters to all instances."""
@@ -240,7 +240,7 @@ def _joined(join: type[And | Or], formulas: Sequence[Formula]) -> Formula:
     return formulas[0]
 
 
-def _filled(node: Any, topics: Mapping[Part, str]) -> Any:
+def _filled(node: Any, topics: Mapping[PeerPart, str]) -> Any:
     if not isinstance(node, _Hole):
         return with_changed_parts(node, partial(_filled, topics=topics))
     if node.part not in topics:
@@ -259,7 +259,7 @@ def streams_of(formula: str, shared: Collection[str]) -> frozenset[str]:
     """Return the streams that a formula of a peer is about.
 
     Args:
-        formula: as in `Part.text`.
+        formula: as in `PeerPart.text`.
         shared: the streams that it may be about.
 
     Raises:

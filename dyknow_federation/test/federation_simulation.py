@@ -19,13 +19,15 @@ from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.encoding import encode
 from dyknow_federation.events import (
     Event,
+    FormulaAnswered,
     StreamViolated,
     ValueKnown,
     WatermarkArrived,
 )
-from dyknow_federation.messages import Packet, SharedFeature, StreamFault
+from dyknow_federation.messages import FormulaRequest, Packet, SharedFeature, StreamFault
 from dyknow_federation.peer import Effects, Peer
-from dyknow_reasoning import FormulaGroup
+from dyknow_federation.push_down import UNDECIDED, PushDown, verdict_text
+from dyknow_reasoning import FormulaGroup, parse_formula
 from dyknow_stream_processing import Dataflow, Sample, Violation, parse_specification
 
 MS = NANOSECONDS['ms']
@@ -433,3 +435,144 @@ class Simulation:
             if near < len(changes) and changes[near] <= tick + 2 * self.uncertainty + 2:
                 return False
         return True
+
+
+PUSHED = (
+    'forall r in Robot: always[0 s, {w} s] Level[r] < 9',
+    'exists r in Robot: always[0 s, {w} s] (Level[r] > 5 -> eventually[0 s, {v} s] Level[r] < 5)',
+    '(always[0 s, {w} s] Level[h0] > 0) or not eventually[0 s, {w} s] Level[h1] > 8',
+    '(Level[h1] < 8 until[0 s, {w} s] Level[h1] > 6) and eventually[0 s, {w} s] Level[h0] > 4',
+)
+"""Formulas with parts for peers; parts about the first host remain."""
+
+
+@dataclass(slots=True)
+class PeerEvaluation:
+    """The evaluation of a part by its host."""
+
+    group: FormulaGroup
+    text: str = UNDECIDED
+
+
+class PushDownSimulation(Simulation):
+    """A run in which hosts evaluate the parts of the formula that are about them."""
+
+    def _begin_evaluation(self) -> None:
+        random, own = self.random, self.hosts[0]
+        text = random.choice(PUSHED)
+        self.formula = text.format(w=random.choice((2, 4, 8)), v=random.choice((0.2, 0.5, 1, 2)))
+        self.constants = ()
+        self.domains = {'Robot': [each.name for each in self.hosts]}
+        streams = {f'Level[{each.name}]': (each.name, STREAM) for each in self.hosts[1:]}
+        found = PushDown(parse_formula(self.formula), self.domains, streams)
+        self.parts = {f'_h0_{number}': part for number, part in enumerate(found.parts)}
+        self.evaluations: dict[str, PeerEvaluation] = {}
+        self.remaining = found.remaining({part: name for name, part in self.parts.items()})
+        self.evaluated = self._group(self.remaining)
+        self._has_begun: set[str] = set()
+        self._dataflow = Dataflow({}, lambda _: None)
+        names = {str(each) for each in self.evaluated.symbols()}
+        sources = [f'select value as "{each}.value" from "/{each}"' for each in self.parts]
+        if 'Level[h0]' in names:
+            sources.append('select level as "Level[h0]" from "/h0"')
+        self._dataflow.create(
+            'states',
+            parse_specification(f'sink sync({", ".join(sources)})'),
+            StreamConstraints(
+                start_time=own.clock.read(random.randint(1, 3) * SECOND_NS),
+                sample_period=self._period,
+            ),
+            self._progress,
+            self._fail,
+        )
+        self.ticks: list[int] = []
+        self.uncertainty = 0
+        self.result: Verdict | None = None
+        self.error = ''
+        for name in self.parts:
+            self._at(0, lambda name=name: self._ask(name))
+
+    def _ask(self, name: str) -> None:
+        own, part = self.hosts[0], self.parts[name]
+        now = own.clock.read(self._now)
+        own.peer.request_formula(part.peer, FormulaRequest(name, part.text), now)
+        self._wake(own)
+
+    def _group(self, formula: str) -> FormulaGroup:
+        group = FormulaGroup()
+        group.add_formula('', formula)
+        group.begin(self.domains)
+        return group
+
+    def _publish(self, host: Host) -> None:
+        super()._publish(host)
+        if host.is_silent:  # Its sensor is, and not the host.
+            self._at(self._now + host.period, lambda: self._publish(host))
+        if host.is_down:
+            return
+        reading, peer = host.clock.read(self._now), host.peer
+        for name in peer.formulas.keys() & peer.sent.keys():
+            peer.promise(name, reading - 1, reading)
+            if name not in self.evaluations:
+                self.evaluations[name] = PeerEvaluation(self._group(self.parts[name].text))
+                peer.publish(name, reading, UNDECIDED, reading)
+                self._violate_undecided(host)
+            elif not host.is_silent:
+                self._evaluate(host, name, reading)
+        self._wake(host)
+
+    def _evaluate(self, host: Host, name: str, reading: int) -> None:
+        evaluation = self.evaluations[name]
+        for found in evaluation.group.progress(reading, {'level.value': host.values[-1]}):
+            is_true = found.verdict is Verdict.TRUE
+            evaluation.text = verdict_text(is_true=is_true, reason='so')
+            host.peer.publish(name, reading, evaluation.text, reading)
+
+    def _violate(self) -> None:
+        super()._violate()
+        for host in self.hosts:
+            self._violate_undecided(host)
+
+    def _violate_undecided(self, host: Host) -> None:
+        """End the evaluations of a host whose sensor has failed."""
+        reading = host.clock.read(self._now)
+        fault = StreamFault(reading, 'max_gap', f'{host.name} failed')
+        undecided = {name for name, each in self.evaluations.items() if each.text == UNDECIDED}
+        for name in undecided & host.peer.sent.keys() if host.is_silent else ():
+            host.peer.violate(name, fault, reading)
+
+    def _take(self, events: Iterable[Event]) -> None:
+        for event in events:
+            match event:
+                case FormulaAnswered(peer, stream, ''):
+                    now = self.hosts[0].clock.read(self._now)
+                    self.hosts[0].peer.request(peer, stream, now)
+                case FormulaAnswered(stream=stream):  # Hosts have not found each other yet.
+                    self._at(self._now + SECOND_NS, lambda stream=stream: self._ask(stream))
+                case ValueKnown(peer, stream, time, text):
+                    self._has_begun.add(stream)
+                    now = self.hosts[0].clock.read(self._now)
+                    self._dataflow.push(f'/{stream}', Sample(time, now, {'value': text}, time))
+                case WatermarkArrived(_, stream, time):
+                    now = self.hosts[0].clock.read(self._now)
+                    self._dataflow.vouch(f'/{stream}', time, now)
+                case StreamViolated(_, stream, constraint, reason):
+                    if constraint != 'lost' or stream in self._has_begun:
+                        self.error = reason
+
+    def _judge(self) -> Outcome:
+        """Judge by what the hosts have found, whenever it has come."""
+        detail = f'{self.formula}, period {self._period / SECOND_NS} s'
+        if self.error:
+            return Outcome('unknown', self.error, False, detail)
+        if self.result is None:
+            kind = 'hang' if self.ticks else 'unknown'
+            return Outcome(kind, 'it waits, or has not begun', False, detail)
+        group, verdict = self._group(self.remaining), Verdict.UNDECIDED
+        told = {f'{name}.value': UNDECIDED for name in self.parts}
+        told |= {f'{name}.value': each.text for name, each in self.evaluations.items()}
+        for time, values in self._truth():
+            for result in group.progress(time, {**values, **told}):
+                verdict = result.verdict
+        kind = 'right' if verdict is self.result else 'wrong'
+        return Outcome(kind, '', False, f'{detail}: {self.result.name}, truly {verdict.name}')

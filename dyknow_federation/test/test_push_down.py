@@ -14,7 +14,7 @@ from dyknow_federation.errors import FederationError
 from dyknow_federation.push_down import (
     MAX_NODES,
     UNDECIDED,
-    Part,
+    PeerPart,
     PushDown,
     streams_of,
     verdict_text,
@@ -32,7 +32,7 @@ STREAMS = {
 FEATURES = [f'{feature}[{robot}]' for robot in DOMAINS['Robot'] for feature in ('P', 'X')]
 
 
-def verdict_topic(part: Part, number: int) -> str:
+def verdict_topic(part: PeerPart, number: int) -> str:
     return f'/dyknow/federation/{part.peer}/_{number}'
 
 
@@ -124,7 +124,7 @@ def test_the_verdict_is_that_of_the_whole_formula(
     parsed = parse_formula(formula)
     found = PushDown(parsed, DOMAINS, STREAMS)
     seen: list[dict[str, Any]] = [dict(state) for state in states]
-    topics: dict[Part, str] = {}
+    topics: dict[PeerPart, str] = {}
     for number, part in enumerate(found.parts):
         if part.peer in refusing:
             continue

@@ -8,7 +8,7 @@ from typing import Final
 from dyknow_common import StreamConstraints, Verdict
 from dyknow_coordinator import Answer, Grounding
 from dyknow_coordinator.ros import FormulaClient, Monitor
-from dyknow_federation.peer import AskedFormula
+from dyknow_federation.peer import FormulaForPeer
 from dyknow_federation.push_down import UNDECIDED, verdict_text, with_prefix
 from dyknow_federation.ros.own_streams import NAME, OwnStreams
 from dyknow_stream_processing import ViolationKind
@@ -46,7 +46,7 @@ class OwnFormulas:
             elif each.streams <= self._streams.made:
                 self._start(name, each)
 
-    def _start(self, name: str, asked: AskedFormula) -> None:
+    def _start(self, name: str, asked: FormulaForPeer) -> None:
         request, streams = asked.request, self._streams
         now = streams.node.now()
         streams.peer.publish(name, now, UNDECIDED, now)

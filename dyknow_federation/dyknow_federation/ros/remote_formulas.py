@@ -13,7 +13,7 @@ from dyknow_federation.events import FormulaAnswered
 from dyknow_federation.messages import FormulaRequest
 from dyknow_federation.offers import VALUE
 from dyknow_federation.peer import Peer
-from dyknow_federation.push_down import Part, PushDown
+from dyknow_federation.push_down import PeerPart, PushDown
 from dyknow_federation.ros.remote_streams import RemoteStreams, StreamName
 from dyknow_reasoning import parse_formula
 from dyknow_stream_processing import (
@@ -61,7 +61,7 @@ class RemoteFormulas:
         found = PushDown(parse_formula(request.formula), domains, streams)
         period = sum(map(time_to_nanoseconds, request.sample_period))
         asked = [(part, *self._ask(part, period)) for part in found.parts]
-        given: dict[Part, str] = {}
+        given: dict[PeerPart, str] = {}
         for part, name, answered in asked:
             if refusal := await answered:
                 text = (
@@ -75,7 +75,7 @@ class RemoteFormulas:
             response.formula = found.remaining(given)
             response.parts = [f'{each.peer} evaluates {each.formula}' for each in given]
 
-    def _ask(self, part: Part, sample_period: int) -> tuple[StreamName, Future]:
+    def _ask(self, part: PeerPart, sample_period: int) -> tuple[StreamName, Future]:
         name, now = StreamName(part.peer, next(self._names)), self._streams.node.now()
         self._waiting[name] = Future()
         asked = FormulaRequest(name.stream, part.text, sample_period)
