@@ -102,7 +102,7 @@ class SourceChoice:
             lambda source: source in used or known.is_flowing(source),
         )
         return tuple(
-            new if new != old and self.can_replace([old], [new], known, now) else old
+            new if self.can_replace([old], [new], known, now) else old
             for new, old in zip(found, in_use, strict=True)
         )
 
