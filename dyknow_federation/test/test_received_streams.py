@@ -49,12 +49,53 @@ class Pair:
         return [each.valid_time for each in self.told if isinstance(each, Received)]
 
 
+def test_what_is_lost_or_late_shows() -> None:
+    stream = ReceivedStream(NAME)
+    assert stream.request() == Request(NAME, 0, 0, ())
+
+    def receive(message: StreamMessage) -> tuple[list[object], tuple[tuple[int, int], ...]]:
+        stream.take(message)
+        return list(stream.deliveries()), stream.request().missing
+
+    def samples(first: int, *contents: Value | StreamFault) -> Samples:
+        times = range(10 * first, 10 * (first + len(contents)), 10)
+        return Samples(1, first, tuple(times), contents)
+
+    early, ahead = (StreamFault(time, 'max_gap', 'none came') for time in (0, 10**6))
+    assert receive(samples(7, 'a', early)) == ([Received(70, 'a'), early], ())
+    assert receive(samples(11, 'e')) == ([], ((9, 10),))
+    assert receive(Watermark(1, 13, 1, 125)) == ([], ((9, 10), (12, 12)))
+    assert not stream.is_complete
+    assert receive(Watermark(1, 12, 1, 115)) == ([], ((9, 10), (12, 12)))  # It is late.
+    assert receive(samples(9, ahead, 'd')) == (
+        [ahead, Received(100, 'd'), Received(110, 'e')],
+        ((12, 12),),
+    )
+    assert receive(samples(12, 'f')) == ([Received(120, 'f'), Promise(125)], ())
+    assert receive(samples(12, 'f')) == ([], ())
+    assert receive(samples(16, 'j'))[0] == receive(samples(14, 'h'))[0] == []
+    lost = Lost(1, 'the peer keeps them no more')
+    found = receive(Watermark(1, 18, 17, 175))
+    assert found == ([lost, Received(140, 'h'), lost, Received(160, 'j')], ((17, 17),))
+    assert receive(samples(20, 'n'))[0] == []
+    assert receive(Watermark(1, 22, 19, 215)) == (
+        [Lost(2, 'the peer keeps them no more')],
+        ((19, 19), (21, 21)),
+    )
+
+
+def test_a_stream_begins_with_what_comes_first() -> None:
+    stream = ReceivedStream(NAME)
+    stream.take(Watermark(1, 7, 3, 65))
+    assert stream.request().missing == ((6, 6),)
+
+
 @given(st.data())
 def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair = Pair()
     on_the_way: list[Grant | StreamMessage] = []
     published = 0
-    for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), max_size=60)):
+    for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), min_size=15, max_size=60)):
         if action == 'p':
             published += 1
             pair.sent.publish(published, published)
@@ -77,6 +118,7 @@ def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair.renew()
     assert pair.times == list(range(1, published + 1))
     assert pair.stream.is_complete
+    assert not pair.stream._held
 
 
 def test_what_the_history_has_no_more_is_lost() -> None:
@@ -96,7 +138,7 @@ def test_violations_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair = Pair()
     pair.stream = ReceivedStream(NAME)  # The answer to its first request is lost.
     sent, published = pair.sent, list[int]()
-    for number, action in enumerate(data.draw(st.text('svfr', max_size=40)), 1):
+    for number, action in enumerate(data.draw(st.text('svfr', min_size=10, max_size=40)), 1):
         messages: list[StreamMessage] = []
         if action == 's':
             sent.publish(number, 0)
@@ -129,10 +171,12 @@ def assert_told(told: list[object], published: list[int]) -> list[int]:
 
 def test_a_peer_that_lies_about_times_is_not_believed() -> None:
     pair = Pair()
-    pair.take(Samples(1, 1, (5,), (1,)))
-    pair.take(Watermark(1, 2, 1, 20))
-    pair.take(Samples(1, 2, (10,), (1,)))
-    assert pair.told[-1] == Lost(1, 'it is valid at 10 ns, which is too early')
+    for number in (1, 2):
+        pair.take(Samples(1, number, (5,), (1,)))
+    assert pair.told[-1] == Lost(1, 'it is valid at 5 ns, which is too early')
+    pair.take(Watermark(1, 3, 1, 20))
+    pair.take(Samples(1, 3, (20,), (1,)))
+    assert pair.told[-1] == Lost(1, 'it is valid at 20 ns, which is too early')
 
 
 def test_memory_is_bounded() -> None:
@@ -142,6 +186,8 @@ def test_memory_is_bounded() -> None:
         pair.take(Samples(1, first, times, times))
     assert len(pair.stream._held) == MAX_HELD
     assert len(pair.stream.request().missing) == 2
+    pair.take(Samples(1, 1, (1,), (1,)))
+    assert len(pair.times) == MAX_HELD + 1
     for time in range(2 * MAX_HISTORY):
         pair.sent.publish(time, 0)
     assert len(pair.sent._kept) == MAX_HISTORY
