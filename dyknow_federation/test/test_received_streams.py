@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dyknow_common import SECOND_NS, Alternatives, Value
+from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import (
+    MAX_RANGES,
     Grant,
     Request,
     Samples,
@@ -18,7 +21,7 @@ from dyknow_federation.messages import (
 )
 from dyknow_federation.possible_values import PossibleValues, Precision
 from dyknow_federation.receiving import MAX_HELD, Lost, Promise, Received, ReceivedStream
-from dyknow_federation.sending import MAX_HISTORY, SentStream, Thinning
+from dyknow_federation.sending import MAX_HISTORY, MAX_RESENT, SentStream, Thinning
 
 NAME = 'level'
 LARGE = 1e300
@@ -73,7 +76,8 @@ def test_what_is_lost_or_late_shows() -> None:
     )
     assert receive(samples(12, 'f')) == ([Received(120, 'f'), Promise(125)], ())
     assert receive(samples(12, 'f')) == ([], ())
-    assert receive(samples(16, 'j'))[0] == receive(samples(14, 'h'))[0] == []
+    assert receive(samples(16, 'j'))[0] == []
+    assert receive(samples(14, 'h')) == ([], ((13, 13), (15, 15)))
     lost = Lost(1, 'the peer keeps them no more')
     found = receive(Watermark(1, 18, 17, 175))
     assert found == ([lost, Received(140, 'h'), lost, Received(160, 'j')], ((17, 17),))
@@ -88,6 +92,9 @@ def test_a_stream_begins_with_what_comes_first() -> None:
     stream = ReceivedStream(NAME)
     stream.take(Watermark(1, 7, 3, 65))
     assert stream.request().missing == ((6, 6),)
+    for number in range(8, 8 + 4 * MAX_RANGES, 2):
+        stream.take(Samples(1, number, (number,), (0,)))
+    assert len(stream.request().missing) == MAX_RANGES
 
 
 @given(st.data())
@@ -201,6 +208,39 @@ def test_a_request_for_what_never_was_is_harmless() -> None:
     assert [type(each) for each in pair.sent.renew('other', strange, 1)] == [Watermark]
 
 
+def test_a_request_is_answered_up_to_a_limit() -> None:
+    sent, number = SentStream(NAME, 1, 10**9), 2 * MAX_RESENT
+    for time in range(1, number + 1):
+        sent.publish(time, 0)
+    ranges = (2**61, 2**62), (number - 2, 2**62), (1, 2**62)
+    *batches, _ = sent.renew('me', Request(NAME, 1, 1, ranges), 100)
+    resent = [time for each in batches if isinstance(each, Samples) for time in each.valid_times]
+    assert resent == [*range(number - 2, number + 1), *range(1, MAX_RESENT - 2)]
+    assert sent.used_until == 100
+    sent.expire(99)
+    assert sent.subscribers
+    sent.expire(100)
+    assert not sent.subscribers
+
+
+def test_a_promise_is_kept() -> None:
+    sent = SentStream(NAME, 1, 10**9)
+    sent.promise(5)
+    with pytest.raises(FederationError, match=r'0\.000000005 s, not after 0\.000000005 s'):
+        sent.publish(5, 0)
+    sent.renew('me', Request(NAME, 0, 0, ()), 100)
+    assert [type(each) for _, each in sent.unsent()] == [Watermark]
+    assert sent.publish(6, 0)
+    assert [type(each) for _, each in sent.unsent()] == [Samples]
+    assert list(sent.unsent()) == []
+
+
+def test_a_deadband_leaves_out_what_lies_within() -> None:
+    thinning = Thinning(0, 0.5)
+    values = (0.0, 0.5, -0.5, 0.75)
+    assert [thinning.passes(*each) for each in enumerate(values)] == [True, False, False, True]
+
+
 def test_an_unknown_value_is_not_left_out_for_the_rate() -> None:
     thinning = Thinning(10)
     samples = [(0, 1.0), (4, math.nan), (8, math.nan), (12, 2.0), (16, 1.0), (20, math.nan)]
@@ -229,6 +269,7 @@ def test_a_deadband_bounds_what_is_not_sent(values: list[float], deadband: float
     st.sampled_from([None, 0, 0.5]),
 )
 @example([2**53 + 1, 2**53 + 3], {2.0**53 - 1}, None)
+@example([1.0, 1.625, 0.75], {1.375}, 0.5)
 def test_of_comparisons_all_is_known_that_all_samples_tell(
     values: list[float], compared: set[float], deadband: float | None
 ) -> None:
@@ -257,7 +298,7 @@ def test_of_comparisons_all_is_known_that_all_samples_tell(
 
 def test_after_a_violation_the_next_sample_is_sent() -> None:
     sent = SentStream(NAME, 1, 10**9, Thinning(constants=(5.0,)))
-    assert [sent.publish(time, 3) for time in range(3)] == [True, False, False]
+    assert [sent.publish(time, time) for time in range(3)] == [True, False, False]
     sent.violate(StreamFault(2, 'max_gap', 'none came'))
     assert [sent.publish(time, 3) for time in range(3, 6)] == [True, False, False]
     assert sent.continued(2).publish(0, 3)  # The clock was set back.
