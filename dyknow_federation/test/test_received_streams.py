@@ -229,10 +229,11 @@ def test_a_promise_is_kept() -> None:
     with pytest.raises(FederationError, match=r'0\.000000005 s, not after 0\.000000005 s'):
         sent.publish(5, 0)
     sent.renew('me', Request(NAME, 0, 0, ()), 100)
-    assert [type(each) for _, each in sent.unsent()] == [Watermark]
+    for expected in ([Watermark], []):
+        assert [type(each) for _, each in sent.unsent()] == expected
     assert sent.publish(6, 0)
-    assert [type(each) for _, each in sent.unsent()] == [Samples]
-    assert list(sent.unsent()) == []
+    for expected in ([Samples], []):
+        assert [type(each) for _, each in sent.unsent()] == expected
 
 
 def test_a_deadband_leaves_out_what_lies_within() -> None:
