@@ -1,17 +1,18 @@
 """Bytes and latency between two hosts: shared features, beside the same topics bridged raw.
 
     python benchmarks/federation_link.py [--seconds 20] [--robots 3] [--every '1 s'] [--deadband 1]
-        [--compared 0.5]
+        [--compared 0.5] [--verdicts]
 
 Both ways cross zenoh on loopback at the same time, as for the fleet of examples/fleet: each robot
 publishes odometry and its battery 20 times a second. A bridge, such as zenoh-bridge-ros2dds, sends
 each message as it is serialised; the federation sends the features X, Y and Charge, which the base
 station asks for: the robots share X and Y at 20 Hz, or at `--every`, or when they have changed by
 more than `--deadband`, and Charge each second. With `--compared`, the base station asks for X and
-Y as they compare with this number. Prints JSON: payload bytes for a robot and a second
-in both directions, the time until a sample is known at the base station, in milliseconds, with a
-deadband or constants that of Charge alone, and the processor time of Python in percent of a core,
-for a robot with its part of the base station.
+Y as they compare with this number. With `--verdicts`, the robots evaluate a formula about the three
+features, whose verdict crosses instead: another text each second. Prints JSON: payload bytes for a
+robot and a second in both directions, the time until a sample is known at the base station, in
+milliseconds, with a deadband or constants that of Charge alone, and the processor time of Python in
+percent of a core, for a robot with its part of the base station.
 """
 
 from __future__ import annotations
@@ -36,13 +37,16 @@ from dyknow_common import SECOND_NS, Alternatives, Value, parse_duration
 from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.encoding import encode
 from dyknow_federation.events import ValueKnown
-from dyknow_federation.messages import SharedFeature
+from dyknow_federation.messages import FormulaRequest, SharedFeature
 from dyknow_federation.peer import Peer
 from dyknow_federation.ros.transport import ZenohTransport
 
 PERIOD_NS = SECOND_NS // 20
 ZENOH = '{scouting: {multicast: {enabled: false}}}'
 FEATURES = ('X', 'Y', 'Charge')
+VERDICT = '_base_1'
+PROMISES = 2
+"""The steps between two promises of a verdict, as every 0.1 s of the federation node."""
 
 
 def feature(robot: str, name: str, deadband: float | None) -> SharedFeature:
@@ -154,6 +158,8 @@ def run(
     every: int,
     deadband: float | None,
     compared: tuple[float, ...] = (),
+    *,
+    verdicts: bool = False,
 ) -> dict[str, Any]:
     """Run the fleet for some time, and return the figures."""
     end = f'tcp/{HERE}:{free_port()}'
@@ -171,9 +177,9 @@ def run(
             for name in names
         }
         bridge = Bridge(base.transport.session)
-        join(base, hosts, deadband, compared)
+        join(base, hosts, deadband, compared, verdicts=verdicts)
         before = crossed(base, hosts), processor(base, hosts)
-        drive(base, hosts, bridge, seconds)
+        drive(base, hosts, bridge, seconds, verdicts=verdicts)
         after = crossed(base, hosts), processor(base, hosts)
         for each in (bridge, base, *hosts.values()):
             each.close()
@@ -185,6 +191,7 @@ def run(
         'every_ms': every / 1e6,
         'deadband': deadband,
         'compared': compared,
+        'verdicts': verdicts,
         'raw_bytes_per_s': round(raw),
         'bytes_per_s': round(shared),
         'ratio': round(shared / raw, 3),
@@ -196,25 +203,60 @@ def run(
 
 
 def join(
-    base: Host, hosts: dict[str, Host], deadband: float | None, compared: tuple[float, ...]
+    base: Host,
+    hosts: dict[str, Host],
+    deadband: float | None,
+    compared: tuple[float, ...],
+    *,
+    verdicts: bool,
 ) -> None:
-    """Have the base station ask for all features, and wait until all robots know."""
+    """Have the base station ask for all features or verdicts, and wait until all robots know."""
     for name, host in hosts.items():
         with host.lock:
             host.peer.share(
                 (), [feature(name, each, deadband) for each in FEATURES], time.time_ns()
             )
+        if verdicts:
+            ask_formula(base, name, host)
+            continue
         with base.lock:
             for each in FEATURES:
                 constants = () if each == 'Charge' else compared
                 base.peer.request(name, f'{each}_{name}', time.time_ns(), constants=constants)
     base.wake()
-    while any(len(host.peer.sent) < len(FEATURES) for host in hosts.values()):
+    streams = 1 if verdicts else len(FEATURES)
+    while any(len(host.peer.sent) < streams for host in hosts.values()):
         time.sleep(0.1)
     time.sleep(2)  # Until all clocks are measured.
 
 
-def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float) -> None:
+def ask_formula(base: Host, name: str, host: Host) -> None:
+    """Have a robot evaluate a formula, and ask for its verdict."""
+    parts = ' and '.join(f'{each}_{name}.value > -100' for each in FEATURES)
+    while not host.peer.formulas:
+        with base.lock:
+            request = FormulaRequest(f'{VERDICT}_{name}', f'always ({parts})')
+            base.peer.request_formula(name, request, time.time_ns())
+        base.wake()
+        time.sleep(0.5)
+    with base.lock:
+        base.peer.request(name, f'{VERDICT}_{name}', time.time_ns())
+
+
+def publish_verdict(base: Host, name: str, host: Host, step: int, now: int) -> None:
+    """Publish another text each second, and promise what a federation node does."""
+    stream = f'{VERDICT}_{name}'
+    if step % PROMISES == 0:
+        host.peer.promise(stream, now - 1, now)
+    if step % round(SECOND_NS / PERIOD_NS) == 1:
+        host.peer.publish(stream, now - PERIOD_NS // 5, f'true: {step}', now)
+        host.peer.promise(stream, now - 1, now)
+        base.published[stream, f'true: {step}'] = now
+
+
+def drive(
+    base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float, *, verdicts: bool
+) -> None:
     """Publish both ways for some time."""
     begin = time.time_ns()
     for step in range(round(seconds * SECOND_NS / PERIOD_NS)):
@@ -225,6 +267,9 @@ def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float) ->
             for index, data in enumerate(serialised):
                 bridge.send(host.transport.session, f'{name}/{index}', data)
             with host.lock:
+                if verdicts:
+                    publish_verdict(base, name, host, step, now)
+                    values = {}
                 for each, value in values.items():
                     stream = f'{each}_{name}'
                     host.peer.publish(stream, now, value, now)
@@ -257,10 +302,18 @@ def main() -> int:
     parser.add_argument('--every', default='0 ms', help='of X and Y (default: every sample)')
     parser.add_argument('--deadband', type=float, help='of X and Y, in metres (default: none)')
     parser.add_argument('--compared', type=float, help='X and Y with it (default: with nothing)')
+    parser.add_argument('--verdicts', action='store_true', help='of the robots cross instead')
     options = parser.parse_args()
     every = parse_duration(options.every)
     compared = () if options.compared is None else (options.compared,)
-    found = run(options.robots, options.seconds, every, options.deadband, compared)
+    found = run(
+        options.robots,
+        options.seconds,
+        every,
+        options.deadband,
+        compared,
+        verdicts=options.verdicts,
+    )
     print(json.dumps(found))
     return 0
 

@@ -59,12 +59,12 @@ def test_a_feature_is_asked_for_as_a_concept(symbol: Symbol, concept: str) -> No
 
 def test_syntactic_grounding_refuses_a_feature_of_the_ontology() -> None:
     with pytest.raises(CoordinationError, match=r"'Power\[UAV\]' names no stream"):
-        check_symbols((POWER,), Grounding.SYNTACTIC)
+        check_symbols((VOLTAGE, POWER), Grounding.SYNTACTIC)
 
 
 def test_semantic_grounding_refuses_the_name_of_a_stream() -> None:
-    with pytest.raises(CoordinationError, match='names a stream'):
-        check_symbols((VOLTAGE,), Grounding.SEMANTIC)
+    with pytest.raises(CoordinationError, match=f"'{VOLTAGE}' names a stream"):
+        check_symbols((POWER, VOLTAGE), Grounding.SEMANTIC)
 
 
 def test_auto_takes_both() -> None:

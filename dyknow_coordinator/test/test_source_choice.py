@@ -64,8 +64,9 @@ def test_better_sources_have_samples() -> None:
     assert choice.better([C], CANDIDATES, waiting, 0) == (B,)
     # Its first samples may still be on their way.
     assert choice.better([A], CANDIDATES, waiting, 0) == (A,)
-    choice.exclude([A, B], 0)
-    assert choice.better([C], CANDIDATES, everything, 1) == (C,)
+    for failed in (A, B), (C,):
+        choice.exclude(failed, 0)
+        assert choice.better([C], CANDIDATES, everything, 1) == (C,)
     assert choice.exclusion_end([A, C], 1) == 10 * SECOND_NS
     assert choice.exclusion_end([A], 10 * SECOND_NS) is None
 
@@ -73,8 +74,14 @@ def test_better_sources_have_samples() -> None:
 def test_other_sources_of_another_feature_replace_none() -> None:
     """The silent topic was "replaced" by itself, when another feature had a better source."""
     choice, other = SourceChoice(), FeatureSource('G', 'g', 'stream g = select x as G from "/b"')
+    gone = FeatureSource('G', 'gone', 'stream gone = select x as G from "/a"')
     assert not choice.can_replace([B], [B, other], KNOWN, 0)
+    assert not choice.can_replace([B], [other], KNOWN, 0)
+    assert choice.can_replace([B, gone], [C, other], KNOWN, 0)
+    assert not choice.can_replace([B, other], [C, gone], KNOWN, 0)
+    choice.exclude([other], 0)
     assert choice.can_replace([B], [C, other], KNOWN, 0)
+    assert not choice.can_replace([B, gone], [C, other], KNOWN, 0)
 
 
 def test_better_sources_wait_while_a_topic_may_be_silent() -> None:
@@ -82,7 +89,8 @@ def test_better_sources_wait_while_a_topic_may_be_silent() -> None:
     assert not may_be_silent(received.values(), 20 * SECOND_NS, 5 * SECOND_NS)
     assert may_be_silent(received.values(), 21 * SECOND_NS, 5 * SECOND_NS)
     # A latched topic is not: nothing more is known of it later.
-    assert not may_be_silent([0], 21 * SECOND_NS, 5 * SECOND_NS)
+    assert may_be_silent([11 * SECOND_NS + 1], 21 * SECOND_NS, 5 * SECOND_NS)
+    assert not may_be_silent([11 * SECOND_NS], 21 * SECOND_NS, 5 * SECOND_NS)
 
 
 def test_replacements_must_be_available_and_well() -> None:
@@ -127,17 +135,21 @@ def test_stand_ins_avoid_the_sources_in_use() -> None:
 
 
 def test_the_worst_fault_is_one_of_the_streams_themselves() -> None:
-    lost, broken = (
-        StateFault(CoordinationError(text), transient=text == 'lost') for text in ('lost', 'broken')
+    former, lost, broken = (
+        StateFault(CoordinationError(''), transient=transient) for transient in (True, True, False)
     )
     assert worst_fault([broken, lost]) is broken
-    assert worst_fault([lost]) is lost
+    assert worst_fault([former, lost]) is lost
 
 
 def test_violations_are_described_with_what_was_measured() -> None:
     assert describe_violation(
         Violation('s', 'max_delay', 0, 0, 3 * SECOND_NS, SECOND_NS, 'late')
     ) == ('late (max_delay: 3 s observed, 1 s allowed)')
+    early = Violation('s', 'max_gap', 0, 0, 0, SECOND_NS, 'early')
+    assert describe_violation(early) == 'early (max_gap: 0 ns observed, 1 s allowed)'
+    late = Violation('s', 'max_gap', 0, 0, SECOND_NS, 0, 'late')
+    assert describe_violation(late) == 'late (max_gap: 1 s observed, 0 ns allowed)'
     absent = Violation('s', 'fields', 0, 0, 0, 0, 'no field x')
     assert describe_violation(absent) == 'no field x (fields)'
 
@@ -152,7 +164,8 @@ async def matching(concept: str) -> tuple[FeatureSource, ...]:
 
 async def fields(name: str) -> tuple[str, ...]:
     if name != 'speed':
-        raise CoordinationError(f"there is no stream '{name}'", ExitCode.NOT_FOUND)
+        code = ExitCode.UNAVAILABLE if name == 'hidden' else ExitCode.NOT_FOUND
+        raise CoordinationError(f"there is no stream '{name}'", code)
     return ('v',)
 
 
@@ -167,13 +180,19 @@ def test_the_search_for_candidates() -> None:
         symbol('Power', 'UAV'),
         symbol('speed'),
         symbol('other.x'),
-        symbol('Height', 'u1'),
+        symbol('speed', 'u1'),
+        symbol('height'),
     ]
     found = asyncio.run(search.find(symbols, Grounding.AUTO))
     assert [each.feature for each in found.found] == ['Power[u1]', 'speed', 'other.x']
-    assert found.nearest == {'Height[u1]': 'no stream carries Height[u1]'}
-    with pytest.raises(DyKnowError, match='is gone'):
-        asyncio.run(search.find([symbol('Broken')], Grounding.AUTO))
+    absent = ['speed[u1]', 'height']
+    assert found.nearest == {each: f'no stream carries {each}' for each in absent}
+    for name, reason in ('Broken', 'is gone'), ('hidden', "no stream 'hidden'"):
+        with pytest.raises(DyKnowError, match=reason):
+            asyncio.run(search.find([symbol(name)], Grounding.AUTO))
+    for grounding, expected in (Grounding.SYNTACTIC, ['speed']), (Grounding.SEMANTIC, []):
+        found = asyncio.run(search.find([symbol('speed')], grounding))
+        assert [each.feature for each in found.found] == expected
 
 
 def test_an_unknown_feature_is_the_only_fault() -> None:

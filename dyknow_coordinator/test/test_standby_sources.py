@@ -40,6 +40,7 @@ def test_better_sources_stand_by_to_replace_those_in_use(sources: StandbySources
 
 def test_what_no_stream_can_be_made_of_leaves_it_to_others(sources: StandbySources) -> None:
     sources.exclude_unusable((C,), 0)
+    assert not sources.is_well(1)
     assert sources.wanted(1) == (A,)
     sources.exclude_unusable((A,), 1)
     assert sources.wanted(2) == ()
@@ -68,5 +69,30 @@ def test_a_violation(
     sources.note_violation(violation(stream), 0, is_own=is_own)
     assert sources.is_well(1) == is_well
     assert sources.wanted(1) == wanted
+    assert sources.is_well(EXCLUSION_NS) == is_well
     sources.give_up()
     assert not sources.is_well(1)
+    sources.chosen = wanted
+    assert sources.is_well(1)
+
+
+@pytest.mark.parametrize(
+    ('published', 'begun', 'failed', 'is_well'),
+    [
+        ('ac', 'ac', 'b', True),
+        ('a', 'ac', 'b', False),
+        ('ac', 'a', 'b', False),
+        ('ac', 'ac', 'a', False),
+    ],
+)
+def test_all_sources_of_a_standby_must_be_well(
+    published: str,
+    begun: str,
+    failed: str,
+    is_well: bool,  # noqa: FBT001
+) -> None:
+    topics = [{f'/{each}' for each in letters}.__contains__ for letters in (published, begun)]
+    sources = StandbySources(lambda: KnownStreams([], topics[0], has_begun=topics[1]))
+    sources.chosen = (A, C)
+    sources.exclude([source(failed)], 0)
+    assert sources.is_well(1) == is_well

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from itertools import accumulate
+from math import inf, nextafter
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import MAX_ALTERNATIVES, Alternatives, Value
-from dyknow_federation.possible_values import PossibleValues
+from dyknow_federation.possible_values import PossibleValues, Precision
 
 REASON = 'the clocks of me and b differ'
 
@@ -79,14 +81,19 @@ def test_each_sample_is_told_though_the_value_is_the_same() -> None:
         put(stream, time, 2, 7)
     stream.promise(40)
     assert told(stream) == [(12, 7), (18, 7), (28, 7)]
+    for time in range(50, 50 + 10 * MAX_ALTERNATIVES, 10):
+        assert put(stream, time, 2, 7)
+        assert told(stream)
 
 
 def test_a_later_sample_is_not_valid_earlier() -> None:
     stream = PossibleValues()
     put(stream, 12, 1, 1)
-    put(stream, 10, 5, 2)  # A later one, so it is valid after 11.
+    stream.promise(13)
+    assert told(stream) == [(13, 1)]
+    put(stream, 10, 5, 2)  # A later one, so it is valid after 13.
     stream.promise(20)
-    assert told(stream) == [(13, either(1, 2)), (15, 2)]
+    assert told(stream) == [(14, either(1, 2)), (15, 2)]
 
 
 def test_lost_samples_are_not_among_those_that_are_told() -> None:
@@ -104,9 +111,43 @@ def test_lost_samples_are_not_among_those_that_are_told() -> None:
 
 def test_memory_is_bounded() -> None:
     stream = PossibleValues()
-    put(stream, 0, 0, 0)
-    taken = [put(stream, number, 1000, number) for number in range(1, MAX_ALTERNATIVES + 2)]
-    assert taken.count(False) == 1
-    assert len(stream._samples) < MAX_ALTERNATIVES
+    put(stream, 0, 0, MAX_ALTERNATIVES)
+    assert told(stream) == [(0, MAX_ALTERNATIVES)]
+    taken = [put(stream, number, 1000, number) for number in range(1, MAX_ALTERNATIVES + 1)]
+    assert taken == [True] * (MAX_ALTERNATIVES - 1) + [False]
+    assert len(stream._samples) == 1
     stream.promise(3000)
-    assert told(stream)[-1] == (MAX_ALTERNATIVES + 1001, MAX_ALTERNATIVES + 1)
+    assert told(stream) == [(MAX_ALTERNATIVES + 1000, MAX_ALTERNATIVES)]
+
+
+@pytest.mark.parametrize(
+    ('precision', 'value', 'ends'),
+    [
+        (Precision(), 2, (2, 2)),
+        (Precision(0.5), inf, (inf, inf)),
+        (Precision(0, (2.0,)), 2, (2, 2)),
+        (Precision(0, (1.0, 2.0)), 1.5, (nextafter(1, inf), nextafter(2, -inf))),
+        (Precision(1, (1.0, 5.0)), 3.5, (nextafter(1, inf), nextafter(5, -inf))),
+    ],
+)
+def test_the_ends_of_what_is_possible(
+    precision: Precision, value: float, ends: tuple[float, float]
+) -> None:
+    assert precision.ends(value) == ends
+
+
+def test_only_numbers_are_known_up_to_a_precision() -> None:
+    stream = PossibleValues()
+    for time, value in (10, 1), (20, 3), (30, 'on'):
+        stream.put(time, time + 5, value)
+    stream.promise(40)
+    precision = Precision(0.5, (), 'r')
+    found = dict(stream.take(lambda: REASON, precision))
+    first, second = found[15], found[20]
+    assert isinstance(first, Alternatives)
+    assert isinstance(second, Alternatives)
+    assert (first.bounds, first.reason) == (precision.ends(1), 'r')
+    assert second.bounds == (precision.ends(1)[0], precision.ends(3)[1])
+    assert second.reason == f'r, and {REASON}'
+    assert found[30] == Alternatives.of((3, 'on'), REASON)
+    assert found[35] == 'on'

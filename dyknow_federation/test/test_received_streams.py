@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dyknow_common import SECOND_NS, Alternatives, Value
+from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import (
+    MAX_RANGES,
     Grant,
     Request,
     Samples,
@@ -18,7 +21,7 @@ from dyknow_federation.messages import (
 )
 from dyknow_federation.possible_values import PossibleValues, Precision
 from dyknow_federation.receiving import MAX_HELD, Lost, Promise, Received, ReceivedStream
-from dyknow_federation.sending import MAX_HISTORY, SentStream, Thinning
+from dyknow_federation.sending import MAX_HISTORY, MAX_RESENT, SentStream, Thinning
 
 NAME = 'level'
 LARGE = 1e300
@@ -49,12 +52,57 @@ class Pair:
         return [each.valid_time for each in self.told if isinstance(each, Received)]
 
 
+def test_what_is_lost_or_late_shows() -> None:
+    stream = ReceivedStream(NAME)
+    assert stream.request() == Request(NAME, 0, 0, ())
+
+    def receive(message: StreamMessage) -> tuple[list[object], tuple[tuple[int, int], ...]]:
+        stream.take(message)
+        return list(stream.deliveries()), stream.request().missing
+
+    def samples(first: int, *contents: Value | StreamFault) -> Samples:
+        times = range(10 * first, 10 * (first + len(contents)), 10)
+        return Samples(1, first, tuple(times), contents)
+
+    early, ahead = (StreamFault(time, 'max_gap', 'none came') for time in (0, 10**6))
+    assert receive(samples(7, 'a', early)) == ([Received(70, 'a'), early], ())
+    assert receive(samples(11, 'e')) == ([], ((9, 10),))
+    assert receive(Watermark(1, 13, 1, 125)) == ([], ((9, 10), (12, 12)))
+    assert not stream.is_complete
+    assert receive(Watermark(1, 12, 1, 115)) == ([], ((9, 10), (12, 12)))  # It is late.
+    assert receive(samples(9, ahead, 'd')) == (
+        [ahead, Received(100, 'd'), Received(110, 'e')],
+        ((12, 12),),
+    )
+    assert receive(samples(12, 'f')) == ([Received(120, 'f'), Promise(125)], ())
+    assert receive(samples(12, 'f')) == ([], ())
+    assert receive(samples(16, 'j'))[0] == []
+    assert receive(samples(14, 'h')) == ([], ((13, 13), (15, 15)))
+    lost = Lost(1, 'the peer keeps them no more')
+    found = receive(Watermark(1, 18, 17, 175))
+    assert found == ([lost, Received(140, 'h'), lost, Received(160, 'j')], ((17, 17),))
+    assert receive(samples(20, 'n'))[0] == []
+    assert receive(Watermark(1, 22, 19, 215)) == (
+        [Lost(2, 'the peer keeps them no more')],
+        ((19, 19), (21, 21)),
+    )
+
+
+def test_a_stream_begins_with_what_comes_first() -> None:
+    stream = ReceivedStream(NAME)
+    stream.take(Watermark(1, 7, 3, 65))
+    assert stream.request().missing == ((6, 6),)
+    for number in range(8, 8 + 4 * MAX_RANGES, 2):
+        stream.take(Samples(1, number, (number,), (0,)))
+    assert len(stream.request().missing) == MAX_RANGES
+
+
 @given(st.data())
 def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair = Pair()
     on_the_way: list[Grant | StreamMessage] = []
     published = 0
-    for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), max_size=60)):
+    for action in data.draw(st.lists(st.sampled_from('ppsdddxxr'), min_size=15, max_size=60)):
         if action == 'p':
             published += 1
             pair.sent.publish(published, published)
@@ -77,6 +125,7 @@ def test_samples_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair.renew()
     assert pair.times == list(range(1, published + 1))
     assert pair.stream.is_complete
+    assert not pair.stream._held
 
 
 def test_what_the_history_has_no_more_is_lost() -> None:
@@ -96,7 +145,7 @@ def test_violations_arrive_in_order_and_once(data: st.DataObject) -> None:
     pair = Pair()
     pair.stream = ReceivedStream(NAME)  # The answer to its first request is lost.
     sent, published = pair.sent, list[int]()
-    for number, action in enumerate(data.draw(st.text('svfr', max_size=40)), 1):
+    for number, action in enumerate(data.draw(st.text('svfr', min_size=10, max_size=40)), 1):
         messages: list[StreamMessage] = []
         if action == 's':
             sent.publish(number, 0)
@@ -129,10 +178,12 @@ def assert_told(told: list[object], published: list[int]) -> list[int]:
 
 def test_a_peer_that_lies_about_times_is_not_believed() -> None:
     pair = Pair()
-    pair.take(Samples(1, 1, (5,), (1,)))
-    pair.take(Watermark(1, 2, 1, 20))
-    pair.take(Samples(1, 2, (10,), (1,)))
-    assert pair.told[-1] == Lost(1, 'it is valid at 10 ns, which is too early')
+    for number in (1, 2):
+        pair.take(Samples(1, number, (5,), (1,)))
+    assert pair.told[-1] == Lost(1, 'it is valid at 5 ns, which is too early')
+    pair.take(Watermark(1, 3, 1, 20))
+    pair.take(Samples(1, 3, (20,), (1,)))
+    assert pair.told[-1] == Lost(1, 'it is valid at 20 ns, which is too early')
 
 
 def test_memory_is_bounded() -> None:
@@ -142,6 +193,8 @@ def test_memory_is_bounded() -> None:
         pair.take(Samples(1, first, times, times))
     assert len(pair.stream._held) == MAX_HELD
     assert len(pair.stream.request().missing) == 2
+    pair.take(Samples(1, 1, (1,), (1,)))
+    assert len(pair.times) == MAX_HELD + 1
     for time in range(2 * MAX_HISTORY):
         pair.sent.publish(time, 0)
     assert len(pair.sent._kept) == MAX_HISTORY
@@ -153,6 +206,40 @@ def test_a_request_for_what_never_was_is_harmless() -> None:
     strange = Request('level', 1, 10**15, ((-(2**62), -5), (3, 2**62)))
     assert [type(each) for each in pair.sent.renew('me', strange, 1)] == [Watermark]
     assert [type(each) for each in pair.sent.renew('other', strange, 1)] == [Watermark]
+
+
+def test_a_request_is_answered_up_to_a_limit() -> None:
+    sent, number = SentStream(NAME, 1, 10**9), 2 * MAX_RESENT
+    for time in range(1, number + 1):
+        sent.publish(time, 0)
+    ranges = (2**61, 2**62), (number - 2, 2**62), (1, 2**62)
+    *batches, _ = sent.renew('me', Request(NAME, 1, 1, ranges), 100)
+    resent = [time for each in batches if isinstance(each, Samples) for time in each.valid_times]
+    assert resent == [*range(number - 2, number + 1), *range(1, MAX_RESENT - 2)]
+    assert sent.used_until == 100
+    sent.expire(99)
+    assert sent.subscribers
+    sent.expire(100)
+    assert not sent.subscribers
+
+
+def test_a_promise_is_kept() -> None:
+    sent = SentStream(NAME, 1, 10**9)
+    sent.promise(5)
+    with pytest.raises(FederationError, match=r'0\.000000005 s, not after 0\.000000005 s'):
+        sent.publish(5, 0)
+    sent.renew('me', Request(NAME, 0, 0, ()), 100)
+    for expected in ([Watermark], []):
+        assert [type(each) for _, each in sent.unsent()] == expected
+    assert sent.publish(6, 0)
+    for expected in ([Samples], []):
+        assert [type(each) for _, each in sent.unsent()] == expected
+
+
+def test_a_deadband_leaves_out_what_lies_within() -> None:
+    thinning = Thinning(0, 0.5)
+    values = (0.0, 0.5, -0.5, 0.75)
+    assert [thinning.passes(*each) for each in enumerate(values)] == [True, False, False, True]
 
 
 def test_an_unknown_value_is_not_left_out_for_the_rate() -> None:
@@ -183,6 +270,7 @@ def test_a_deadband_bounds_what_is_not_sent(values: list[float], deadband: float
     st.sampled_from([None, 0, 0.5]),
 )
 @example([2**53 + 1, 2**53 + 3], {2.0**53 - 1}, None)
+@example([1.0, 1.625, 0.75], {1.375}, 0.5)
 def test_of_comparisons_all_is_known_that_all_samples_tell(
     values: list[float], compared: set[float], deadband: float | None
 ) -> None:
@@ -211,7 +299,7 @@ def test_of_comparisons_all_is_known_that_all_samples_tell(
 
 def test_after_a_violation_the_next_sample_is_sent() -> None:
     sent = SentStream(NAME, 1, 10**9, Thinning(constants=(5.0,)))
-    assert [sent.publish(time, 3) for time in range(3)] == [True, False, False]
+    assert [sent.publish(time, time) for time in range(3)] == [True, False, False]
     sent.violate(StreamFault(2, 'max_gap', 'none came'))
     assert [sent.publish(time, 3) for time in range(3, 6)] == [True, False, False]
     assert sent.continued(2).publish(0, 3)  # The clock was set back.

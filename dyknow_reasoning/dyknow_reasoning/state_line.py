@@ -62,10 +62,9 @@ class StandbyStates(Generic[State]):
         if len(states) > MAX_KEPT:
             states.popleft()
 
-    def continue_from(self, latest: int | None) -> bool:
+    def continue_from(self, latest: int) -> bool:
         """Return True if none is missing between a counted state and these."""
-        states = self._states
-        return latest is not None and bool(states) and states[0].valid_time <= latest
+        return bool(self._states) and self._states[0].valid_time <= latest
 
     def take(self) -> list[State]:
         """Return all states in their order, and forget them."""

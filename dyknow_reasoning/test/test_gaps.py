@@ -231,6 +231,11 @@ def test_which_verdicts_are_still_possible(
         assert (found.verdict, found.decided_at) == (expected[0], expected[1] * MS)
 
 
+def test_a_gap_may_hide_a_single_state() -> None:
+    [found] = results(started('always[0, 2 ns] p'), [[(0, P)], [(2, P)]])
+    assert found.error is not None
+
+
 def test_an_explanation_mentions_the_gap_where_it_matters() -> None:
     texts = ('always p', 'always[9 ms, 20 ms] p')
     found = results(started(*texts), in_milliseconds([(0, P)], [(9, P), (10, NOT_P)]))

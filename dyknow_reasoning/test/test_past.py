@@ -410,6 +410,8 @@ Q = {'p': False, 'q': True}
         ('always (q -> previous p)', [(0, P)], [(9, Q), (10, Q)], ('false', 10)),
         ('always (q -> not p since[0, 2 ms] p)', [(0, P)], [(9, Q), (12, Q)], ('false', 12)),
         ('eventually[0, 9 ms] (q and once[0, 5 ms] p)', [(0, NOT_P)], [(9, Q)], ('error', 9)),
+        ('always (q or not once[0, 20 ms] p)', [(0, NOT_P)], [(9, NOT_P)], None),
+        ('eventually (q and not once[0, 20 ms] p)', [(0, NOT_P)], [(9, Q)], None),
         ('always once[0, 1 s] eventually[0, 1 s] p', [(0, P)], [(9, Q)], ('error', 9)),
     ],
 )

@@ -60,10 +60,10 @@ class Reader:
         for each in stream.kept.take():
             self._receive(each.valid_time)
 
-    def violate(self, stream: ReadStream[Tick], valid_time: int) -> None:
+    def violate(self, stream: ReadStream[Tick], valid_time: int) -> bool:
         stream.breach = Breach(valid_time, 'broken')
         stream.doubt(valid_time)
-        self.line.break_off(stream, 0)
+        return self.line.break_off(stream, valid_time)
 
 
 def in_use(reader: Reader) -> ReadStream[Tick]:
@@ -74,6 +74,7 @@ def in_use(reader: Reader) -> ReadStream[Tick]:
 STEPS = st.lists(
     st.sampled_from(['use', 'use', 'use', 'other', 'other', 'hand over', 'change', 'violate'])
     | st.integers(-3, 3),
+    min_size=15,
     max_size=40,
 )
 
@@ -143,7 +144,8 @@ def test_counted_states_that_a_violation_makes_doubtful(
         reader.publish(former, each)
     for each in (2, 3):
         reader.publish(other, each)
-    reader.violate(former, doubtful)
+    for each in (3, doubtful, 3):  # The least counts.
+        reader.violate(former, each)
     if is_next:
         reader.line.hand_over(other, 0)
         reader.look(0)
@@ -152,21 +154,57 @@ def test_counted_states_that_a_violation_makes_doubtful(
     assert reader.counted == expected
 
 
+def test_a_stream_that_lacks_no_state_replaces_another_without_a_gap() -> None:
+    reader = Reader()
+    for start in (0, 10):
+        former, other = in_use(reader), reader.stream()
+        reader.publish(former, start + 2)
+        reader.publish(other, start + 3)
+        reader.line.hand_over(other, 0)
+        reader.look(0)
+        assert in_use(reader) is former
+        reader.publish(former, start + 4)
+        assert in_use(reader) is other
+        assert reader.line.skipped == 1
+        reader.publish(other, start + 5)
+        assert not reader.line.catches_up
+    assert reader.counted == [2, 4, 5, 12, 14, 15]
+
+
+def test_a_loss_before_a_state_gives_a_gap() -> None:
+    reader = Reader()
+    reader.publish(in_use(reader), 1)
+    assert reader.line.receive(2, is_after_loss=True)
+    assert reader.gaps == [(1, 2)]
+
+
 def test_a_violated_stream_is_left_for_one_that_lacks_states() -> None:
     reader = Reader()
     former, other = in_use(reader), reader.stream()
     reader.publish(former, 1)
     reader.line.hand_over(other, 0)
-    reader.violate(former, 2)
+    assert reader.violate(former, 2)
+    assert not reader.violate(former, 3)
+    assert reader.line.paused_at == 2
     reader.look(0)
     reader.line.note_gap()  # There is one already.
     reader.publish(other, 3)
     assert reader.counted == [1, 'gap', 3]
 
 
+def test_a_stream_that_goes_back_in_time_is_not_skipped() -> None:
+    reader = Reader()
+    for each in (2, 1):
+        reader.publish(in_use(reader), each)
+    assert reader.counted == [2, 1]  # The formulas fail at the second one.
+
+
 def test_before_the_first_state_nothing_can_be_missing() -> None:
     reader = Reader()
     other = reader.stream()
+    reader.line.note_gap()
+    assert not reader.line.catches_up
+    assert not reader.line.is_due(0)
     reader.line.hand_over(other, 0)
     reader.look(0)
     assert in_use(reader) is other
@@ -193,7 +231,7 @@ def test_a_stream_that_broke_a_constraint_before_it_is_used_pauses_the_line() ->
     reader.publish(in_use(reader), 1)
     other = reader.stream()
     reader.publish(other, 1)
-    reader.violate(other, 1)
+    assert not reader.violate(other, 1)
     assert not reader.line.pause
     reader.change(other, 7)
     assert reader.line.pause is other.breach
@@ -217,7 +255,7 @@ def test_only_what_a_take_over_needs_is_kept(steps: list[int], counted: list[int
         assert states.continue_from(latest) == bool(before)
         assert [each.valid_time for each in list(states._states)] == before + needed
     assert len(states.take()) <= len(every)
-    assert not states.continue_from(latest)
+    assert not states.continue_from(latest or 0)
 
 
 def test_a_stream_that_runs_ahead_for_too_long_gives_a_gap() -> None:

@@ -28,6 +28,8 @@ class OwnFormulas:
         self._streams = streams
         self._client = FormulaClient(streams.node)
         self._running: dict[str, Monitor] = {}
+        self._promised: dict[str, int] = {}
+        """The time until which each is as it was told."""
 
     def close(self) -> None:
         """End all evaluations."""
@@ -39,10 +41,11 @@ class OwnFormulas:
         asked = {name: each for name, each in peer.formulas.items() if name in peer.sent}
         for name in self._running.keys() - asked.keys():
             self._running.pop(name).cancel()
+            del self._promised[name]
         self._streams.needed = frozenset().union(*(each.streams for each in asked.values()))
         for name, each in asked.items():
             if name in self._running:
-                peer.promise(name, now - 1, now)
+                self._promise(name, now)
             elif each.streams <= self._streams.made:
                 self._start(name, each)
 
@@ -50,6 +53,7 @@ class OwnFormulas:
         request, streams = asked.request, self._streams
         now = streams.node.now()
         streams.peer.publish(name, now, UNDECIDED, now)
+        self._promised[name] = now
         streams.changed()
         self._running[name] = self._client.monitor(
             with_prefix(request.formula, NAME),
@@ -59,6 +63,10 @@ class OwnFormulas:
             constraints=StreamConstraints(sample_period=request.sample_period or None),
             timeout=MAX_TIMEOUT_S,
         )
+
+    def _promise(self, name: str, now: int) -> None:
+        self._promised[name] = max(self._promised[name], now - 1)
+        self._streams.peer.promise(name, now - 1, now)
 
     def _tell(self, name: str, about: frozenset[str], answer: Answer) -> None:
         """Tell the verdict, or why there is none, in the words of the ontology."""
@@ -73,5 +81,7 @@ class OwnFormulas:
             return
         now = streams.node.now()
         verdict = verdict_text(is_true=answer.verdict is Verdict.TRUE, reason=text)
-        streams.peer.publish(name, now, verdict, now)
+        # It is certain at its peer with the promise, as soon as both have crossed.
+        streams.peer.publish(name, self._promised[name] + 1, verdict, now)
+        self._promise(name, now)
         streams.changed()

@@ -173,13 +173,12 @@ def _window_halves(node: Window, gap: Gap, times: Sequence[int]) -> tuple[Node, 
 
 
 def _overlap(node: Window, gap: Gap, times: Sequence[int]) -> bool:
-    """Return True if a state may be missing in the interval of a window."""
-    first, last = gap.after + 1, gap.before - 1
-    if node.start is not None:
-        first = max(first, times[node.start.state] + node.start.offset)
-    if node.end is not None:
-        last = min(last, times[node.end.state] + node.end.offset)
-    return first <= last
+    """Return True if a state may be missing in the interval of a window.
+
+    The window is open after the last state before the gap, so it does not end before the gap.
+    """
+    start = node.start
+    return start is None or times[start.state] + start.offset < gap.before
 
 
 class UnknowableError(ReasoningError):
