@@ -69,6 +69,8 @@ class Host:
         """When the values of all hosts were published, by stream and value."""
         self.latencies: list[int] = []
         self.processor_ns = 0
+        self.promised = 0
+        """The time until which the verdict is known as it was told."""
         self._due = threading.Event()
         self.transport = ZenohTransport(federation, time.time_ns, self._due.set)
         self._is_over = False
@@ -247,11 +249,12 @@ def publish_verdict(base: Host, name: str, host: Host, step: int, now: int) -> N
     """Publish another text each second, and promise what a federation node does."""
     stream = f'{VERDICT}_{name}'
     if step % PROMISES == 0:
-        host.peer.promise(stream, now - 1, now)
+        host.promised = now - 1
     if step % round(SECOND_NS / PERIOD_NS) == 1:
-        host.peer.publish(stream, now - PERIOD_NS // 5, f'true: {step}', now)
-        host.peer.promise(stream, now - 1, now)
+        host.peer.publish(stream, host.promised + 1, f'true: {step}', now)
+        host.promised = now - 1
         base.published[stream, f'true: {step}'] = now
+    host.peer.promise(stream, host.promised, now)
 
 
 def drive(
