@@ -390,13 +390,13 @@ class Simulation:
             self.result = None if found.error else found.verdict
             self.error = str(found.error or '')
 
-    def _truth(self) -> list[tuple[int, Mapping[str, Value]]]:
-        """The true states at the ticks since the evaluation began."""
+    def _truth(self, hosts: list[Host]) -> list[tuple[int, Mapping[str, Value]]]:
+        """The true states of hosts at the ticks since the evaluation began."""
         clock, found = self.hosts[0].clock, list[tuple[int, Mapping[str, Value]]]()
-        readings = [[clock.read(time) for time in host.times] for host in self.hosts]
+        readings = [[clock.read(time) for time in host.times] for host in hosts]
         for tick in self.ticks:
             values = {}
-            for host, times in zip(self.hosts, readings, strict=True):
+            for host, times in zip(hosts, readings, strict=True):
                 values[f'Level[{host.name}]'] = host.values[bisect_right(times, tick) - 1]
             found.append((tick, values))
         return found
@@ -415,7 +415,7 @@ class Simulation:
         group.add_formula('', self.formula)
         group.begin(self.domains)
         verdict = Verdict.UNDECIDED
-        for time, values in self._truth():
+        for time, values in self._truth(self.hosts):
             for result in group.progress(time, values):
                 verdict = result.verdict
         kind = 'right' if verdict is self.result else 'wrong'
@@ -571,7 +571,8 @@ class PushDownSimulation(Simulation):
         group, verdict = self._group(self.remaining), Verdict.UNDECIDED
         told = {f'{name}.value': UNDECIDED for name in self.parts}
         told |= {f'{name}.value': each.text for name, each in self.evaluations.items()}
-        for time, values in self._truth():
+        own = self.hosts[:1] if 'Level[h0]' in map(str, group.symbols()) else []
+        for time, values in self._truth(own):
             for result in group.progress(time, {**values, **told}):
                 verdict = result.verdict
         kind = 'right' if verdict is self.result else 'wrong'
