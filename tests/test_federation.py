@@ -64,7 +64,7 @@ def listening(host: Host, topic: str, values: list[Value]) -> Iterator[None]:
 def is_asked(host: Host, *, here: bool) -> bool:
     """Return True if a host asks for nothing but the charge, or the verdict of a formula."""
     asked = host.reports[-1].peers[0].asked
-    return len(asked) == 1 and asked[0].startswith('Charge_' if here else '_base_')
+    return len(asked) == 1 and asked[0].startswith('Charge_' if here else '_verdict_')
 
 
 def assert_permitted(recorders: list[GraphRecorder]) -> None:

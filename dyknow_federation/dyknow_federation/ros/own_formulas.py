@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common import StreamConstraints, Verdict
+from dyknow_common import SECOND_NS, StreamConstraints, Verdict
 from dyknow_coordinator import Answer, Grounding
 from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_federation.peer import FormulaForPeer
@@ -15,6 +15,27 @@ from dyknow_stream_processing import ViolationKind
 
 MAX_TIMEOUT_S: Final = 365 * 86_400.0
 """The timeout of their evaluations, in seconds: they end when their peer needs them no more."""
+
+
+REPEAT_NS: Final = 2 * SECOND_NS
+"""The time after which a verdict is told again: no reader takes its stream for silent."""
+
+
+@dataclass(slots=True)
+class _Running:
+    """A formula that is evaluated.
+
+    Args:
+        told_at: when its verdict was told last.
+        promised: the time until which its verdict is as it was told.
+        has_failed: True if it has ended without a verdict.
+    """
+
+    monitor: Monitor
+    told_at: int
+    promised: int
+    verdict: str = UNDECIDED
+    has_failed: bool = False
 
 
 class OwnFormulas:
@@ -27,9 +48,7 @@ class OwnFormulas:
     def __init__(self, streams: OwnStreams) -> None:
         self._streams = streams
         self._client = FormulaClient(streams.node)
-        self._running: dict[str, Monitor] = {}
-        self._promised: dict[str, int] = {}
-        """The time until which each is as it was told."""
+        self._running: dict[str, _Running] = {}
 
     def close(self) -> None:
         """End all evaluations."""
@@ -40,48 +59,58 @@ class OwnFormulas:
         peer, now = self._streams.peer, self._streams.node.now()
         asked = {name: each for name, each in peer.formulas.items() if name in peer.sent}
         for name in self._running.keys() - asked.keys():
-            self._running.pop(name).cancel()
-            del self._promised[name]
+            self._running.pop(name).monitor.cancel()
         self._streams.needed = frozenset().union(*(each.streams for each in asked.values()))
         for name, each in asked.items():
             if name in self._running:
-                self._promise(name, now)
+                self._go_on(name, now)
             elif each.streams <= self._streams.made:
                 self._start(name, each)
 
     def _start(self, name: str, asked: FormulaForPeer) -> None:
-        request, streams = asked.request, self._streams
-        now = streams.node.now()
-        streams.peer.publish(name, now, UNDECIDED, now)
-        self._promised[name] = now
-        streams.changed()
-        self._running[name] = self._client.monitor(
+        request, now = asked.request, self._streams.node.now()
+        monitor = self._client.monitor(
             with_prefix(request.formula, NAME),
             name=f'{asked.asker}{name}',
-            on_verdict=partial(self._tell, name, asked.streams),
             grounding=Grounding.SYNTACTIC,
             constraints=StreamConstraints(sample_period=request.sample_period or None),
             timeout=MAX_TIMEOUT_S,
         )
+        self._running[name] = _Running(monitor, told_at=now, promised=now - 1)
+        self._tell(name, UNDECIDED, now)
+        monitor.outcome.add_done_callback(lambda _: self._end(name, asked.streams, monitor))
 
-    def _promise(self, name: str, now: int) -> None:
-        self._promised[name] = max(self._promised[name], now - 1)
-        self._streams.peer.promise(name, now - 1, now)
+    def _go_on(self, name: str, now: int) -> None:
+        """Promise that the verdict is as it was told, which is told again once in a while."""
+        running = self._running[name]
+        if running.has_failed:
+            return
+        running.promised = max(running.promised, now - 1)
+        self._streams.peer.promise(name, running.promised, now)
+        if now - running.told_at >= REPEAT_NS:
+            self._tell(name, running.verdict, now)
 
-    def _tell(self, name: str, about: frozenset[str], answer: Answer) -> None:
+    def _tell(self, name: str, verdict: str, now: int) -> None:
+        """Tell a verdict, which is certain at the peer as soon as the promise has crossed, too."""
+        running = self._running[name]
+        self._streams.peer.publish(name, running.promised + 1, verdict, now)
+        running.verdict, running.told_at = verdict, now
+        running.promised = max(running.promised + 1, now - 1)
+        self._streams.peer.promise(name, running.promised, now)
+        self._streams.changed()
+
+    def _end(self, name: str, about: frozenset[str], monitor: Monitor) -> None:
         """Tell the verdict, or why there is none, in the words of the ontology."""
         if name not in self._running:
             return  # The peer needs it no more.
+        answer: Answer = monitor.outcome.result()
         streams, error = self._streams, answer.error
         text = answer.explanation if error is None else error.message
         for stream in about & streams.offers.keys():
             text = text.replace(f'{NAME}{stream}.value', str(streams.offers[stream].ground))
         if error is not None:
+            self._running[name].has_failed = True
             streams.violate(name, ViolationKind.MESSAGE, text)
             return
-        now = streams.node.now()
         verdict = verdict_text(is_true=answer.verdict is Verdict.TRUE, reason=text)
-        # It is certain at its peer with the promise, as soon as both have crossed.
-        streams.peer.publish(name, self._promised[name] + 1, verdict, now)
-        self._promise(name, now)
-        streams.changed()
+        self._tell(name, verdict, streams.node.now())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import count
 from typing import Any
+from zlib import crc32
 
 from rclpy.task import Future
 
@@ -37,8 +38,9 @@ class RemoteFormulas:
     def __init__(self, peer: Peer, streams: RemoteStreams, name: str) -> None:
         self._peer = peer
         self._streams = streams
-        # Unique also across restarts of this node.
-        self._names = (f'_{name}_{streams.node.started_at:x}_{each}' for each in count(1))
+        # Unique among all hosts, and their restarts.
+        run = crc32(f'{name} {streams.node.started_at}'.encode())
+        self._names = (f'_verdict_{run:08x}_{each}' for each in count(1))
         self._waiting: dict[StreamName, Future] = {}
 
     def take(self, event: FormulaAnswered) -> None:
