@@ -38,9 +38,8 @@ def test_the_message_has_all_constraints() -> None:
             constraints_to_message(StreamConstraints(**{name: True}))
 
 
-@given(st.integers(1, 10**12), st.integers(1, 10**12))
-def test_constraints_come_back(period: int, delay: int) -> None:
-    constraints = StreamConstraints(
-        sample_period=period, max_delay=delay, start_time=delay, max_lead=delay, max_gap=period
-    )
+@given(st.data())
+def test_constraints_come_back(data: st.DataObject) -> None:
+    names = StreamConstraintsMessage.get_fields_and_field_types()
+    constraints = StreamConstraints(**{name: data.draw(st.integers(1, 10**12)) for name in names})
     assert constraints_from_message(constraints_to_message(constraints)) == constraints
