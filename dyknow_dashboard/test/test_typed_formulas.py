@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from contextlib import closing
-from typing import Any, get_args
+from typing import Any
 
 import pytest
 
-from dyknow_common import FORMULA_WORDS
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model.typed_formulas import (
-    _OPERATORS,
     MAX_FORMULA,
     MAX_PROPOSALS,
     check,
     proposals,
 )
-from dyknow_reasoning.language.formula import FutureFormula, PastFormula
 from dyknow_semantics import Ontology
 from dyknow_semantics.ontology.features import StatedSignature
 
@@ -35,11 +32,6 @@ def knowledge() -> object:
 def texts(text: str, knowledge: object, cursor: int | None = None) -> list[str]:
     place = len(text) if cursor is None else cursor
     return [each['text'] for each in proposals(text, place, knowledge)]  # type: ignore[arg-type]
-
-
-def test_every_temporal_operator_has_a_note() -> None:
-    temporal = {kind.symbol for kind in get_args(FutureFormula | PastFormula)}
-    assert temporal <= _OPERATORS.keys() <= FORMULA_WORDS
 
 
 def test_a_formula_has_a_canonical_text_and_notes() -> None:
