@@ -45,10 +45,10 @@ def lalr_parser(package: str, grammar: str, start: str) -> lark.Lark:
         grammar: the name of the `.lark` file in that package.
         start: the rule of a whole text.
     """
-    shared = files(_SHARED_PACKAGE).joinpath(_SHARED_GRAMMAR).read_text(encoding='utf-8')
-    shared += constraint_grammar()
     text = files(package).joinpath(grammar).read_text(encoding='utf-8')
-    text = shared if grammar == _SHARED_GRAMMAR else text
+    if 'constraint' in text:
+        text += constraint_grammar()
+    shared = files(_SHARED_PACKAGE).joinpath(_SHARED_GRAMMAR).read_text(encoding='utf-8')
     origin = (lark.__version__, text, shared, start)
     path = _path(f'{Path(grammar).stem}-{zlib.crc32(repr(origin).encode()):08x}')
     if path is not None and (tables := _read(path, origin)) is not None:
@@ -58,7 +58,7 @@ def lalr_parser(package: str, grammar: str, start: str) -> lark.Lark:
         parser='lalr',
         start=start,
         propagate_positions=True,
-        import_paths=[lambda _, path: (path, shared)],
+        import_paths=[str(files(_SHARED_PACKAGE))],
     )
     if path is not None:
         _write(path, origin, parser)
@@ -86,7 +86,7 @@ def _read(path: Path, origin: tuple[str, ...]) -> Any:
 def _write(path: Path, origin: tuple[str, ...], parser: lark.Lark) -> None:
     content = BytesIO()
     pickle.dump(origin, content)
-    parser.save(content, exclude_options=['import_paths'])
+    parser.save(content)
     with suppress(OSError):  # Such as a file system that is read only.
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         replace_file(path, zlib.compress(content.getvalue()), 0o600)

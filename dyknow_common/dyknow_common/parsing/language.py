@@ -253,8 +253,6 @@ class Language:
     def _spelling(self, terminal: str) -> str:
         if terminal in _ENDS:
             return f'the end of the {self.name}'
-        # Lark adds the grammar to the name of a terminal that only an imported rule has.
-        own, terminal = terminal, terminal.removeprefix('common__')
         if terminal in self._spellings:
             return self._spellings[terminal]
-        return f"'{self._parser.get_terminal(own).pattern.value}'"
+        return f"'{self._parser.get_terminal(terminal).pattern.value}'"

@@ -46,7 +46,7 @@ class SyntaxBuilder(Transformer_NonRecursive[Token, Syntax]):
 
 @builder
 class ConstraintBuilder(SyntaxBuilder[Syntax]):
-    """A builder for the rule `constraint` of `common.lark`."""
+    """A builder for the rule `constraint`, see `constraint_grammar`."""
 
     def constraint(self, name: Token, value: Token) -> tuple[Token, int]:
         """Return the name of a constraint, and its value."""
