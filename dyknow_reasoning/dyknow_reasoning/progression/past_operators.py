@@ -9,7 +9,8 @@ bits of an integer, with a row for each object. A single object has row 0.
 
 After a gap, in which states may be missing, the operator of an object is bounded from both sides by
 two memories: one assumes that the missing states were as favourable as can be, the other that they
-were not.
+were not. So an operator must be
+monotone in its operands: what makes them true never makes it false.
 """
 
 from __future__ import annotations
