@@ -13,11 +13,15 @@ MOST_FILES = {
     'a constraint': 5,
     'an operator of the past': 5,
     'a kind of trigger': 3,
-    'a field of an evaluation': 8,
+    'a field of an evaluation': 5,
+    'a format of recordings': 1,
+    'a verb of the command `dyknow`': 1,
 }
-"""The files to touch for usual changes; what more a change may want follows a full stop."""
+"""The files that usual changes need, but for new ones; another column has what they may want."""
 
-_FILE = re.compile(r'`(\w+/[\w/]+\.(?:py|lark|msg|owl|txt))`(?: \(((?:`[^`]+`(?:, )?)+)\))?')
+_FILE = re.compile(
+    r'`(\w+/[\w/.]+\.(?:py|lark|msg|owl|txt|json|js))`(?: \(((?:`[^`]+`(?:, )?)+)\))?'
+)
 
 
 def _files_of_changes() -> list[tuple[str, str]]:
@@ -33,7 +37,7 @@ def _table() -> str:
 @pytest.mark.parametrize(('path', 'names'), _files_of_changes())
 def test_the_table_of_changes_names_what_is_there(path: str, names: str) -> None:
     package = path.partition('/')[0]
-    folder = ROOT if package in {'dyknow_interfaces', 'tests', 'tools'} else ROOT / package
+    folder = ROOT if package in {'dyknow_interfaces', 'docs', 'tests', 'tools'} else ROOT / package
     text = (folder / path).read_text(encoding='utf-8')
     for name in re.findall(r'`([^`]+)`', names):
         assert re.search(rf'\b{re.escape(name)}\b', text), name
@@ -42,7 +46,7 @@ def test_the_table_of_changes_names_what_is_there(path: str, names: str) -> None
 @pytest.mark.parametrize('change', MOST_FILES)
 def test_usual_changes_touch_few_files(change: str) -> None:
     (row,) = (row for row in _table().splitlines() if row.startswith(f'| {change} |'))
-    files = _FILE.findall(row.partition('. ')[0])
+    files = _FILE.findall(row.split(' | ')[1])
     assert 0 < len(files) <= MOST_FILES[change]
 
 

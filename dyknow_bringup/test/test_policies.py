@@ -9,7 +9,13 @@ from pathlib import Path
 import pytest
 
 from dyknow_bringup.errors import BringupError
-from dyknow_bringup.security.interfaces import ACTIONS, COORDINATOR, SERVICES, Interfaces
+from dyknow_bringup.security.interfaces import (
+    ACTIONS,
+    COORDINATOR,
+    SERVICES,
+    Interfaces,
+    monitor_interfaces,
+)
 from dyknow_bringup.security.systems import (
     Enclave,
     SecuredSystem,
@@ -19,7 +25,7 @@ from dyknow_bringup.security.systems import (
     topics_of,
 )
 from dyknow_common import LanguageError
-from dyknow_configuration import RequestedFormula, RequestedGuard
+from dyknow_configuration import ACTION_KEYS, RequestedFormula, RequestedGuard, Trigger, TriggerKind
 
 FOLDER = Path(__file__).parent.parent / 'security'
 NAMES = sorted(shipped_policies())
@@ -214,3 +220,8 @@ def test_a_guard_may_do_what_it_must_and_no_more() -> None:
     } < subscribed
     served = {each.text for each in enclave.iterfind('.//services[@reply]/service')}
     assert '/robot1/base_guard/reset' in served
+
+
+@pytest.mark.parametrize('kind', ACTION_KEYS)
+def test_a_monitor_may_use_the_targets_of_its_triggers(kind: TriggerKind) -> None:
+    assert '/target' in str(monitor_interfaces([Trigger('t', kind, '/target')]))

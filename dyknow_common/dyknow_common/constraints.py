@@ -1,7 +1,8 @@
 """Constraints on the times of a stream's samples.
 
-The fields of `StreamConstraints` are the only list of the constraints in Python code: parsing,
-canonical texts, merging and the conversion of messages follow from them.
+The fields of `StreamConstraints` are the only list of the constraints: the rule of the grammars,
+parsing, canonical texts, merging and the conversion of messages follow from them, each by the
+`ConstraintKind` of the field.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass, field, fields
 from enum import Enum, auto
 from typing import Any, Final
 
-from dyknow_common.durations import format_duration
+from dyknow_common.durations import format_duration, parse_duration
 from dyknow_common.errors import DyKnowError
 
 
@@ -21,6 +22,25 @@ class ConstraintKind(Enum):
     TIME = auto()
     DURATION = auto()
     SWITCH = auto()
+
+    @property
+    def terminal(self) -> str:
+        """The terminal of `common.lark` for values of this kind."""
+        return 'TRUTH' if self is ConstraintKind.SWITCH else 'DURATION'
+
+    def parse(self, text: str) -> int:
+        """Return the value of a text.
+
+        Raises:
+            ValueError: as `parse_duration`.
+        """
+        return text == 'true' if self is ConstraintKind.SWITCH else parse_duration(text)
+
+    def text(self, value: int) -> str:
+        """Return the canonical text of a value, `100 ms`."""
+        if self is ConstraintKind.SWITCH:
+            return 'true' if value else 'false'
+        return format_duration(value)
 
 
 def _constraint(kind: ConstraintKind, stricter: Callable[[int, int], int] = min) -> Any:
@@ -89,7 +109,7 @@ class StreamConstraints:
 
     def texts(self) -> dict[str, str]:
         """Return the values that are not `None` as texts, `100 ms`, by the names."""
-        return {name: _text(name, value) for name, value in self.given().items()}
+        return {name: CONSTRAINT_KINDS[name].text(value) for name, value in self.given().items()}
 
     def merged(self, other: StreamConstraints) -> StreamConstraints:
         """Return the constraints of a stream that keeps both these and the others.
@@ -160,12 +180,6 @@ class StreamConstraints:
         return ', '.join(f'{name} = {text}' for name, text in self.texts().items())
 
 
-def _text(name: str, value: int) -> str:
-    if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
-        return 'true' if value else 'false'
-    return format_duration(value)
-
-
 CONSTRAINT_KINDS: Final = {each.name: each.metadata['kind'] for each in fields(StreamConstraints)}
 """The kind of each constraint, by its name."""
 
@@ -173,3 +187,15 @@ _STRICTER: Final = {each.name: each.metadata['stricter'] for each in fields(Stre
 
 NO_CONSTRAINTS = StreamConstraints()
 """The constraints that every stream keeps."""
+
+
+def constraint_grammar() -> str:
+    """Return the rule `constraint` of all grammars, with a terminal for the names of each kind."""
+    names: dict[ConstraintKind, list[str]] = {kind: [] for kind in ConstraintKind}
+    for name, kind in CONSTRAINT_KINDS.items():
+        names[kind].append(f'"{name}"')
+    terminals = {kind: f'{kind.name}_CONSTRAINT' for kind in ConstraintKind}
+    lines = [f'{terminals[kind]}: {" | ".join(names[kind])}' for kind in ConstraintKind]
+    lines += [f'CONSTRAINT: {" | ".join(terminals.values())}']
+    rules = [f'{terminals[kind]} "=" {kind.terminal}' for kind in ConstraintKind]
+    return '\n'.join([*lines, f'constraint: {" | ".join(rules)}', ''])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Final, Self
 
@@ -124,11 +124,17 @@ def checked_text(value: YamlValue) -> ComposedText:
     return ComposedText().add_value(value)
 
 
+_READERS: Final[Mapping[ConstraintKind, Callable[[YamlValue], int]]] = {
+    ConstraintKind.TIME: YamlValue.duration,
+    ConstraintKind.DURATION: YamlValue.duration,
+    ConstraintKind.SWITCH: YamlValue.truth,
+}
+
+
 def _constraint_text(name: str, value: YamlValue) -> str:
-    if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
-        return 'true' if value.truth() else 'false'
-    value.duration()
-    return value.line()
+    kind = CONSTRAINT_KINDS[name]
+    found = _READERS[kind](value)
+    return value.line() if value.is_text else kind.text(found)
 
 
 def constraint_texts(stated: Mapping[str, YamlValue]) -> dict[str, str]:

@@ -155,7 +155,10 @@ ACTION_KEYS: Final[Mapping[TriggerKind, tuple[str, ...]]] = {
     TriggerKind.SEND_GOAL: ('action', 'type', 'goal'),
     TriggerKind.CANCEL_GOAL: ('action',),
 }
-"""The keys of each kind: its target, the type and the content."""
+"""The keys of each kind with a target in the running system: the target, the type, the content.
+
+A target without a type may be written without its key. Kinds that are not here run a command.
+"""
 
 MAX_TRIGGERS: Final = 20
 """The number of triggers of one event."""
@@ -166,11 +169,9 @@ MAX_VALUES: Final = 1000
 MAX_DEPTH: Final = 20
 """The levels to which these values nest."""
 
-_INTERFACES: Final = {
-    TriggerKind.PUBLISH: 'msg',
-    TriggerKind.CALL: 'srv',
-    TriggerKind.SEND_GOAL: 'action',
-}
+_INTERFACES: Final = {'topic': 'msg', 'service': 'srv', 'action': 'action'}
+"""The folders of the types of targets."""
+
 _NAME: Final = r'[A-Za-z][A-Za-z0-9_]*'
 
 PLACEHOLDERS: Final[Mapping[str, ValueType]] = {
@@ -284,17 +285,17 @@ class _Content:
 def _action(kind: TriggerKind, value: YamlValue, content: _Content) -> tuple[str, str]:
     """Return the target and the type of an action, and read its content."""
     content.place((kind,), value)
-    if kind is TriggerKind.RUN:
+    if kind not in ACTION_KEYS:
         words = value.items('a command and its arguments, such as [beep, -f, "440"],')
         if not words:
             raise value.expected('a command and its arguments, such as [beep, -f, "440"],')
         texts = list(_words(words, content))
         content.content = texts[1:]
         return texts[0], ''
-    if kind is TriggerKind.CANCEL_GOAL and value.is_text:
-        content.place(('action',), value)
-        return value.text().strip(), ''
     target, *rest = ACTION_KEYS[kind]
+    if not rest and value.is_text:
+        content.place((target,), value)
+        return value.text().strip(), ''
     stated = value.mapping(ACTION_KEYS[kind], (target, *rest[:1]))
     for key, each in stated.items():
         content.place((key,), each)
@@ -319,7 +320,7 @@ def _words(values: list[YamlValue], content: _Content) -> Iterator[str]:
 
 
 def _type_name(value: YamlValue, kind: TriggerKind) -> str:
-    text, folder = value.text('the name of a type').strip(), _INTERFACES[kind]
+    text, folder = value.text('the name of a type').strip(), _INTERFACES[ACTION_KEYS[kind][0]]
     if not re.fullmatch(f'{_NAME}/{folder}/{_NAME}', text):
         raise value.error(f"'{text}' is no type for {kind}; write it as package/{folder}/Type")
     return text
@@ -347,20 +348,19 @@ def _retries(stated: Mapping[str, YamlValue]) -> int:
 
 def trigger_document(trigger: Trigger) -> dict[str, Any]:
     """Return a trigger as a YAML document."""
-    kind = trigger.kind
-    if kind is TriggerKind.RUN:
-        action: Any = [trigger.target, *trigger.content]
-    elif kind is TriggerKind.CANCEL_GOAL:
-        action = trigger.target
-    else:
+    keys = ACTION_KEYS.get(trigger.kind, ())
+    action: Any = trigger.target
+    if not keys:
+        action = [trigger.target, *trigger.content]
+    elif len(keys) > 1:
         values = (trigger.target, trigger.type_name, trigger.content)
-        action = dict(zip(ACTION_KEYS[kind], values, strict=True))
+        action = dict(zip(keys, values, strict=True))
     limits: dict[str, Any] = {'timeout': format_duration(trigger.timeout)}
     if trigger.min_interval:
         limits['min_interval'] = format_duration(trigger.min_interval)
     if trigger.retries:
         limits['retries'] = trigger.retries
-    return {str(kind): action, **limits}
+    return {str(trigger.kind): action, **limits}
 
 
 def check_placeholders(value: YamlValue) -> frozenset[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_common import InlineText, ValueType
+from dyknow_common import CONSTRAINT_KINDS, InlineText, StreamConstraints, ValueType
 from dyknow_configuration import (
     NO_MAP,
     PACKAGES,
@@ -293,6 +293,23 @@ def test_the_order_of_a_topic(text: str, value: object, tmp_path: Path) -> None:
     (annotation,) = parse_annotations(made)
     assert annotation.constraints.reorder is value
     assert f'reorder = {text}' in str(annotation)
+
+
+@pytest.mark.parametrize(
+    'names', [{*CONSTRAINT_KINDS} - {'expires'}, {'max_delay', 'max_gap', 'expires'}]
+)
+def test_all_constraints_in_all_languages(names: set[str], tmp_path: Path) -> None:
+    examples = {'DURATION': '2 s', 'TRUTH': 'true'}
+    texts = {name: examples[CONSTRAINT_KINDS[name].terminal] for name in names}
+    values = {name: CONSTRAINT_KINDS[name].parse(text) for name, text in texts.items()}
+    stated = ', '.join(f'{name}: {text}' for name, text in texts.items())
+    text = f'features: {{F: {{missing: unknown, from: {{topic: /a, field: b, {stated}}}}}}}'
+    (document,) = annotations(robot(tmp_path, text))
+    (annotation,) = parse_annotations(document)
+    assert annotation.constraints == StreamConstraints(**values)
+    assert str(parse_annotations(str(annotation))[0]) == str(annotation)
+    stream = f'stream c = select b from "/a" with {annotation.constraints}'
+    assert str(parse_specification(stream)) == stream
 
 
 def test_messages_are_put_in_order_within_a_delay_only(tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +119,8 @@ def with_text_keys(value: Any) -> Any:
 def faults(schema: Mapping[str, Any], value: Any, place: str = '$') -> Iterator[str]:
     """Yield the differences between a value and the keywords that our schema uses."""
     if '$ref' in schema:
-        yield from faults(DEFINITIONS[schema['$ref'].rpartition('/')[2]], value, place)
+        definition = reduce(getitem, schema['$ref'].split('/')[1:], SCHEMA)
+        yield from faults(definition, value, place)
     if 'oneOf' in schema:
         found = [list(faults(each, value, place)) for each in schema['oneOf']]
         if sum(not each for each in found) != 1:
@@ -158,6 +161,7 @@ def test_the_keys_are_those_of_the_reader() -> None:
     assert properties['sort'] == {*SORT_KEYS}
     assert properties['feature'] == {*FEATURE_KEYS}
     assert properties['forecast'] == {*FORECAST_KEYS}
+    assert properties['constraints'] == {*CONSTRAINT_KINDS}
     assert properties['source'] == {*SOURCE_KEYS} >= {*CONSTRAINT_KINDS}
     assert properties['formula'] == {*FORMULA_KEYS}
     assert properties['federation'] == {*FEDERATION_KEYS}

@@ -130,9 +130,10 @@ class PushDown:
     def remaining(self, topics: Mapping[PeerPart, str]) -> str:
         """Return the formula over the verdicts of peers, on their topics.
 
-        Parts that have no topic are evaluated here.
+        Parts that have no topic are evaluated here. It is empty if it names an object that no text
+        can name, such as `r-1`.
         """
-        return str(_filled(self._remaining, topics))
+        return _text(_filled(self._remaining, topics))
 
     def _without_parts(self, node: Formula) -> Formula:
         """Return a closed formula with holes for the parts of peers."""
@@ -177,8 +178,9 @@ class PushDown:
         if peer is None:
             return None
         formula = _joined(join, instances)
-        text = str(self._over_streams(formula))
-        return None if len(text) > MAX_LENGTH else _Hole(True, PeerPart(peer, formula, text))
+        text = _text(self._over_streams(formula))
+        is_short = 0 < len(text) <= MAX_LENGTH
+        return _Hole(True, PeerPart(peer, formula, text)) if is_short else None
 
     def _peer(self, instances: Sequence[Formula]) -> str | None:
         """Return the peer whose streams all features are, if time matters to all instances."""
@@ -238,6 +240,15 @@ def _joined(join: type[And | Or], formulas: Sequence[Formula]) -> Formula:
         last = formulas[len(formulas) // 2 * 2 :]
         formulas = [*(join(*each) for each in pairs), *last]
     return formulas[0]
+
+
+def _text(formula: Formula) -> str:
+    """Return the text of a formula; empty if it would be read as another one."""
+    text = str(formula)
+    try:
+        return text if parse_formula(text) == formula else ''
+    except DyKnowError:
+        return ''
 
 
 def _filled(node: Any, topics: Mapping[PeerPart, str]) -> Any:

@@ -184,6 +184,18 @@ def test_a_formula_that_is_too_large_stays_here() -> None:
     assert found.remaining({}) == str(formula)
 
 
+@pytest.mark.parametrize('name', ['r-1', 'r.1', 'max', 'once'])
+def test_an_object_that_no_text_can_name(name: str) -> None:
+    """Its part can be evaluated elsewhere; if others remain, they could not be told from it."""
+    formula = parse_formula('forall x in Robot: always P[x]')
+    streams = {f'P[{name}]': ('r1', 'P_r1')}
+    alone = PushDown(formula, {'Robot': (name,)}, streams)
+    assert [each.text for each in alone.parts] == ['always P_r1.value']
+    assert alone.remaining({alone.parts[0]: '/v'})
+    with_others = PushDown(formula, {'Robot': (name, 'r3')}, streams)
+    assert with_others.remaining(dict.fromkeys(with_others.parts, '/v')) == ''
+
+
 @pytest.mark.parametrize(
     ('formula', 'message'),
     [

@@ -5,7 +5,8 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from dataclasses import fields
+from typing import Any, get_args
 
 from hypothesis import strategies as st
 
@@ -27,6 +28,7 @@ from dyknow_reasoning.language.formula import (
     Not,
     Once,
     Or,
+    PastFormula,
     Previous,
     Since,
     Until,
@@ -244,8 +246,11 @@ def intervals() -> st.SearchStrategy[Interval]:
 def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
     connectives = [st.builds(kind, inner, inner) for kind in (And, Or, Implies, Equivalent)]
     temporal = [st.builds(kind, inner, intervals()) for kind in (Always, Eventually)]
-    past = [st.builds(kind, inner, intervals()) for kind in (Historically, Once)]
-    joined = [st.builds(kind, inner, inner, intervals()) for kind in (Until, Since)]
+    operands = st.tuples(inner, inner)
+    past = [
+        st.builds(past_operator, st.just(kind), operands, intervals())
+        for kind in get_args(PastFormula)
+    ]
     members = st.lists(inner, min_size=1, max_size=4).map(tuple)
     count = st.builds(CountOf, st.sampled_from(CountBound), st.integers(0, 4), members)
     return st.one_of(
@@ -254,9 +259,17 @@ def deeper(inner: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
         *connectives,
         *temporal,
         *past,
-        *joined,
-        st.builds(Previous, inner),
+        st.builds(Until, inner, inner, intervals()),
     )
+
+
+def past_operator(
+    kind: type[PastFormula], operands: Iterable[Formula], interval: Interval
+) -> PastFormula:
+    """A formula with as many of the operands as the operator has."""
+    rest = iter(operands)
+    names = [each.name for each in fields(kind) if each.name != 'position']
+    return kind(*(interval if name == 'interval' else next(rest) for name in names))
 
 
 LEAVES: st.SearchStrategy[Formula] = st.one_of(

@@ -25,11 +25,8 @@ from dyknow_reasoning.language.formula import (
     Exists,
     Forall,
     Formula,
-    Historically,
-    Once,
     Or,
-    Previous,
-    Since,
+    PastFormula,
     Until,
     walk,
     with_changed_parts,
@@ -66,7 +63,6 @@ PAST = re.compile(
 BEFORE = re.compile(rf"'(?P<formula>.*)' held at the state before {TIME}")
 NOT_BEFORE = re.compile(rf"there is no state just before {TIME} at which '(?P<formula>.*)' held")
 PAST_FLAG = re.compile(rf"'(?P<formula>.*)' is (?P<value>true|false) at {TIME}")
-PAST_KINDS = (Historically, Once, Previous, Since)
 CERTAIN = re.compile(r"'.*' is (true|false) whatever states follow")
 ALL = re.compile(r'for all (\d) objects of S, decided last for (.*)')
 AND = re.compile(r" and (?=(?:[^']*'[^']*')*[^']*$)")
@@ -113,7 +109,7 @@ class Judge:
     def is_about_the_past(self, sentence: str) -> bool:  # noqa: PLR0911
         """A claim about a past operator at the last state."""
         last = len(self.states) - 1
-        if not any(isinstance(part, PAST_KINDS) for part in walk(self.formula)):
+        if not any(isinstance(part, PastFormula) for part in walk(self.formula)):
             return False
         if '...' in sentence:  # A formula that was cut.
             return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import accumulate
 from random import Random
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from reasoning_reference import (
     formulas,
     holds,
     negation,
+    past_operator,
     random_cases,
     started,
     with_history,
@@ -41,6 +43,7 @@ from dyknow_reasoning.language.formula import (
     Not,
     Once,
     Or,
+    PastFormula,
     Previous,
     Since,
 )
@@ -121,11 +124,8 @@ def random_past(random: Random, depth: int) -> Formula:
     body, other = random_past(random, depth - 1), random_past(random, depth - 1)
     return random.choice(
         [
-            Once(body, interval),
-            Historically(body, interval),
+            *(past_operator(each, (body, other), interval) for each in get_args(PastFormula)),
             Since(body, other, interval),
-            Since(body, other, interval),
-            Previous(body),
             Not(body),
             Or(body, other),
         ]

@@ -17,7 +17,7 @@ from dyknow_coordinator import SILENCE_LIMIT_NS, SILENCE_LIMITS_S
 from dyknow_reasoning import add_domain_option, read_domains
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
-from dyknow_recordings.reading.opening import ENDINGS, add_reading_options
+from dyknow_recordings.reading.opening import ENDINGS, ENDINGS_TEXT, add_reading_options
 
 
 def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) -> None:
@@ -31,7 +31,7 @@ def add_input_options(parser: argparse.ArgumentParser, *, several: bool = True) 
         'recording',
         nargs='+' if several else None,
         type=Path,
-        help='a rosbag2 folder, or a .mcap, .db3, .ulg or .csv file',
+        help=f'a rosbag2 folder, or a {ENDINGS_TEXT} file',
     )
     parser.add_argument(
         '--config', type=Path, metavar='FILE', help='robot.yaml, which describes the robot'

@@ -21,9 +21,7 @@ from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe
 from dyknow_recordings.check_inputs import add_input_options, given_robot, read_configuration
 from dyknow_recordings.cutting import (
     RecordedFailure,
-    RecordingSpan,
     SpanFinder,
-    cut,
     failures_of,
     joined_spans,
 )
@@ -34,7 +32,7 @@ from dyknow_recordings.health.observing import observed_topics
 from dyknow_recordings.jobs import RecordingJob
 from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.opening import message_types, open_recording
-from dyknow_recordings.reading.recording import RecordingReader
+from dyknow_recordings.reading.recording import RecordingReader, RecordingSpan
 from dyknow_recordings.reporting.outputs import print_notes
 
 MAX_PARTS: Final = 100
@@ -169,7 +167,7 @@ def _write(
     start, paths = recording.start_time, []
     try:
         folder.mkdir(parents=True)
-        written = cut(recording, spans, folder, topics)
+        written = recording.cut(spans, folder, topics)
         for span, (path, count) in zip(spans, written, strict=True):
             paths.append(path)
             times = f'{round_time(span.begin - start)} to {round_time(span.end - start)}'

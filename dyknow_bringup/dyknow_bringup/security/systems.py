@@ -44,7 +44,7 @@ from dyknow_bringup.security.interfaces import (
 )
 from dyknow_bringup.simulation.telemetry import Channel, topic
 from dyknow_bringup.simulation.vehicle import vehicle_names
-from dyknow_configuration import RequestedGuard, Trigger, TriggerKind
+from dyknow_configuration import ACTION_KEYS, RequestedGuard, Trigger
 from dyknow_stream_processing import (
     TF_STATIC,
     SinkDeclaration,
@@ -150,7 +150,7 @@ class SecuredSystem:
 
     def __post_init__(self) -> None:
         """Check the names."""
-        targets = [each.target for each in self.triggers if each.kind is not TriggerKind.RUN]
+        targets = [each.target for each in self.triggers if each.kind in ACTION_KEYS]
         given = (
             *self.topics,
             *self.positions,

@@ -20,6 +20,7 @@ from typing import Any
 
 import lark
 
+from dyknow_common.constraints import constraint_grammar
 from dyknow_common.text_files import replace_file
 
 _SHARED_PACKAGE = 'dyknow_common'
@@ -45,6 +46,8 @@ def lalr_parser(package: str, grammar: str, start: str) -> lark.Lark:
         start: the rule of a whole text.
     """
     text = files(package).joinpath(grammar).read_text(encoding='utf-8')
+    if 'constraint' in text:
+        text += constraint_grammar()
     shared = files(_SHARED_PACKAGE).joinpath(_SHARED_GRAMMAR).read_text(encoding='utf-8')
     origin = (lark.__version__, text, shared, start)
     path = _path(f'{Path(grammar).stem}-{zlib.crc32(repr(origin).encode()):08x}')

@@ -15,7 +15,7 @@ from typing import Any, Final
 from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
 
-from dyknow_common.constraints import CONSTRAINT_KINDS
+from dyknow_common.constraints import CONSTRAINT_KINDS, ConstraintKind
 from dyknow_common.errors import DyKnowError, ExitCode, shortened
 from dyknow_common.limits import MAX_CHARACTERS, MAX_DEPTH, MAX_WORDS
 from dyknow_common.parsing.lalr_parsers import lalr_parser
@@ -39,8 +39,6 @@ _CLOSING: Final = {'(': ')', '[': ']'}
 _MOST_MISSING: Final = 3
 """The most missing brackets that a message names."""
 
-_CONSTRAINT: Final = f'a constraint ({", ".join(CONSTRAINT_KINDS)})'
-
 _SPELLINGS: Final = {
     'NAME': 'a name',
     'FIELD': 'a field',
@@ -50,8 +48,10 @@ _SPELLINGS: Final = {
     'FUNCTION': 'a function of a field',
     'TRUTH': 'true or false',
     'MESSAGE_CONSTANT': 'a constant of a message type',
-    'CONSTRAINT': _CONSTRAINT,
-    'SWITCH': _CONSTRAINT,
+    **{
+        f'{kind.name}_CONSTRAINT': f'a constraint ({", ".join(CONSTRAINT_KINDS)})'
+        for kind in ConstraintKind
+    },
 }
 """The names in messages of terminals that several languages have."""
 

@@ -12,6 +12,7 @@ from typing import Any, Final, TypeVar
 from lark import Token, v_args
 from lark.visitors import Transformer_NonRecursive
 
+from dyknow_common.constraints import CONSTRAINT_KINDS
 from dyknow_common.durations import MAX_DIGITS, parse_duration
 from dyknow_common.parsing.positions import NOWHERE, PositionedError, SyntaxNode, TextPosition
 
@@ -45,11 +46,11 @@ class SyntaxBuilder(Transformer_NonRecursive[Token, Syntax]):
 
 @builder
 class ConstraintBuilder(SyntaxBuilder[Syntax]):
-    """A builder for the rule `constraint` of `common.lark`."""
+    """A builder for the rule `constraint`, see `constraint_grammar`."""
 
     def constraint(self, name: Token, value: Token) -> tuple[Token, int]:
-        """Return the name of a constraint, and its value: nanoseconds, or true or false."""
-        return name, value == 'true' if name.type == 'SWITCH' else duration_value(value)
+        """Return the name of a constraint, and its value."""
+        return name, parsed_value(value, CONSTRAINT_KINDS[name].parse)
 
 
 def distinct_settings(settings: Iterable[tuple[Token, Any]]) -> dict[str, Any]:
@@ -72,8 +73,13 @@ def duration_value(token: Token) -> int:
     Raises:
         PositionedError: for an unknown unit, a part of a nanosecond, or one that is too long.
     """
+    return parsed_value(token, parse_duration)
+
+
+def parsed_value(token: Token, parse: Callable[[str], int]) -> int:
+    """Return the value of a token, and raise a ValueError about it as a PositionedError."""
     try:
-        return parse_duration(token)
+        return parse(token)
     except ValueError as error:
         raise PositionedError(str(error), TextPosition.of(token)) from None
 

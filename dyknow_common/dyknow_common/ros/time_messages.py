@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from builtin_interfaces.msg import Duration, Time
 from dyknow_interfaces.msg import Margin as MarginMessage
@@ -43,7 +43,7 @@ def constraints_from_message(message: Any) -> StreamConstraints:
     values: dict[str, Any] = {
         name: time_to_nanoseconds(value)
         for name, kind in CONSTRAINT_KINDS.items()
-        if kind is not ConstraintKind.SWITCH
+        if kind in _WRITERS
         for value in getattr(message, name)
     }
     return StreamConstraints(**values)
@@ -55,19 +55,19 @@ def constraints_to_message(constraints: StreamConstraints) -> Any:
     Raises:
         DyKnowError: for a switch, which no message has.
     """
-    for name in constraints.given():
-        if CONSTRAINT_KINDS[name] is ConstraintKind.SWITCH:
+    values: dict[str, list[Any]] = {}
+    for name, value in constraints.given().items():
+        if (kind := CONSTRAINT_KINDS[name]) not in _WRITERS:
             raise DyKnowError(f'no message has {name}; give it in the text of the specification')
-    convert = {
-        ConstraintKind.TIME: nanoseconds_to_time,
-        ConstraintKind.DURATION: nanoseconds_to_duration,
-    }
-    return StreamConstraintsMessage(
-        **{
-            name: [convert[CONSTRAINT_KINDS[name]](value)]
-            for name, value in constraints.given().items()
-        }
-    )
+        values[name] = [_WRITERS[kind](value)]
+    return StreamConstraintsMessage(**values)
+
+
+_WRITERS: Final = {
+    ConstraintKind.TIME: nanoseconds_to_time,
+    ConstraintKind.DURATION: nanoseconds_to_duration,
+}
+"""The conversion of each kind of constraint that messages have."""
 
 
 def identities_from_message(message: Iterable[Any]) -> dict[str, int]:

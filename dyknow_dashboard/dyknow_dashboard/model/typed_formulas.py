@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from dyknow_common import (
     FORMULA_WORDS,
@@ -15,7 +15,16 @@ from dyknow_common import (
     TextPosition,
 )
 from dyknow_dashboard.errors import DashboardError
-from dyknow_reasoning import check_types, notes_on, parse_formula, symbols_of
+from dyknow_reasoning import (
+    Always,
+    Eventually,
+    PastFormula,
+    Until,
+    check_types,
+    notes_on,
+    parse_formula,
+    symbols_of,
+)
 from dyknow_semantics import FeatureSignature, Knowledge, SemanticsError
 
 MAX_FORMULA: Final = 10_000
@@ -26,15 +35,9 @@ MAX_PROPOSALS: Final = 12
 _NAME: Final = re.compile(r'[A-Za-z_]\w*$', re.ASCII)
 
 _OPERATORS: Final = {
-    'always': 'always[0 s, 10 s] F: F at every state in the interval',
-    'eventually': 'eventually[0 s, 10 s] F: F at some state in the interval',
-    'until': 'F until[0 s, 10 s] G: F up to a state at which G is true',
+    **{each.symbol: each.usage for each in (Always, Eventually, Until, *get_args(PastFormula))},
     'forall': 'forall u in UAV: F, for each object',
     'exists': 'exists u in UAV: F, for some object',
-    'once': 'once[0 s, 10 s] F: F at some state before',
-    'historically': 'historically[0 s, 10 s] F: F at every state before',
-    'since': 'F since[0 s, 10 s] G: F from a state on at which G was true',
-    'previous': 'previous F: F at the state before',
     'let': 'let limit = 150 W in F: a named constant',
 }
 

@@ -139,6 +139,7 @@ class _Temporal(SyntaxNode):
     body: Formula
     interval: Interval = ALL_FUTURE
     symbol: ClassVar[str]
+    usage: ClassVar[str]
 
     def __str__(self) -> str:
         return f'{self.symbol}{self.interval.suffix} {operand_text(self.body)}'
@@ -149,6 +150,7 @@ class Always(_Temporal):
     """The body at every state of an interval."""
 
     symbol: ClassVar[str] = 'always'
+    usage: ClassVar[str] = 'always[0 s, 10 s] F: F at every state in the interval'
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +158,7 @@ class Eventually(_Temporal):
     """The body at some state of an interval."""
 
     symbol: ClassVar[str] = 'eventually'
+    usage: ClassVar[str] = 'eventually[0 s, 10 s] F: F at some state in the interval'
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +166,7 @@ class Historically(_Temporal):
     """The body at every state of an interval that reaches into the past."""
 
     symbol: ClassVar[str] = 'historically'
+    usage: ClassVar[str] = 'historically[0 s, 10 s] F: F at every state before'
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,12 +174,14 @@ class Once(_Temporal):
     """The body at some state of an interval that reaches into the past."""
 
     symbol: ClassVar[str] = 'once'
+    usage: ClassVar[str] = 'once[0 s, 10 s] F: F at some state before'
 
 
 @dataclass(frozen=True, slots=True)
 class _Prefixed(SyntaxNode):
     body: Formula
     symbol: ClassVar[str]
+    usage: ClassVar[str]
 
     def __str__(self) -> str:
         return f'{self.symbol} {operand_text(self.body)}'
@@ -186,6 +192,7 @@ class Previous(_Prefixed):
     """The body at the state before; false at the first state."""
 
     symbol: ClassVar[str] = 'previous'
+    usage: ClassVar[str] = 'previous F: F at the state before'
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +201,7 @@ class _BinaryTemporal(SyntaxNode):
     right: Formula
     interval: Interval = ALL_FUTURE
     symbol: ClassVar[str]
+    usage: ClassVar[str]
 
     def __str__(self) -> str:
         operator = f'{self.symbol}{self.interval.suffix}'
@@ -205,6 +213,7 @@ class Until(_BinaryTemporal):
     """The right formula at some state of an interval, the left at all states strictly between."""
 
     symbol: ClassVar[str] = 'until'
+    usage: ClassVar[str] = 'F until[0 s, 10 s] G: F up to a state at which G is true'
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +221,7 @@ class Since(_BinaryTemporal):
     """The same towards the past."""
 
     symbol: ClassVar[str] = 'since'
+    usage: ClassVar[str] = 'F since[0 s, 10 s] G: F from a state on at which G was true'
 
 
 @dataclass(frozen=True, slots=True)

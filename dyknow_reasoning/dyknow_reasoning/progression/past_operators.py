@@ -9,7 +9,8 @@ bits of an integer, with a row for each object. A single object has row 0.
 
 After a gap, in which states may be missing, the operator of an object is bounded from both sides by
 two memories: one assumes that the missing states were as favourable as can be, the other that they
-were not.
+were not. So an operator must be
+monotone in its operands: what makes them true never makes it false.
 """
 
 from __future__ import annotations
@@ -67,7 +68,9 @@ class PastMemory(ABC):
 
     @abstractmethod
     def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:
-        """Take a gap, for one object.
+        """Take a gap, for one object: remember the states that make the operator true, or false.
+
+        The operator then has two memories, and is known again where both yield the same.
 
         Args:
             gap: the gap.
@@ -77,7 +80,7 @@ class PastMemory(ABC):
 
     @abstractmethod
     def lose(self, time: int) -> None:
-        """Take a state whose operands have no truth."""
+        """Take a state whose operands have no truth; `needs_lost` tells how long it matters."""
 
     @abstractmethod
     def needs_lost(self, now: int) -> bool:
@@ -86,7 +89,10 @@ class PastMemory(ABC):
     @property
     @abstractmethod
     def key(self) -> Hashable:
-        """Equal for memories of one operator that will always yield the same truth."""
+        """Equal for memories of one operator that will always yield the same truth.
+
+        Lost states are not in it: the memories of an operator have lost the same ones.
+        """
 
 
 class SinceMemory(PastMemory):

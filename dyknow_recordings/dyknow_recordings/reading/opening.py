@@ -31,6 +31,11 @@ _FORMATS: Final[Mapping[str, Callable[[Path, MessageTypes], RecordingReader]]] =
 ENDINGS: Final = tuple(_FORMATS)
 """The endings of the files that are recordings."""
 
+*_FIRST, _LAST = (each for each in ENDINGS if each != '.zstd')  # It follows another ending.
+
+ENDINGS_TEXT: Final = f'{", ".join(_FIRST)} or {_LAST}'
+"""The endings for people."""
+
 _POINTER: Final = b'version https://git-lfs.github.com/spec/'
 """The begin of a file that stands for another one until Git LFS has fetched that."""
 
@@ -72,7 +77,7 @@ def open_recording(path: Path, types: MessageTypes | None = None) -> RecordingRe
     """Open a recording: a bag of rosbag2, a log of PX4, or a trace of comma-separated values.
 
     Args:
-        path: of a folder with `metadata.yaml`, or of a `.mcap`, `.db3`, `.ulg` or `.csv` file.
+        path: of a folder with `metadata.yaml`, or of a file with one of the ENDINGS.
         types: where to find message types that it does not define; by default, those of its
             distribution of ROS 2 and of the sourced workspaces.
 
@@ -100,10 +105,7 @@ def _other_format(path: Path) -> str:
     if path.suffix.lower() == '.bag':
         source = shlex.quote(str(path))
         return f'a bag of ROS 1; convert it with: rosbags-convert --src {source} --dst FOLDER'
-    return (
-        'not a recording; DyKnow reads folders of rosbag2, and files that end in '
-        '.mcap, .db3, .ulg or .csv'
-    )
+    return f'not a recording; DyKnow reads folders of rosbag2, and files that end in {ENDINGS_TEXT}'
 
 
 def _check_is_fetched(files: Iterable[Path]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -212,6 +212,23 @@ def _count_steps(
         faults.add(place, reason, int(found.sum()), detail)
 
 
+@dataclass(frozen=True, slots=True)
+class RecordingSpan:
+    """A part of a recording.
+
+    Args:
+        begin: the log time of its begin, in nanoseconds.
+        end: of its end; messages at it are included.
+        reasons: what it shows, for people.
+        repeated: the topics whose message from before comes again at the begin, with its time.
+    """
+
+    begin: int
+    end: int
+    reasons: tuple[str, ...]
+    repeated: Mapping[str, int] = field(default_factory=dict)
+
+
 class RecordingReader(ABC):
     """A recording on disk, opened for reading; a context manager that closes it.
 
@@ -314,6 +331,25 @@ class RecordingReader(ABC):
         Raises:
             RecordingError: for topics or fields that the recording lacks, or cannot be read.
         """
+
+    def cut(
+        self,
+        spans: Sequence[RecordingSpan],  # noqa: ARG002 - of formats that are written
+        folder: Path,  # noqa: ARG002
+        read: Collection[str],  # noqa: ARG002
+    ) -> Iterator[tuple[Path, int]]:
+        """Write a recording for each span; yield their paths and the numbers of their messages.
+
+        Args:
+            spans: in their order; they do not overlap.
+            folder: of the recordings, which exists.
+            read: the topics that formulas read.
+
+        Raises:
+            RecordingError: if this format is not written.
+            OSError: if one cannot be written.
+        """
+        raise RecordingError(f'{self.path}: recordings of this format are read, not written')
 
     @abstractmethod
     def _times(self) -> tuple[int, int] | None:

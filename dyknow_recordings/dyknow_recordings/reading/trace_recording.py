@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -19,6 +20,7 @@ from dyknow_recordings.reading.recording import (
     FaultCounter,
     RecordedTopic,
     RecordingReader,
+    RecordingSpan,
     count_silences,
 )
 
@@ -84,6 +86,36 @@ class TraceRecording(RecordingReader):
                 raise RecordingError(f'{self.path}: {lack}', ExitCode.NOT_FOUND)
         return self._columns(paths) if fields else iter(())
 
+    def cut(
+        self,
+        spans: Sequence[RecordingSpan],
+        folder: Path,
+        read: Collection[str],  # noqa: ARG002 - there is one topic
+    ) -> Iterator[tuple[Path, int]]:
+        """Write a trace for each span; see `RecordingReader`."""
+        for number, span in enumerate(spans, 1):
+            path = folder / f'{self.path.stem}_{number}.csv'
+            yield path, self._cut(span, path)
+
+    def _cut(self, span: RecordingSpan, path: Path) -> int:
+        """Write the rows of a span with the types of their columns; return their number."""
+        types = self._fields
+        with (
+            open_text(self.path, 'trace', RecordingError) as lines,
+            path.open('x', encoding='utf-8', newline='') as file,
+        ):
+            rows = (
+                row for row in csv.reader(lines, skipinitialspace=True) if any(map(str.strip, row))
+            )
+            writer = csv.writer(file)
+            writer.writerow(_typed(each, types) for each in next(rows))
+            count = 0
+            for state, row in zip(self.states(), rows, strict=False):
+                if span.begin <= state.valid_time <= span.end:
+                    writer.writerow(row)
+                    count += 1
+        return count
+
     def _times(self) -> tuple[int, int] | None:
         return (self._first, self._last) if self._count else None
 
@@ -144,3 +176,9 @@ def _column(states: Sequence[RecordedState], path: str) -> NDArray[np.generic]:
 def _empty_cells(states: Sequence[RecordedState], path: str) -> dict[int, str]:
     reason = f"the cell of '{path}' is empty"
     return {row: reason for row, state in enumerate(states) if path not in state.values}
+
+
+def _typed(column: str, types: Mapping[str, ValueType]) -> str:
+    """Return the name of a column of texts with its type, which its first row may not show."""
+    is_text = types.get(column.strip()) is ValueType.STRING
+    return f'{column.strip()}: {ValueType.STRING}' if is_text else column

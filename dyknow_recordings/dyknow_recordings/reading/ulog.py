@@ -15,7 +15,7 @@ publisher has stamped it with, which may be outside of the log:
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from io import StringIO
@@ -37,6 +37,7 @@ from dyknow_recordings.reading.recording import (
     FaultCounter,
     RecordedTopic,
     RecordingReader,
+    RecordingSpan,
     count_silences,
     count_steps_back,
 )
@@ -122,6 +123,19 @@ class UlogRecording(RecordingReader):
         for topic, paths in fields.items():
             self._data[topic].check(paths, self.path)
         return self._columns({topic: sorted(paths) for topic, paths in fields.items()})
+
+    def cut(
+        self,
+        spans: Sequence[RecordingSpan],
+        folder: Path,  # noqa: ARG002 - nothing is written
+        read: Collection[str],  # noqa: ARG002
+    ) -> Iterator[tuple[Path, int]]:
+        """Refuse to write a log, and name the command that writes its rows as CSV."""
+        begin, end = spans[0].begin // SECOND_NS, -(-spans[0].end // SECOND_NS)
+        raise RecordingError(
+            f'{self.path}: a log of PX4 is read, not written; its rows of this time as CSV: '
+            f'ulog2csv -ts {begin} -te {end} {self.path}'
+        )
 
     def _times(self) -> tuple[int, int] | None:
         times = [each.times for each in self._data.values() if len(each.times)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any, Final
 
 from dyknow_interfaces.msg import BlackBoxRequest, Episode, ExitStatus, FormulaEpisodes
@@ -28,21 +29,13 @@ from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 _FIELDS: Final = ('holds', 'fails', 'undecided', 'unknown', 'is_violated', 'episode_count')
 _EPISODE_FIELDS: Final = ('states', 'has_ended', 'explanation')
 
-_COMMON_FIELDS: Final = (
-    'name',
-    'plan',
-    'action',
-    'formula',
-    'formula_text',
-    'formula_group_id',
-    'state_stream',
-    'states_progressed',
-    'residual_formula',
-    'presumably_false',
-    'waits_for',
-    'explanation',
+_MESSAGE_TYPES: Final = StatusMessage.get_fields_and_field_types()
+_COMMON_FIELDS: Final = tuple(
+    each.name
+    for each in fields(EvaluationStatus)
+    if each.type in {'str', 'int', 'bool'} and '/' not in _MESSAGE_TYPES[each.name]
 )
-"""The fields that a status and its message have in common."""
+"""The texts, numbers and booleans of a status, which its message has as they are."""
 
 _MAX_TEXT: Final = 10_000
 """The most characters of a text in a status."""

@@ -7,7 +7,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, Final, Protocol
 
@@ -19,7 +19,7 @@ from rclpy.task import Future
 
 from dyknow_common import DyKnowError, shortened
 from dyknow_common.ros import NodeAdapter
-from dyknow_configuration import Trigger, filled
+from dyknow_configuration import Trigger, TriggerKind, filled
 from dyknow_reactions.ros.triggers.message_template import template_of
 from dyknow_reactions.ros.triggers.targets import target_fault, target_of
 from dyknow_reactions.triggers import TriggerReport
@@ -299,6 +299,27 @@ def command_of(trigger: Trigger) -> str:
         text = f"there is no command '{trigger.target}'; install it, or give its path"
         raise trigger.error(text, ('run', 0))
     return found
+
+
+def check_action(trigger: Trigger) -> None:
+    """Check what the action of a trigger needs beside a node: its type, its fields, its command.
+
+    Raises:
+        ConfigurationError: if it lacks something.
+    """
+    if trigger.kind is TriggerKind.RUN:
+        command_of(trigger)
+    elif trigger.type_name:
+        template_of(trigger)
+
+
+ACTIONS: Final[Mapping[TriggerKind, Callable[[NodeAdapter, Trigger], TriggerAction]]] = {
+    TriggerKind.PUBLISH: PublishAction,
+    TriggerKind.CALL: CallAction,
+    TriggerKind.SEND_GOAL: SendGoalAction,
+    TriggerKind.CANCEL_GOAL: CancelGoalAction,
+    TriggerKind.RUN: RunAction,
+}
 
 
 class _Process:

@@ -10,13 +10,7 @@ from rclpy.type_support import check_for_type_support
 
 from dyknow_common import ExitCode, ValueType
 from dyknow_common.ros import nanoseconds_to_time
-from dyknow_configuration import (
-    PLACEHOLDERS,
-    Trigger,
-    TriggerKind,
-    filled,
-    single_placeholder,
-)
+from dyknow_configuration import PLACEHOLDERS, Trigger, filled, single_placeholder
 from dyknow_reactions.triggers import TriggerReport
 from dyknow_stream_processing.ros import FieldError, MessageWriter
 
@@ -53,7 +47,7 @@ def template_of(trigger: Trigger) -> tuple[Any, MessageTemplate]:
         ConfigurationError: as for both.
     """
     class_ = interface_class(trigger)
-    part = {TriggerKind.CALL: 'Request', TriggerKind.SEND_GOAL: 'Goal'}.get(trigger.kind)
+    part = {'srv': 'Request', 'action': 'Goal'}.get(trigger.type_name.split('/')[1])
     return class_, MessageTemplate(trigger, getattr(class_, part) if part else class_)
 
 

@@ -23,13 +23,7 @@ from rclpy.node import Node
 
 from dyknow_common import DyKnowError, listed
 from dyknow_common.ros import RCLError, absolute_topic, ros_errors, run_with_node
-from dyknow_configuration import (
-    ACTION_KEYS,
-    ConfigurationError,
-    RequestedFormula,
-    Trigger,
-    TriggerKind,
-)
+from dyknow_configuration import ACTION_KEYS, ConfigurationError, RequestedFormula, Trigger
 
 DISCOVERY_S: Final = 5.0
 """The time in which targets are looked for: Fast DDS repeats a lost announcement after 3 s."""
@@ -148,9 +142,9 @@ def triggers_of(formulas: Iterable[RequestedFormula]) -> Sequence[Trigger]:
 
 def _types(node: Node, trigger: Trigger, name: str) -> set[str]:
     """Return the types of a target in the running system; empty if nobody offers it."""
-    if trigger.kind is TriggerKind.CALL:
+    if _KEYS[trigger.kind] == 'service':
         return _server_types(node, name, node.get_service_names_and_types_by_node)
-    if trigger.kind is not TriggerKind.PUBLISH:
+    if _KEYS[trigger.kind] == 'action':
         of_node = partial(get_action_server_names_and_types_by_node, node)
         return _server_types(node, name, of_node)
     subscribed = {each.topic_type for each in node.get_subscriptions_info_by_topic(name)}

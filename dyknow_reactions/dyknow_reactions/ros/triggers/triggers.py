@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Self
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -12,18 +12,9 @@ from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, one_line, round_duration, round_time
 from dyknow_common.ros import DiagnosticsPublisher, NodeAdapter, RCLError
-from dyknow_configuration import RequestedFormula, Trigger, TriggerKind
+from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import Answer, Progress
-from dyknow_reactions.ros.triggers.actions import (
-    CallAction,
-    CancelGoalAction,
-    PublishAction,
-    RunAction,
-    SendGoalAction,
-    TriggerAction,
-    command_of,
-)
-from dyknow_reactions.ros.triggers.message_template import template_of
+from dyknow_reactions.ros.triggers.actions import ACTIONS, TriggerAction, check_action
 from dyknow_reactions.ros.triggers.targets import (
     find_target_faults,
     triggers_of,
@@ -40,14 +31,6 @@ from dyknow_reactions.triggers import (
 
 REPORT_PERIOD_S: Final = 1.0
 """The time between two reports on /diagnostics."""
-
-_ACTIONS: Final[Mapping[TriggerKind, Callable[[NodeAdapter, Trigger], TriggerAction]]] = {
-    TriggerKind.PUBLISH: PublishAction,
-    TriggerKind.CALL: CallAction,
-    TriggerKind.SEND_GOAL: SendGoalAction,
-    TriggerKind.CANCEL_GOAL: CancelGoalAction,
-    TriggerKind.RUN: RunAction,
-}
 
 
 class Triggers:
@@ -153,7 +136,7 @@ class Triggers:
                 raise fault.error
         for each in triggers_of(formulas):
             try:
-                self._actions[id(each)] = _ACTIONS[each.kind](self._adapter, each)
+                self._actions[id(each)] = ACTIONS[each.kind](self._adapter, each)
             except RCLError as error:
                 raise each.error(one_line(error)) from None
         self.warnings = tuple(fault.warning for fault in faults)
@@ -257,10 +240,7 @@ def check_triggers(formulas: Sequence[RequestedFormula]) -> list[DyKnowError]:
     found: list[DyKnowError] = [*type_conflicts(triggers)]
     for trigger in triggers:
         try:
-            if trigger.kind is TriggerKind.RUN:
-                command_of(trigger)
-            elif trigger.type_name:
-                template_of(trigger)
+            check_action(trigger)
         except DyKnowError as error:
             found.append(error)
     return found

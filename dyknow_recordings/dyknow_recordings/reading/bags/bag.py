@@ -6,7 +6,7 @@ import heapq
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Final
@@ -18,6 +18,7 @@ from dyknow_common import ExitCode, TypeConstants, ValueType
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.bag_files import open_files
 from dyknow_recordings.reading.bags.bag_metadata import METADATA, BagMetadata, distro_beside
+from dyknow_recordings.reading.bags.bag_writing import BagPart, LatestMessages, RecordedMessage
 from dyknow_recordings.reading.bags.storage import ZSTD_MAGIC, StoredChannel, decompressed
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.messages.cdr import CdrReader, DecodedFields
@@ -36,6 +37,7 @@ from dyknow_recordings.reading.recording import (
     QualityOfService,
     RecordedTopic,
     RecordingReader,
+    RecordingSpan,
     count_silences,
     count_steps_back,
 )
@@ -49,25 +51,6 @@ _BATCH_MESSAGES: Final = 1 << 15
 def _layout(channel: StoredChannel, types: MessageTypes) -> TypeLayout | JsonLayout:
     is_json = channel.serialisation == JSON
     return JsonLayout(channel.definition) if is_json else TypeLayout(channel.definition, types)
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedMessage:
-    """A message of a bag.
-
-    Args:
-        log_time: the time of recording, in nanoseconds since the epoch.
-        topic: its name.
-        message_type: such as `nav_msgs/msg/Odometry`.
-        data: the message as serialised by CDR.
-        sent_time: when it was sent; the log time if that is unknown.
-    """
-
-    log_time: int
-    topic: str
-    message_type: str
-    data: bytes
-    sent_time: int = 0
 
 
 class Bag(RecordingReader):
@@ -195,6 +178,42 @@ class Bag(RecordingReader):
             if (first := errors[0]) and all(errors):
                 raise RecordingError(f"{self.path}: topic '{topic}': {first}", first.code)
         return self._columns(readers, left_out)
+
+    def cut(
+        self, spans: Sequence[RecordingSpan], folder: Path, read: Collection[str]
+    ) -> Iterator[tuple[Path, int]]:
+        """Write a bag for each span; see `RecordingReader`."""
+        for each in sorted(self._channels, key=lambda channel: channel.topic):
+            if each.serialisation != 'cdr':
+                raise RecordingError(
+                    f"{self.path}: topic '{each.topic}' is serialised as '{each.serialisation}', "
+                    'which cannot be cut; record it in CDR',
+                    ExitCode.INVALID_ARGUMENT,
+                )
+        latest = LatestMessages(
+            self.topics, {name for span in spans for name in span.repeated}, read
+        )
+        messages = self.messages()
+        message = next(messages, None)
+        for number, span in enumerate(spans, 1):
+            while message is not None and message.log_time < span.begin:
+                latest.add(message)
+                message = next(messages, None)
+            path = folder / f'{self.path.stem}_{number}'
+            part = BagPart(path, self.topics, self.channels)
+            for again in latest.at(span):
+                part.write(again, span.begin)
+            while message is not None and message.log_time <= span.end:
+                part.write(message)
+                latest.add(message)
+                message = next(messages, None)
+            if message is not None:
+                part.write(message)  # Nothing is known after the last: the clock ends with it.
+            losses = [
+                each for each in self.losses if each.first <= span.end and each.last >= span.begin
+            ]
+            part.close(losses, is_suffix=span.begin > self.start_time)
+            yield path, part.count
 
     def _times(self) -> tuple[int, int] | None:
         spans = [file.span for file in self._files if file.span is not None]

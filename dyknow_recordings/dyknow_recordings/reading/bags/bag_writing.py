@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,11 +21,10 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-from dyknow_common import ExitCode
-from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.bags.bag import Bag, RecordedMessage
 from dyknow_recordings.reading.bags.bag_metadata import CUT, cut_data
+from dyknow_recordings.reading.bags.storage import StoredChannel
 from dyknow_recordings.reading.lost_messages import LostMessages
+from dyknow_recordings.reading.recording import RecordedTopic, RecordingSpan
 
 _BAG_VERSION: Final = 9
 _UNLIMITED: Final = QosTime(2147483647, 4294967295)
@@ -32,6 +33,31 @@ _SENT_OFFSET: Final = 23
 
 _NO_HASH: Final = f'RIHS01_{"0" * 64}'
 """The hash of a type whose publisher is unknown."""
+
+
+_MAX_LATCHED: Final = 100
+"""The number of messages of a topic that are kept for late subscribers."""
+
+_FRAMES: Final = 'tf2_msgs/msg/TFMessage'
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMessage:
+    """A message of a bag.
+
+    Args:
+        log_time: the time of recording, in nanoseconds since the epoch.
+        topic: its name.
+        message_type: such as `nav_msgs/msg/Odometry`.
+        data: the message as serialised by CDR.
+        sent_time: when it was sent; the log time if that is unknown.
+    """
+
+    log_time: int
+    topic: str
+    message_type: str
+    data: bytes
+    sent_time: int = 0
 
 
 def offered_profile(reliable: bool, latched: bool, depth: int) -> Qos:  # noqa: FBT001 - of an offer
@@ -92,34 +118,29 @@ class BagPart:
 
     Args:
         path: of its folder, which must not exist.
-        source: the other bag.
+        topics: of the other bag, and its ...
+        channels: ... channels, serialised by CDR.
 
     Raises:
-        RecordingError: for messages that are not serialised by CDR.
         OSError: if it cannot be written.
     """
 
-    def __init__(self, path: Path, source: Bag) -> None:
+    def __init__(
+        self, path: Path, topics: Iterable[RecordedTopic], channels: Sequence[StoredChannel]
+    ) -> None:
         self._writer = bag_writer(path, writer_class=_SentTimesWriter)
         self._connections: dict[tuple[str, str], Connection] = {}
         self.count = 0
         """The number of its messages."""
         self._writer.open()
-        for topic in source.topics:
-            self._add_topic(topic.name, topic.message_type, source)
+        for topic in topics:
+            key = topic.name, topic.message_type
+            found = [each for each in channels if (each.topic, each.definition.name) == key]
+            self._add_topic(*key, found)
 
-    def _add_topic(self, name: str, message_type: str, source: Bag) -> None:
-        key = name, message_type
-        channels = [each for each in source.channels if (each.topic, each.definition.name) == key]
-        for each in channels:
-            if each.serialisation != 'cdr':
-                raise RecordingError(
-                    f"{source.path}: topic '{name}' is serialised as '{each.serialisation}', which "
-                    'cannot be cut; record it in CDR',
-                    ExitCode.INVALID_ARGUMENT,
-                )
+    def _add_topic(self, name: str, message_type: str, channels: Sequence[StoredChannel]) -> None:
         qualities = [each.quality_of_service for each in dict.fromkeys(channels)]
-        self._connections[key] = self._writer.add_connection(
+        self._connections[name, message_type] = self._writer.add_connection(
             name,
             message_type,
             msgdef=channels[0].definition.text,
@@ -151,3 +172,39 @@ class BagPart:
         """
         self._writer.set_custom_data(CUT, cut_data(losses, is_suffix=is_suffix))
         self._writer.close()
+
+
+class LatestMessages:
+    """The latest messages of topics, for the begin of a span.
+
+    Args:
+        topics: of the bag.
+        repeated: the topics that formulas read whose message comes again at the begin of a span.
+        read: all topics that formulas read; of the others, latched messages come again.
+    """
+
+    def __init__(
+        self, topics: Iterable[RecordedTopic], repeated: Collection[str], read: Collection[str]
+    ) -> None:
+        self._messages: dict[str, deque[RecordedMessage]] = {}
+        self._latched: set[str] = set()
+        for topic in topics:
+            quality, length = topic.quality_of_service, 1
+            is_latched = quality is not None and quality.transient_local
+            if quality is not None and is_latched and topic.message_type == _FRAMES:
+                length = min(max(1, quality.depth * quality.publishers), _MAX_LATCHED)
+            if is_latched and topic.name not in read:
+                self._latched.add(topic.name)
+            if topic.name in repeated or topic.name in self._latched:
+                self._messages[topic.name] = deque(maxlen=length)
+
+    def add(self, message: RecordedMessage) -> None:
+        """Keep a message, in the place of an earlier one."""
+        if message.topic in self._messages:
+            self._messages[message.topic].append(message)
+
+    def at(self, span: RecordingSpan) -> Iterator[RecordedMessage]:
+        """Yield the messages that come again at the begin of a span."""
+        for topic, found in self._messages.items():
+            if topic in self._latched or topic in span.repeated:
+                yield from found
