@@ -26,13 +26,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent.parent / 'tests'))
-
 import rclpy
 from dyknow_interfaces.msg import GuardStatus
 from geometry_msgs.msg import Twist
 from guard_closings import Closing, closings
 from guarded_approaches import BARE_STOP, approaches
+from processes import percentile
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
@@ -122,11 +121,7 @@ class Bench:
     def wait_until_open(self) -> None:
         """Wait until the guard is open, and some states have come since."""
         self.client.spin_until(lambda: self._state == GuardStatus.OPEN, 'the guard is open')
-        self._spin(0.1)
-
-    def _spin(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        self.client.spin_until(lambda: time.monotonic() > end, 'time')
+        self.client.wait(0.1)
 
     def passing(self, messages: int) -> dict[str, list[float]]:
         """Return the delays of messages, of the guard and of the bare relay, in ms."""
@@ -141,7 +136,7 @@ class Bench:
                 self._until(lambda f=found: bool(f))
                 if found:
                     delays[out].append(1e3 * (found[0][0] - message.linear.y))
-                self._spin(0.002)
+                self.client.wait(0.002)
         return delays
 
     def closing(self, closings: int) -> list[float]:
@@ -165,11 +160,11 @@ class Bench:
         def sent() -> bool:
             for publisher in self._inputs.values():
                 publisher.publish(Twist())
-            self._spin(0.05)
+            self.client.wait(0.05)
             return all(self.received.values())
 
         self.client.spin_until(sent, 'both relays are connected')
-        self._spin(0.5)
+        self.client.wait(0.5)
 
     def _until(self, condition: Callable[[], bool]) -> None:
         self.client.spin_until(condition, 'a message', 5.0)
@@ -177,10 +172,9 @@ class Bench:
 
 def summary(values: list[float]) -> dict[str, float]:
     """Return the median and the 99th percentile."""
-    ordered = sorted(values)
     return {
-        'median_ms': round(statistics.median(ordered), 3),
-        'p99_ms': round(ordered[min(int(0.99 * len(ordered)), len(ordered) - 1)], 3),
+        'median_ms': round(statistics.median(values), 3),
+        'p99_ms': round(percentile(values, 99), 3),
     }
 
 

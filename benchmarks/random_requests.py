@@ -8,6 +8,7 @@ from __future__ import annotations
 import random
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -161,6 +162,12 @@ class RandomRequests:
     def open(self) -> list[Request]:
         """The requests without an answer."""
         return [each for each in self.asked if each.ended is None]
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """The outcomes of each kind of request, counted."""
+        found = Counter(f'{each.name}: {each.outcome}' for each in self.asked)
+        return dict(sorted(found.items()))
 
     def send(self) -> None:
         """Send a random request, unless many are open."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 import time
@@ -11,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
 from processes import (
@@ -32,7 +32,7 @@ from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyk
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import RUNNING, STATUS, nanoseconds_to_duration
+from dyknow_common.ros import nanoseconds_to_duration
 
 COORDINATOR = 'stream_reasoning_coordinator'
 REASONER = 'stream_reasoning_engine'
@@ -193,6 +193,14 @@ class RunningSystem:
         """Send a command to the fleet and return its answer."""
         return robots.command(self.fleet, *words)
 
+    def high_levels(self) -> dict[str, list[int]]:
+        """Return the stamps of the high levels of each vehicle, of any of its batteries."""
+        found = json.loads(self.command('high'))
+        return {
+            vehicle: [stamp for name in names for stamp in found.get(name, ())]
+            for vehicle, names in self.sources.items()
+        }
+
     def ask(self, formula: str, timeout: float = 600.0) -> Future:
         """Send a formula to the coordinator and return the future of the answer."""
         return ask(self.client, EVALUATE, formula, timeout)
@@ -222,8 +230,7 @@ class RunningSystem:
 
     def wait(self, seconds: float) -> None:
         """Run callbacks for a time."""
-        end = time.monotonic() + seconds
-        self.client.spin_until(lambda: time.monotonic() > end, 'time', seconds + 1)
+        self.client.wait(seconds)
 
     def costs(self, seconds: float) -> dict[str, dict[str, float]]:
         """Return the share of a core and the memory in MB of each node over a time."""
@@ -250,17 +257,7 @@ class RunningSystem:
         return {name: processor_time(pid) for name, pid in self.pids.items()}
 
     def _wait_until_ready(self) -> None:
-        messages: list[str] = []
-        listener = self.client.node.create_subscription(
-            DiagnosticStatus,
-            f'{COORDINATOR}/_status',
-            lambda status: messages.append(status.message),
-            STATUS,
-        )
-        self.client.spin_until(
-            lambda: messages[-1:] == [RUNNING], f'the coordinator runs: {messages}'
-        )
-        self.client.node.destroy_subscription(listener)
+        self.client.wait_for_coordinator()
         self.client.spin_until(self.has_fleet_streams_only, 'just the streams of the fleet')
 
     def _on_progress(self, report: Any) -> None:

@@ -15,7 +15,6 @@ judge knows only what the fleet has published:
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import random
 import signal
@@ -232,7 +231,7 @@ def main() -> None:
         for _ in range(arguments.rounds):
             rounds.run()
             print(rounds.latest(), file=sys.stderr, flush=True)
-        high = json.loads(system.command('high'))
+        high = system.high_levels()
         codes = system.stop()
     found = {**report_of(rounds, high), 'exit_codes': codes}
     print_report(found, as_json=arguments.json)
