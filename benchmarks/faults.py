@@ -106,7 +106,7 @@ class Faults:
                 os.killpg(pid, signal.SIGCONT)
                 self._failed.discard(node)
 
-            self._repair_after(self.chance.uniform(0.2, 4.0), resume)
+            self._repair_after(0.2 * 150 ** self.chance.random(), resume)
 
     def _kill(self) -> None:
         node = self._choose_node()

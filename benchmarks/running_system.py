@@ -47,7 +47,7 @@ WARM_UP_LIMIT_S = 60.0
 
 
 def configure(
-    sources: Mapping[str, Sequence[str]], folder: Path, constraints: str, annotated: str = ''
+    sources: Mapping[str, Sequence[str]], folder: Path, constraints: str
 ) -> SystemConfiguration:
     """Return a configuration with the power of each vehicle from each of its batteries.
 
@@ -55,13 +55,11 @@ def configure(
         sources: the names of the batteries of each vehicle.
         folder: for the files.
         constraints: of each stream.
-        annotated: constraints of each annotation.
     """
     streams = [(vehicle, name) for vehicle, names in sources.items() for name in names]
     texts = {
         'fleet.ssl': ''.join(
-            f'stream {name}_power contains Power[{vehicle}] = power {annotated};\n'
-            for vehicle, name in streams
+            f'stream {name}_power contains Power[{vehicle}] = power;\n' for vehicle, name in streams
         ),
         'fleet.streams': ''.join(
             f'stream {name}_power = select current as power from "/{name}/battery" '
@@ -87,7 +85,6 @@ class RunningSystem:
         batteries: the number for each vehicle.
         constraints: of the streams of the fleet, such as `with max_delay = 1 s`.
         progress_period: seconds between two reports of the reasoning engine on a formula.
-        annotated: constraints of the annotations.
         far: True for a second stream processing engine, in a namespace of its own.
         logs: a folder for the logs of the nodes; None: they are deleted.
         composition: True for one process with all nodes of the robot's own namespace.
@@ -101,7 +98,6 @@ class RunningSystem:
         constraints: str = '',
         progress_period: float = 1.0,
         *,
-        annotated: str = '',
         far: bool = False,
         logs: Path | None = None,
         composition: bool = False,
@@ -117,7 +113,6 @@ class RunningSystem:
         self.started_at = 0.0
         self._rate = rate
         self._constraints = constraints
-        self._annotated = annotated
         self._progress_period = progress_period
         self._logs = logs
         self._far = far
@@ -133,7 +128,7 @@ class RunningSystem:
         )
         self._stack.callback(robots.stop, self.fleet)
         wait_for_line(self.fleet)
-        configuration = configure(self.sources, folder, self._constraints, self._annotated)
+        configuration = configure(self.sources, folder, self._constraints)
         nodes = [self._configured(each, folder) for each in dyknow_processes(configuration)]
         self._processes = {
             each.executable: each
