@@ -26,6 +26,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parent.parent / 'tests'))
+
 import rclpy
 from dyknow_interfaces.msg import GuardStatus
 from geometry_msgs.msg import Twist
