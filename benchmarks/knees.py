@@ -1,7 +1,7 @@
 """The knee of each resource: the number beyond which DyKnow gets slow, refuses or loses.
 
 python benchmarks/knees.py [--json] [--quick]
-    [--only evaluations|formulas|vehicles|annotations]
+    [--only evaluations|formulas|annotations]
 
 Each resource grows until one of these does not hold any more, in the last row: another client gets
 the verdict of a first state within half a second, with 99 % of its requests; no node takes more
@@ -146,28 +146,6 @@ def _make_group(system: RunningSystem) -> int:
     return group
 
 
-def vehicles(*, quick: bool) -> Any:
-    """Grow the fleet of one quantified formula; each size has a system of its own."""
-    rows: list[dict[str, Any]] = []
-    for number in (5, 10) if quick else (50, 100, 200, 400):
-        with RunningSystem(number, RATE) as system:
-            system.warm_up()
-            known = set(system.progress)
-            future = system.ask(f'forall u in UAV: always Power[u] < {HIGH}')
-            begun = time.monotonic()
-            _wait(system, lambda: bool(system.progress.keys() - known) or future.done())  # noqa: B023
-            found = {'to_first_states_s': round(time.monotonic() - begun, 2)}
-            rows += _grown(system, (number,), lambda _: found, quick=quick)  # noqa: B023
-            begun = time.monotonic()
-            system.command('set', f'uav{number}', HIGH + 1)
-            _wait(system, future.done)
-            rows[-1]['decided_s'] = round(time.monotonic() - begun, 2)
-            rows[-1]['answers'] = _outcomes([future])
-        if not rows[-1]['ok']:
-            break
-    return rows
-
-
 def annotations(*, quick: bool) -> Any:
     """Grow the annotations of streams; the answers for one feature must not get slower."""
     sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
@@ -302,7 +280,7 @@ def _wait(system: RunningSystem, condition: Callable[[], bool]) -> None:
 def main() -> None:
     """Measure and print."""
     use_private_domain()
-    measure(__doc__, evaluations, formulas, vehicles, annotations)
+    measure(__doc__, evaluations, formulas, annotations)
 
 
 if __name__ == '__main__':
