@@ -203,6 +203,7 @@ def test_formulas_come_and_go(nodes: Nodes) -> None:
     group.wait(lambda: len(group.results) > 1, 'the second result')
     assert group.results[1].formula_id == known
     assert group.results[1].verdict == FormulaResult.TRUE
+    assert nanoseconds(group.results[1].decided_at) == 0
 
 
 def test_a_formula_whose_sort_has_no_domain_is_refused(nodes: Nodes) -> None:
