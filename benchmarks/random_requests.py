@@ -107,15 +107,16 @@ class Request:
         """The outcome in a word or two."""
         return outcome_of(self.answer)
 
-    def fault(self, high: Mapping[str, Sequence[int]]) -> str:
+    def fault(self, high: Mapping[str, Sequence[int]], max_delay_s: float = MAX_DELAY_S) -> str:
         """Return the defect of the answer; empty if there is none.
 
         Args:
             high: the stamps of the high levels of each vehicle.
+            max_delay_s: the time after the timeout within which an answer must come.
         """
         if self.ended is None:
             return 'not answered'
-        if self.ended - self.begun > self.kind.timeout + MAX_DELAY_S:
+        if self.ended - self.begun > self.kind.timeout + max_delay_s:
             return f'answered after {self.ended - self.begun:.1f} s: {self.outcome}'
         code, verdict = self.answer.exit_status.code, self.answer.verdict
         if code:

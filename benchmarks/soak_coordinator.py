@@ -21,7 +21,7 @@ from faults import NODES, Faults
 from lives import Lives
 from parts import end, print_report
 from processes import summary, use_private_domain, wait_for_line, worker
-from random_requests import MAX_DELAY_S, RandomRequests
+from random_requests import RandomRequests
 from running_system import COORDINATOR, REASONER, RunningSystem
 
 from dyknow_common.ros import LATCHED
@@ -33,6 +33,10 @@ REQUEST_PERIOD_S = 0.1
 
 CLIENT_PERIOD_S = 15.0
 """Time between two clients that are killed."""
+
+MAX_DELAY_S = 10.0
+"""Maximum time from the timeout of a request to its answer: it takes some seconds to notice an
+engine that is stopped for long, and to ask another one."""
 
 MAX_GROWTH = 0.5
 """Maximum growth of the memory of a node, MB per minute."""
@@ -131,7 +135,7 @@ def groups_of(system: RunningSystem) -> list[str]:
 
 
 def _summary(requests: RandomRequests, high: dict[str, list[int]]) -> dict[str, Any]:
-    faults = [(each, each.fault(high)) for each in requests.asked]
+    faults = [(each, each.fault(high, MAX_DELAY_S)) for each in requests.asked]
     answered = [each for each in requests.asked if each.ended is not None]
     at_once = [
         round((each.ended - each.begun) * 1e9)
