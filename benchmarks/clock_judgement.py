@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import sys
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent.parent / 'dyknow_reasoning' / 'test'))
 
 from clock_robots import MS, STAMPED, UNSTAMPED, Message, topic_name
 from dyknow_interfaces.msg import ExitStatus
+from reasoning_reference import holds
 from running_system import outcome_of
 
 from dyknow_common import SECOND_NS, round_time
 from dyknow_common.ros import time_to_nanoseconds
+from dyknow_reasoning import Formula, parse_formula
 
 MAX_LEAD_NS = 100 * MS
 MAX_DELAY_NS = SECOND_NS
@@ -47,114 +53,48 @@ class Level:
         """True if its messages are stamped by the clock of the robot."""
         return self.kind == STAMPED
 
-    def text(self, number: int, *, is_stated: bool) -> str:
-        """Return the formula in an episode, over a stream that states a `max_delay` or a topic."""
+    def reference(self, number: int, *, is_stated: bool) -> str:
+        """Return the level in an episode: of a stream that states a `max_delay`, or of a topic."""
         if is_stated and self.is_stamped:
-            return f'{self.robot}{number}_stated.level > 0.5'
-        name = 'data' if self.kind == UNSTAMPED else 'point.x'
-        return f'"{self.topic(number)}".{name} > 0.5'
+            return f'{self.robot}{number}_stated.level'
+        return f'"{self.topic(number)}".{"data" if self.kind == UNSTAMPED else "point.x"}'
 
     def topic(self, number: int) -> str:
         """Return the name of the topic in an episode."""
         return topic_name(self.robot, number, self.kind)
 
 
-@dataclass(frozen=True)
-class Not:
-    """A negation."""
-
-    inner: Formula
-
-
-@dataclass(frozen=True)
-class And:
-    """A conjunction."""
-
-    left: Formula
-    right: Formula
-
-
-@dataclass(frozen=True)
-class Until:
-    """`left until[0, length] right`, open at both ends; None on the left is true."""
-
-    left: Formula | None
-    length: int
-    right: Formula
-
-
-Formula = Level | Not | And | Until
-
-
-def always(length: int, formula: Formula) -> Formula:
-    """Return `always[0, length] formula`; the length is in nanoseconds."""
-    return Not(Until(None, length, Not(formula)))
-
-
-def implies(left: Formula, right: Formula) -> Formula:
-    """Return `left -> right`."""
-    return Not(And(left, Not(right)))
-
-
 class Trace:
     """The states of some topics, at the times of their messages.
 
     Args:
-        topics: the messages of each topic.
+        topics: the messages of each topic, by the name of its level in the formula.
         time_of: returns the time from which on a message counts.
     """
 
     def __init__(
-        self, topics: Mapping[Level, Sequence[Message]], time_of: Callable[[Message], int]
+        self, topics: Mapping[str, Sequence[Message]], time_of: Callable[[Message], int]
     ) -> None:
-        times = {atom: [time_of(each) for each in found] for atom, found in topics.items()}
+        times = {name: [time_of(each) for each in found] for name, found in topics.items()}
         begin = max(each[0] for each in times.values())
         self.times = sorted({at for each in times.values() for at in each if at >= begin})
-        self._levels = {
-            atom: [bool(found[bisect_right(times[atom], at) - 1].level) for at in self.times]
-            for atom, found in topics.items()
-        }
+        self._states = [
+            (
+                at,
+                {
+                    name: found[bisect_right(times[name], at) - 1].level
+                    for name, found in topics.items()
+                },
+            )
+            for at in self.times
+        ]
 
     def value(self, formula: Formula, begin: int, end: int) -> bool | None:
         """Return the value of a formula at the state `begin`, given the states before `end`.
 
         None: it depends on later states.
         """
-        match formula:
-            case Level():
-                return self._levels[formula][begin]
-            case Not(inner):
-                found = self.value(inner, begin, end)
-                return None if found is None else not found
-            case And(left, right):
-                return _both(self.value(left, begin, end), self.value(right, begin, end))
-            case Until():
-                return self._until(formula, begin, end)
-
-    def _until(self, formula: Until, begin: int, end: int) -> bool | None:
-        last = self.times[begin] + formula.length
-        found: bool | None = False
-        held: bool | None = True
-        for state in range(begin, min(bisect_right(self.times, last), end)):
-            found = _either(found, _both(held, self.value(formula.right, state, end)))
-            if formula.left is not None and state > begin:
-                held = _both(held, self.value(formula.left, state, end))
-            if found or held is False:
-                return found
-        is_over = self.times[end - 1] >= last
-        return found if is_over else _either(found, None)
-
-
-def _both(left: bool | None, right: bool | None) -> bool | None:  # noqa: FBT001
-    if left is False or right is False:
-        return False
-    return None if left is None or right is None else True
-
-
-def _either(left: bool | None, right: bool | None) -> bool | None:  # noqa: FBT001
-    if left or right:
-        return True
-    return None if left is None or right is None else False
+        return holds(formula, self._states[:end], begin)
 
 
 @dataclass
@@ -164,14 +104,14 @@ class Question:
     Args:
         number: of the episode.
         text: of the formula.
+        topics: by the names of their levels in the formula.
         begin: no state of the formula is earlier.
         max_delay: that the streams of stamped messages state; None: the default.
     """
 
     number: int
     text: str
-    formula: Formula
-    topics: tuple[Level, ...]
+    topics: Mapping[str, Level]
     begin: int
     max_delay: int | None
     asked: int
@@ -203,9 +143,14 @@ class Judge:
 
     def __init__(self, question: Question, messages: Mapping[str, Sequence[Message]]) -> None:
         self._question = question
-        self._messages = {each: messages[each.topic(question.number)] for each in question.topics}
+        self._formula = parse_formula(question.text)
+        self._messages = {
+            name: messages[each.topic(question.number)] for name, each in question.topics.items()
+        }
         self._error = question.answer.exit_status
-        self._stamped = {atom: self._messages[atom] for atom in question.topics if atom.is_stamped}
+        self._stamped = {
+            name: self._messages[name] for name, each in question.topics.items() if each.is_stamped
+        }
 
     def judgement(self) -> str:
         """Return one of `JUDGEMENTS`."""
@@ -269,7 +214,7 @@ class Judge:
             trace = Trace(self._messages, time_of)
             begin = bisect_left(trace.times, question.begin)
             end = bisect_right(trace.times, question.decided_at)
-            if begin < end and trace.value(question.formula, begin, end) is verdict:
+            if begin < end and trace.value(self._formula, begin, end) is verdict:
                 return True
         return False
 
@@ -280,9 +225,7 @@ class Judge:
         begin = bisect_left(trace.times, question.begin - TOLERANCE_NS)
         end = bisect_right(trace.times, question.begin + TOLERANCE_NS)
         last = len(trace.times)
-        return any(
-            trace.value(question.formula, each, last) is verdict for each in range(begin, end)
-        )
+        return any(trace.value(self._formula, each, last) is verdict for each in range(begin, end))
 
 
 def _stamp_or_begun(message: Message) -> int:

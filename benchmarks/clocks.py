@@ -38,9 +38,9 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -51,15 +51,9 @@ from clock_judgement import (
     MAX_LEAD_NS,
     NOT_ALLOWED,
     WRONG,
-    And,
-    Formula,
     Judge,
     Level,
-    Not,
     Question,
-    Until,
-    always,
-    implies,
 )
 from clock_robots import KINDS, MS, PROGRAM, STAMPED, Episode, Message
 from dyknow_interfaces.msg import StreamConstraints
@@ -88,41 +82,14 @@ STATED_MS = (500, 1000, 2000)
 ANSWER_LIMIT_S = 30.0
 
 
-@dataclass(frozen=True)
-class Shape:
-    """A shape of formulas over two levels.
-
-    Args:
-        text: with placeholders for the levels of two robots.
-        formula: the same, for the judge.
-    """
-
-    text: str
-    formula: Callable[[Level, Level], Formula]
-
-
 SHAPES = (
-    Shape(
-        'always[0 s, 1500 ms] not (({0}) and ({1}))',
-        lambda p, q: always(1500 * MS, Not(And(p, q))),
-    ),
-    Shape(
-        'eventually[0 s, 1 s] (({0}) and ({1}))',
-        lambda p, q: Until(None, 1000 * MS, And(p, q)),
-    ),
-    Shape(
-        'always[0 s, 1 s] (({0}) -> eventually[0 s, 800 ms] ({1}))',
-        lambda p, q: always(1000 * MS, implies(p, Until(None, 800 * MS, q))),
-    ),
-    Shape(
-        '(not ({0})) until[0 s, 1500 ms] ({1})',
-        lambda p, q: Until(Not(p), 1500 * MS, q),
-    ),
-    Shape(
-        'eventually[0 s, 1 s] always[0 s, 500 ms] not (({0}) and not ({1}))',
-        lambda p, q: Until(None, 1000 * MS, always(500 * MS, implies(p, q))),
-    ),
+    'always[0 s, 1500 ms] not ({0} > 0.5 and {1} > 0.5)',
+    'eventually[0 s, 1 s] ({0} > 0.5 and {1} > 0.5)',
+    'always[0 s, 1 s] ({0} > 0.5 -> eventually[0 s, 800 ms] {1} > 0.5)',
+    '(not {0} > 0.5) until[0 s, 1500 ms] {1} > 0.5',
+    'eventually[0 s, 1 s] always[0 s, 500 ms] not ({0} > 0.5 and not {1} > 0.5)',
 )
+"""Formulas, with placeholders for the levels of two robots."""
 
 
 class Rounds:
@@ -201,13 +168,14 @@ class Rounds:
     def _ask(self, number: int, stated: int) -> Question:
         chance = self._chance
         first, second = chance.sample(ROBOTS, 2)
-        p, q = (Level(each, chance.choices(KINDS, (60, 25, 15))[0]) for each in (first, second))
+        levels = [Level(each, chance.choices(KINDS, (60, 25, 15))[0]) for each in (first, second)]
         shape, is_stated = chance.choice(SHAPES), chance.random() < 0.5  # noqa: PLR2004
-        text = shape.text.format(*(each.text(number, is_stated=is_stated) for each in (p, q)))
+        topics = {each.reference(number, is_stated=is_stated): each for each in levels}
+        text = shape.format(*topics)
         now = time.time_ns()
         begin = now + chance.randint(*BEGIN_MS) * MS
         max_delay = stated * MS if is_stated else None
-        question = Question(number, text, shape.formula(p, q), (p, q), begin, max_delay, now)
+        question = Question(number, text, topics, begin, max_delay, now)
 
         def end(done: Any) -> None:
             question.answered, question.answer = time.time_ns(), done.result()

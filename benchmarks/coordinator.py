@@ -1,7 +1,7 @@
 """Cost of evaluations by all nodes of DyKnow, compared with a chain of bare rclpy nodes.
 
 python benchmarks/coordinator.py [--json] [--quick]
-    [--only grounding|verdict|composition|formulas|vehicles|at_once]
+    [--only grounding|verdict|composition|standby]
 """
 
 from __future__ import annotations
@@ -37,6 +37,8 @@ LEVELS = {'unstamped': (robots.ROBOT, UNSTAMPED), 'stamped': ('uav1', STAMPED)}
 
 HIGH = 9.0
 """A level that makes these formulas false."""
+
+EVER = 'always Power[uav1] < 5'
 
 chance = random.Random(1)  # noqa: S311
 
@@ -142,13 +144,13 @@ def _bare_delays(topic: str, number: int, roles: Iterable[Callable[..., None]]) 
 
         def asked() -> Any:
             future = ask(client, relays.SERVICE_NAME, 'any', 60.0)
-            _wait(client, 0.2)
+            client.wait(0.2)
             return future
 
         found = asked()
         while not found.done():  # The nodes may not have discovered each other yet.
             robots.command(fleet, 'send', topic, HIGH)
-            _wait(client, 0.2)
+            client.wait(0.2)
         return [decide(asked()) for _ in range(number)]
 
 
@@ -157,7 +159,7 @@ def _decider(client: Client, fleet: Any, topic: str) -> Callable[[Any], int]:
 
     def decide(future: Any) -> int:
         ended = timed(future)
-        _wait(client, chance.uniform(0.0, 0.05))
+        client.wait(chance.uniform(0.0, 0.05))
         assert not future.done(), future.result()
         sent = int(robots.command(fleet, 'send', topic, HIGH))
         client.spin_until(lambda: bool(ended), 'the answer')
@@ -170,92 +172,45 @@ def _decider(client: Client, fleet: Any, topic: str) -> Callable[[Any], int]:
     return decide
 
 
-def _wait(client: Client, seconds: float) -> None:
-    end = time.monotonic() + seconds
-    client.spin_until(lambda: time.monotonic() > end, 'time')
-
-
-def formulas(*, quick: bool) -> Any:
-    """Measure a hundred formulas over a fleet of ten at 20 Hz."""
-    return _load(vehicles=10, rate=20.0, number=100, seconds=4.0 if quick else 15.0)
-
-
-def vehicles(*, quick: bool) -> Any:
-    """Measure one quantified formula over fifty vehicles at 10 Hz."""
-    return _load(vehicles=50, rate=10.0, number=1, seconds=4.0 if quick else 15.0)
-
-
-def at_once(*, quick: bool) -> Any:
-    """Measure 1, 10 and 100 simultaneous evaluations over three vehicles at 10 Hz."""
-    seconds = 3.0 if quick else 10.0
-    return [
-        {'evaluations': number, **_load(vehicles=3, rate=10.0, number=number, seconds=seconds)}
-        for number in (1, 10, 100)
-    ]
-
-
-def _load(vehicles: int, rate: float, number: int, seconds: float) -> dict[str, Any]:
-    """Return the cost of running formulas that differ in their limits; check their verdicts."""
-    with RunningSystem(vehicles, rate) as system:
-        idle = system.costs(seconds / 2)
-        to_first_state = _answer_times(system, number)
-        known = set(system.progress)
-        limits = [100.0 + each for each in range(number)]
-        futures = {
-            limit: system.ask(f'forall u in UAV: always Power[u] < {limit!r}') for limit in limits
-        }
-        system.wait_for_running(number, known)
-        running = system.costs(seconds)
-        counted, lost = _states(system, known, rate)
-        middle = limits[number // 2]
-        system.command('set', f'uav{vehicles}', middle)
-        below = [future for limit, future in futures.items() if limit <= middle]
-        system.client.spin_until(lambda: all(each.done() for each in below), 'the verdicts', 60.0)
-        assert all(each.result().verdict == FormulaResult.FALSE for each in below)
-        assert not any(future.done() for limit, future in futures.items() if limit > middle)
-    return {
-        'to_first_state_ms': to_first_state,
-        'states_counted': counted,
-        'states_lost': lost,
-        'idle': idle,
-        'running': running,
-        'share_of_all': round(sum(each['share'] for each in running.values()), 3),
-    }
-
-
-def _answer_times(system: RunningSystem, number: int) -> dict[str, float]:
-    """Return the times until simultaneous evaluations have their first state."""
-    begun = time.time_ns()
-    futures = [system.ask(AT_ONCE) for _ in range(number)]
-    times = [timed(each) for each in futures]
-    system.client.spin_until(lambda: all(times), 'the first answers', 120.0)
-    wrong = [each.result() for each in futures if each.result().verdict != FormulaResult.TRUE]
-    assert not wrong, wrong[:3]
-    ended = sorted(each[0] - begun for each in times)
-    return {
-        'first': round(ended[0] / 1e6, 1),
-        'median': round(ended[number // 2] / 1e6, 1),
-        'last': round(ended[-1] / 1e6, 1),
-    }
-
-
-def _states(system: RunningSystem, known: set[tuple[int, int]], rate: float) -> tuple[int, int]:
-    """Return the number of states that the formulas were progressed over, and of missing states.
-
-    The messages of all vehicles have the same stamp at each tick, so each tick is a state.
-    """
-    counted, lost = 0, 0
-    for key in system.progress.keys() - known:
-        (first, begun), (last, ended) = system.progress[key][0], system.progress[key][-1]
-        counted += last - first
-        lost += round((ended - begun) * rate / SECOND_NS) - (last - first)
-    return counted, lost
+def standby(*, quick: bool) -> Any:
+    """Measure the cost of a stand-in that is kept ready, at 100 states a second."""
+    rows = []
+    seconds, rounds = (5.0, 2) if quick else (20.0, 6)
+    for name, composition in (('one_process', True), ('processes', False)):
+        with RunningSystem(1, 100.0, 2, composition=composition) as system:
+            system.warm_up()
+            found: dict[str, list[tuple[float, float]]] = {}
+            for _ in range(rounds):
+                for formula in (EVER, 'always uav1_power.power < 5'):
+                    known = set(system.progress)
+                    answer = system.ask(formula, seconds + 5.0)
+                    system.wait_for_running(1, known)
+                    system.wait(1.0)
+                    is_ready = sum('states_' in each for each in system.streams())
+                    assert is_ready == 1 + (formula == EVER), system.streams()
+                    costs = system.costs(seconds).values()
+                    share = sum(each['share'] for each in costs)
+                    memory = sum(each['memory_mb'] for each in costs)
+                    found.setdefault(formula, []).append((share, memory))
+                    system.client.spin_until(answer.done, 'the end of the formula')
+            (share, memory), (bare, bare_memory) = (
+                map(median, zip(*each, strict=True)) for each in found.values()
+            )
+            rows.append(
+                {
+                    'nodes': name,
+                    'us_per_state': round((share - bare) / 100.0 * 1e6),
+                    'us_per_state_without': round(bare / 100.0 * 1e6),
+                    'memory_mb': round(memory - bare_memory, 2),
+                }
+            )
+    return rows
 
 
 def main() -> None:
     """Measure and print."""
     use_private_domain()
-    measure(__doc__, grounding, verdict, composition, formulas, vehicles, at_once)
+    measure(__doc__, grounding, verdict, composition, standby)
 
 
 if __name__ == '__main__':

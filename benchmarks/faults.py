@@ -106,7 +106,9 @@ class Faults:
                 os.killpg(pid, signal.SIGCONT)
                 self._failed.discard(node)
 
-            self._repair_after(self.chance.uniform(0.2, 4.0), resume)
+            # Another engine takes over the streams of one that is stopped for long.
+            longest = 30.0 if node in {ENGINE, FAR_ENGINE} else 4.0
+            self._repair_after(0.2 * (longest / 0.2) ** self.chance.random(), resume)
 
     def _kill(self) -> None:
         node = self._choose_node()

@@ -1,11 +1,11 @@
 """Delays of a guard: of a message that passes, and from an event to the safe message.
 
-python benchmarks/guard.py [--json] [--only passing] [--closings 100] [--rounds 20]
+python benchmarks/guard.py [--json] [--only passing] [--approaches 100] [--rounds 20]
 
 - passing: a message that passes is compared with one that a bare rclpy node relays, serialised as
-  it is; both are sent alternately in the same run, so a busy computer delays both. Then the time
-  from a deciding sample to the safe message.
-- rover: that time in a closed loop, of a simulated rover that drives towards an obstacle.
+  it is; both are sent alternately in the same run, so a busy computer delays both.
+- rover: the time from a deciding sample to the safe message in a closed loop, of a simulated rover
+  that drives towards an obstacle.
 - closing: the time from each event that closes a guard, such as the end of a node, and from its
   repair, such as the start of the node, until messages pass again.
 """
@@ -33,6 +33,7 @@ from dyknow_interfaces.msg import GuardStatus
 from geometry_msgs.msg import Twist
 from guard_closings import Closing, closings
 from guarded_approaches import BARE_STOP, approaches
+from processes import percentile
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import LaserScan
@@ -60,7 +61,7 @@ guards:
     timeout: 2 s
 """
 PERIOD_S = 0.02
-GOOD, BAD = 1.0, 9.0
+LEVEL = 1.0
 
 
 def relay() -> None:
@@ -93,40 +94,31 @@ def bare_relay(environment: dict[str, str]) -> Iterator[None]:
 
 
 class Bench:
-    """A guard that is open while the level is low, and a bare relay beside it."""
+    """A guard that is open, and a bare relay beside it."""
 
     def __init__(self, environment: dict[str, str]) -> None:
         self.client = Client(environment)
         node = self.client.node
-        self.level = GOOD
         self._state: int | None = None
         self.received: dict[str, list[tuple[float, Any]]] = {'/cmd_vel': [], '/bare_out': []}
         self._inputs = {
             topic: node.create_publisher(Twist, topic, 10) for topic in ('/cmd_vel_in', '/bare_in')
         }
-        self._level = node.create_publisher(Float64, '/level', 10)
+        level = node.create_publisher(Float64, '/level', 10)
         for topic, found in self.received.items():
             node.create_subscription(
                 Twist, topic, lambda each, f=found: f.append((time.monotonic(), each)), 10
             )
         node.create_subscription(GuardStatus, '/base_guard/status', self._on_status, LATCHED)
-        node.create_timer(PERIOD_S, self.publish_level)
+        node.create_timer(PERIOD_S, lambda: level.publish(Float64(data=LEVEL)))
 
     def _on_status(self, status: Any) -> None:
         self._state = status.state
 
-    def publish_level(self) -> None:
-        """Publish the present level."""
-        self._level.publish(Float64(data=self.level))
-
     def wait_until_open(self) -> None:
         """Wait until the guard is open, and some states have come since."""
         self.client.spin_until(lambda: self._state == GuardStatus.OPEN, 'the guard is open')
-        self._spin(0.1)
-
-    def _spin(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        self.client.spin_until(lambda: time.monotonic() > end, 'time')
+        self.client.wait(0.1)
 
     def passing(self, messages: int) -> dict[str, list[float]]:
         """Return the delays of messages, of the guard and of the bare relay, in ms."""
@@ -141,23 +133,8 @@ class Bench:
                 self._until(lambda f=found: bool(f))
                 if found:
                     delays[out].append(1e3 * (found[0][0] - message.linear.y))
-                self._spin(0.002)
+                self.client.wait(0.002)
         return delays
-
-    def closing(self, closings: int) -> list[float]:
-        """Return the times from a deciding sample to the safe message, in ms."""
-        found: list[float] = []
-        for _ in range(closings):
-            self.level = GOOD
-            self.wait_until_open()
-            self.received['/cmd_vel'].clear()
-            self.level = BAD
-            begin = time.monotonic()
-            self.publish_level()
-            self._until(lambda: bool(self.received['/cmd_vel']))
-            found.append(1e3 * (self.received['/cmd_vel'][0][0] - begin))
-            self._state = None
-        return found
 
     def _warm_up(self) -> None:
         """Send messages until both relays are connected."""
@@ -165,11 +142,11 @@ class Bench:
         def sent() -> bool:
             for publisher in self._inputs.values():
                 publisher.publish(Twist())
-            self._spin(0.05)
+            self.client.wait(0.05)
             return all(self.received.values())
 
         self.client.spin_until(sent, 'both relays are connected')
-        self._spin(0.5)
+        self.client.wait(0.5)
 
     def _until(self, condition: Callable[[], bool]) -> None:
         self.client.spin_until(condition, 'a message', 5.0)
@@ -177,14 +154,13 @@ class Bench:
 
 def summary(values: list[float]) -> dict[str, float]:
     """Return the median and the 99th percentile."""
-    ordered = sorted(values)
     return {
-        'median_ms': round(statistics.median(ordered), 3),
-        'p99_ms': round(ordered[min(int(0.99 * len(ordered)), len(ordered) - 1)], 3),
+        'median_ms': round(statistics.median(values), 3),
+        'p99_ms': round(percentile(values, 99), 3),
     }
 
 
-def measure(messages: int, closings: int, *, composition: bool) -> dict[str, Any]:
+def measure(messages: int, *, composition: bool) -> dict[str, Any]:
     """Measure one composition of the nodes."""
     environment = private_environment()
     with tempfile.TemporaryDirectory() as name:
@@ -198,14 +174,12 @@ def measure(messages: int, closings: int, *, composition: bool) -> dict[str, Any
             launcher.start_all((*processes, *watching_processes(configuration)))
             bench.wait_until_open()
             passing = bench.passing(messages)
-            closed = bench.closing(closings)
             bench.client.close()
     guard, relayed = (summary(passing[each]) for each in ('/cmd_vel', '/bare_out'))
     return {
         'passing': guard,
         'bare_relay': relayed,
         'ratio': round(guard['median_ms'] / relayed['median_ms'], 2),
-        'closing': summary(closed),
     }
 
 
@@ -245,7 +219,7 @@ def read_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description='Delays of a guard.')
     parser.add_argument('--only', choices=('passing', 'rover', 'closing'))
     parser.add_argument('--messages', type=int, default=1000)
-    parser.add_argument('--closings', type=int, default=100, help='by samples, and approaches')
+    parser.add_argument('--approaches', type=int, default=100, help='of the rover')
     parser.add_argument('--rounds', type=int, default=20, help='of each way of closing')
     parser.add_argument('--json', action='store_true')
     parser.add_argument('--relay', action='store_true', help='be the bare relay')
@@ -259,8 +233,8 @@ def main() -> None:
         relay()
         return
     works: dict[str, Callable[[bool], dict[str, Any]]] = {
-        'passing': lambda each: measure(options.messages, options.closings, composition=each),
-        'rover': lambda each: rover(options.closings, composition=each),
+        'passing': lambda each: measure(options.messages, composition=each),
+        'rover': lambda each: rover(options.approaches, composition=each),
         'closing': lambda each: closing(options.rounds, composition=each),
     }
     for work, measured in works.items():

@@ -133,7 +133,7 @@ def _times_of(base: GuardedBase, way: str, event: Event) -> Closing:
     with event():
         base.client.spin_until(lambda: bool(_safe_since(base, begin)), f'closed by {way}')
         first = _safe_since(base, begin)[0]
-        _spin(base, SETTLING_S / 2)
+        base.client.wait(SETTLING_S / 2)
         repair = time.monotonic()
     base.assert_nothing_passed_while_closed()
     _wait_until_settled(base, way)
@@ -156,8 +156,3 @@ def _wait_until_settled(base: GuardedBase, way: str) -> None:
 
 def _safe_since(base: GuardedBase, begin: float) -> list[float]:
     return [at for at, message in base.received if at > begin and is_zero(message)]
-
-
-def _spin(base: GuardedBase, seconds: float) -> None:
-    end = time.monotonic() + seconds
-    base.client.spin_until(lambda: time.monotonic() > end, 'time')

@@ -137,9 +137,16 @@ class HostileClient:
             json.dumps({'row': self._row, 'outcome': outcome, 'number': number, **more}), flush=True
         )
 
-    def publish(self, kind: Any, topic: str, messages: Sequence[Any], pause: float = 0.0) -> None:
+    def publish(
+        self,
+        kind: Any,
+        topic: str,
+        messages: Sequence[Any],
+        pause: float = 0.0,
+        quality: QoSProfile = ANY_SUBSCRIBER,
+    ) -> None:
         """Publish messages, or bytes as messages, to all subscribers of a topic."""
-        publisher = self.node.create_publisher(kind, topic, ANY_SUBSCRIBER)
+        publisher = self.node.create_publisher(kind, topic, quality)
         self.spin_until(lambda: publisher.get_subscription_count() > 0, MATCH_TIMEOUT_S)
         published = 0
         for message in messages:

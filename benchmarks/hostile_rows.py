@@ -1,13 +1,297 @@
-"""The rows of hostile clients: each is one kind of harmful request or message."""
+"""The rows of hostile clients: each is one kind of harmful requests or messages.
+
+Single hostile requests are in the tests: `test_forged_messages.py`, `test_language_limits.py`,
+`test_reasoning_limits.py`, `test_refused_requests.py` and `test_semantic_limits.py`. The rows here
+are random, or a load: beside some of them, the latencies of others are measured.
+"""
 
 from __future__ import annotations
 
-import hostile_messages
-import hostile_semantics
-import hostile_streams
+import os
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+from dyknow_interfaces.action import MonitorFormula, MonitorPlan
+from dyknow_interfaces.msg import Domain, Field, Sample
+from dyknow_interfaces.srv import (
+    ConceptCreate,
+    ConceptGetInstances,
+    EvaluateFormula,
+    FindAllMatchingStreams,
+    FormulaGroupAddFormula,
+    FormulaGroupCreate,
+    FormulaGroupDestroy,
+    FormulaGroupEvaluate,
+    FormulaGroupExtractSymbols,
+    InstanceCreate,
+    ListStreams,
+    StreamCreateFromSpec,
+)
+from hostile_client import ANSWER_TIMEOUT_S, NODES, REQUESTS, HostileClient
+from random_messages import interface, random_bytes, random_message
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import ListParameters, SetParameters
+from rclpy.action import ActionClient
+from sensor_msgs.msg import BatteryState
+
+from dyknow_common import SECOND_NS
+from dyknow_common.ros import STREAM, nanoseconds_to_duration
+
+COORDINATOR = 'stream_reasoning_coordinator'
+EVALUATE = f'{COORDINATOR}/evaluate_formula'
+REASONER = 'stream_reasoning_engine'
+PAIRS = 'forall a in Many: forall b in Many: always D[a, b] > 0'
+TRIPLES = 'forall a in Many: forall b in Many: forall c in Many: always D[a, b] > E[c]'
+DISJUNCTION = 'always exists a in Many: eventually[0 s, 2 s] (D[a] > 0 or E[a] > 2)'
+CROWD = 202
+FLOOD = 3000
+AT_ONCE = 200
+
+
+def random_requests(client: HostileClient) -> None:
+    """Send random requests to every service of a node."""
+    _send_random(client, 'dyknow_interfaces/')
+
+
+def random_parameters(client: HostileClient) -> None:
+    """Send random requests to the services of the parameters of a node."""
+    _send_random(client, 'rcl_interfaces/')
+
+
+def _send_random(client: HostileClient, package: str) -> None:
+    node = client.chance.choice(NODES)
+    for name, (kind, *_) in client.node.get_service_names_and_types():
+        if name.startswith(f'/{node}/') and '/_action/' not in name and kind.startswith(package):
+            service = interface(kind)
+            for _ in range(5):
+                client.ask(service, name, random_message(service.Request, client.chance))
+
+
+def random_goals(client: HostileClient) -> None:
+    """Send random goals, and cancel some of them."""
+    for kind, name in ((MonitorFormula, 'monitor_formula'), (MonitorPlan, 'monitor_plan')):
+        goals = [random_message(kind.Goal, client.chance) for _ in range(10)]
+        _send_goals(client, kind, name, goals)
+
+
+def cancelled_goals(client: HostileClient) -> None:
+    """Send goals, and cancel them at random times."""
+    goals = [
+        MonitorFormula.Goal(formula=f'always Power[uav1] < {1000 + each}') for each in range(30)
+    ]
+    _send_goals(client, MonitorFormula, 'monitor_formula', goals)
+
+
+def _send_goals(client: HostileClient, kind: Any, name: str, goals: list[Any]) -> None:
+    actions = ActionClient(
+        client.node,
+        kind,
+        f'{COORDINATOR}/{name}',
+        goal_service_qos_profile=REQUESTS,
+        result_service_qos_profile=REQUESTS,
+        cancel_service_qos_profile=REQUESTS,
+    )
+    client.spin_until(actions.server_is_ready, 2.0)
+    sent = [actions.send_goal_async(each) for each in goals]
+    client.spin_until(lambda: all(each.done() for each in sent), ANSWER_TIMEOUT_S)
+    if missing := sum(not each.done() for each in sent):
+        client.count('unanswered', missing)
+    accepted = [each.result() for each in sent if each.done() and each.result().accepted]
+    for goal in accepted:
+        client.watch(goal.get_result_async())
+    for goal in accepted:
+        client.wait(client.chance.uniform(0.0, 0.1))
+        client.watch(goal.cancel_goal_async())
+    client.wait_for_answers()
+    actions.destroy()
+
+
+def flood(client: HostileClient) -> None:
+    """Send thousands of requests at once to one service."""
+    kind, service, fields = client.chance.choice(
+        (
+            (ListStreams, 'stream_manager/list_streams', {}),
+            (ConceptGetInstances, 'ontology_manager/concept_get_instances',
+             {'concept_name': 'UAV'}),
+            (FindAllMatchingStreams, 'semantic_matching_engine/find_all_matching_streams',
+             {'concept': 'Power'}),
+            (FormulaGroupDestroy, 'stream_reasoning_engine/formula_group_destroy',
+             {'formula_group_id': -1}),
+            (EvaluateFormula, EVALUATE, {'formula': 'always Power[uav1] <'}),
+        )
+    )  # fmt: skip
+    for _ in range(FLOOD):
+        client.ask(kind, service, **fields)
+
+
+def evaluations_at_once(client: HostileClient) -> None:
+    """Send many formulas at once that are not decided soon."""
+    timeout = nanoseconds_to_duration(3 * SECOND_NS)
+    for each in range(AT_ONCE):
+        formula = f'forall u in UAV: always Power[u] < {1000 + each}'
+        client.ask(EvaluateFormula, EVALUATE, formula=formula, timeout=timeout)
+
+
+def killed_client(client: HostileClient) -> None:
+    """Send formulas and a goal, and be killed before their answers."""
+    timeout = nanoseconds_to_duration(60 * SECOND_NS)
+    for each in range(3):
+        formula = f'always Power[uav1] < {2000 + each}'
+        client.ask(EvaluateFormula, EVALUATE, formula=formula, timeout=timeout)
+    actions = ActionClient(client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula')
+    client.spin_until(actions.server_is_ready, 2.0)
+    actions.send_goal_async(MonitorFormula.Goal(formula='always Power[uav2] < 2000'))
+    client.wait(client.chance.uniform(0.0, 1.0))
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def parameters(client: HostileClient) -> None:
+    """Set parameters of running nodes, `use_sim_time` among them."""
+    for node in NODES:
+        listed = client.call(ListParameters, f'{node}/list_parameters')
+        names = {*(listed.result.names if listed else ()), 'use_sim_time', 'hostile', ''}
+        for name in sorted(names):
+            value = random_message(ParameterValue, client.chance, 2)
+            value.type = client.chance.randrange(ParameterType.PARAMETER_STRING_ARRAY + 1)
+            if name == 'use_sim_time':
+                value = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
+            parameter = Parameter(name=name, value=value)
+            client.ask(SetParameters, f'{node}/set_parameters', parameters=[parameter])
+
+
+def _internal_topics(client: HostileClient) -> Iterator[tuple[str, Any]]:
+    """Yield the topics by which the nodes talk to each other, with their types."""
+    for name, (kind, *_) in client.node.get_topic_names_and_types():
+        package = kind.partition('/')[0]
+        if '/_action/' not in name and package in {'dyknow_interfaces', 'diagnostic_msgs'}:
+            yield name, interface(kind)
+
+
+def random_messages(client: HostileClient) -> None:
+    """Publish random messages, with unknown values of enumerations, on all internal topics."""
+    for topic, kind in _internal_topics(client):
+        messages = [random_message(kind, client.chance, 1) for _ in range(5)]
+        client.publish(kind, topic, messages)
+
+
+def malformed_messages(client: HostileClient) -> None:
+    """Publish bytes that are no messages, or have texts that are not UTF-8, on internal topics."""
+    for topic, kind in _internal_topics(client):
+        client.publish(kind, topic, [random_bytes(kind, client.chance) for _ in range(10)])
+
+
+def malformed_source(client: HostileClient) -> None:
+    """Publish bytes that are no messages on the topic of a stream."""
+    request = StreamCreateFromSpec.Request()
+    request.spec.name = 'hostile_source'
+    request.spec.specification = 'select current, serial_number from "/hostile/battery"'
+    client.ask(StreamCreateFromSpec, 'stream_manager/stream_create_from_spec', request)
+    messages = [random_bytes(BatteryState, client.chance) for _ in range(50)]
+    client.publish(BatteryState, '/hostile/battery', [BatteryState(), *messages], 0.01)
+
+
+def objects_100_cubed(client: HostileClient) -> None:
+    """Evaluate a formula over 100 * 100 * 100 objects, which is refused."""
+    _evaluate(client, TRIPLES, 100)
+
+
+def objects_200_cubed(client: HostileClient) -> None:
+    """Evaluate a formula over 200 * 200 * 200 objects, which is refused."""
+    _evaluate(client, TRIPLES, 200)
+
+
+def objects_of_a_crowd_cubed(client: HostileClient) -> None:
+    """Have the coordinator evaluate a formula over 202 * 202 * 202 objects, which is refused."""
+    create = 'ontology_manager/concept_create'
+    client.call(ConceptCreate, create, concept_name='Crowd', parent_concepts=['Object'])
+    for number in range(CROWD):
+        fields = {'instance_name': f'c{number}', 'concept_names': ['Crowd']}
+        client.ask(InstanceCreate, 'ontology_manager/instance_create', **fields)
+    client.wait_for_answers()
+    names = ('a', 'b', 'c')
+    quantifiers = ' '.join(f'forall {each} in Crowd:' for each in names)
+    formula = f'{quantifiers} always XYDist[a, b] > Power[c]'
+    for _ in range(20):
+        client.call(EvaluateFormula, EVALUATE, formula=formula)
+
+
+def a_million_objects(client: HostileClient) -> None:
+    """Evaluate a formula over a sort of a million objects, which is refused."""
+    _evaluate(client, 'forall a in Many: p[a]', 1_000_000)
+
+
+def the_largest_formula(client: HostileClient) -> None:
+    """Evaluate 10,000 instances of a formula, and publish states of them."""
+    _evaluate(client, PAIRS, 100, states=5)
+
+
+def the_largest_disjunction(client: HostileClient) -> None:
+    """Evaluate one instance over 4900 objects, and publish states of them."""
+    _evaluate(client, DISJUNCTION, 4900, states=3)
+
+
+def long_texts(client: HostileClient) -> None:
+    """Evaluate a formula of some 20,000 words, balanced as deep chains are refused."""
+    parts = [f'p{number} < {number}' for number in range(5000)]
+    while len(parts) > 1:
+        parts = [f'({" and ".join(parts[at : at + 2])})' for at in range(0, len(parts), 2)]
+    _evaluate(client, parts[0], 1)
+
+
+def abandoned_groups(client: HostileClient) -> None:
+    """Create formula groups that nobody evaluates."""
+    for _ in range(100):
+        _group(client, 'always p')
+
+
+def _group(client: HostileClient, formula: str) -> int | None:
+    """Return the id of a new group with a formula."""
+    create, add = (f'{REASONER}/formula_group_{each}' for each in ('create', 'add_formula'))
+    answer = client.call(FormulaGroupCreate, create, formula_group_name='hostile')
+    if answer is None or answer.exit_status.code:
+        return None
+    group = int(answer.formula_group_id)
+    fields = {'formula_group_id': group, 'formula_name': 'hostile', 'formula': formula}
+    client.call(FormulaGroupAddFormula, add, **fields)
+    return group
+
+
+def _evaluate(client: HostileClient, formula: str, count: int, states: int = 0) -> None:
+    """Evaluate a formula for some objects in a group of its own, over some states."""
+    group = _group(client, formula)
+    if group is None:
+        return
+    topic, fields = f'/hostile_{group}', {'formula_group_id': group}
+    objects = [f'o{number}' for number in range(count)]
+    answer = client.call(
+        FormulaGroupEvaluate,
+        f'{REASONER}/formula_group_evaluate',
+        domains=[Domain(sort='Many', objects=objects)],
+        state_stream=topic,
+        result_topic=f'{topic}_results',
+        **fields,
+    )
+    if states and answer and not answer.exit_status.code:
+        extract = f'{REASONER}/formula_group_extract_symbols'
+        symbols = client.call(FormulaGroupExtractSymbols, extract, **fields).symbols
+        names = [f'{each.name}[{", ".join(each.arguments)}]' for each in symbols]
+        values = [Field(type='float', name=name, value='1.0') for name in names]
+        samples = [Sample(fields=values) for _ in range(states)]
+        for second, sample in enumerate(samples, 1):
+            sample.valid_time.sec = second
+        client.publish(Sample, topic, samples, quality=STREAM)
+    client.ask(FormulaGroupDestroy, f'{REASONER}/formula_group_destroy', **fields)
+
 
 ROWS = {
     each.__name__: each
-    for each in (*hostile_messages.ROWS, *hostile_semantics.ROWS, *hostile_streams.ROWS)
-}
+    for each in (
+        random_requests, random_parameters, random_goals, cancelled_goals, flood,
+        evaluations_at_once, killed_client, parameters, random_messages, malformed_messages,
+        malformed_source, objects_100_cubed, objects_200_cubed, objects_of_a_crowd_cubed,
+        a_million_objects, the_largest_formula, the_largest_disjunction, long_texts,
+        abandoned_groups,
+    )
+}  # fmt: skip
 """All rows, by name."""

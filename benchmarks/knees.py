@@ -1,7 +1,7 @@
 """The knee of each resource: the number beyond which DyKnow gets slow, refuses or loses.
 
 python benchmarks/knees.py [--json] [--quick]
-    [--only evaluations|formulas|streams|vehicles|annotations]
+    [--only evaluations|formulas|annotations]
 
 Each resource grows until one of these does not hold any more, in the last row: another client gets
 the verdict of a first state within half a second, with 99 % of its requests; no node takes more
@@ -13,7 +13,6 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
 from typing import Any
 
 from dyknow_interfaces.msg import Domain, ExitStatus, FormulaProgress, FormulaResult
@@ -25,10 +24,9 @@ from dyknow_interfaces.srv import (
     FormulaGroupEvaluate,
 )
 from parts import measure
-from processes import MANAGER, percentile, use_private_domain, wait_for_line, worker
+from processes import MANAGER, percentile, use_private_domain
 from rclpy.task import Future
 from running_system import AT_ONCE, REASONER, RunningSystem, timed
-from stream_counts import StreamCounts
 
 from dyknow_common.ros import time_to_nanoseconds
 
@@ -146,61 +144,6 @@ def _make_group(system: RunningSystem) -> int:
     )
     assert answer.exit_status.code == ExitStatus.SUCCESS, answer
     return group
-
-
-def streams(*, quick: bool) -> Any:
-    """Grow the streams of an engine, each with a subscriber."""
-    sizes = (20, 50) if quick else (100, 200, 400, 800, 1600, 3200)
-    with RunningSystem(VEHICLES, RATE) as system, ExitStack() as stack:
-        system.warm_up()
-        counts = StreamCounts(system.client)
-        names = (f's{number}' for number in range(max(sizes)))
-        created = 0
-        wait_for_line(stack.enter_context(worker('matched', '--number', max(sizes))))
-
-        def grow(number: int) -> dict[str, Any]:
-            nonlocal created
-            begun = time.monotonic()
-            outcomes: Counter[str] = Counter()
-            while created < number:
-                created += 1
-                try:
-                    system.client.create(
-                        next(names),
-                        f'select current as power from "/uav{1 + created % VEHICLES}/battery" '
-                        f'where current < {HIGH + created}',
-                        MANAGER,
-                    )
-                    outcomes['success'] += 1
-                except RuntimeError as refused:
-                    outcomes[str(refused)[:200]] += 1
-            return {'made_s': round(time.monotonic() - begun, 2), 'answers': dict(outcomes)}
-
-        rows = _grown(system, sizes, grow, quick=quick)
-        rows[-1].update(emitted=counts.samples, dropped=counts.dropped)
-        return rows
-
-
-def vehicles(*, quick: bool) -> Any:
-    """Grow the fleet of one quantified formula; each size has a system of its own."""
-    rows: list[dict[str, Any]] = []
-    for number in (5, 10) if quick else (50, 100, 200, 400):
-        with RunningSystem(number, RATE) as system:
-            system.warm_up()
-            known = set(system.progress)
-            future = system.ask(f'forall u in UAV: always Power[u] < {HIGH}')
-            begun = time.monotonic()
-            _wait(system, lambda: bool(system.progress.keys() - known) or future.done())  # noqa: B023
-            found = {'to_first_states_s': round(time.monotonic() - begun, 2)}
-            rows += _grown(system, (number,), lambda _: found, quick=quick)  # noqa: B023
-            begun = time.monotonic()
-            system.command('set', f'uav{number}', HIGH + 1)
-            _wait(system, future.done)
-            rows[-1]['decided_s'] = round(time.monotonic() - begun, 2)
-            rows[-1]['answers'] = _outcomes([future])
-        if not rows[-1]['ok']:
-            break
-    return rows
 
 
 def annotations(*, quick: bool) -> Any:
@@ -337,7 +280,7 @@ def _wait(system: RunningSystem, condition: Callable[[], bool]) -> None:
 def main() -> None:
     """Measure and print."""
     use_private_domain()
-    measure(__doc__, evaluations, formulas, streams, vehicles, annotations)
+    measure(__doc__, evaluations, formulas, annotations)
 
 
 if __name__ == '__main__':

@@ -1,24 +1,24 @@
 """Speed of margins of nested formulas, compared with other tools in the same run.
 
 `python benchmarks/nested_margins.py [--json] [--peers PYTHON]`; see README.md. Each tool computes
-the least margin over a sawtooth, which must be that of DyKnow. The other tools run this script in
-their own environment.
+the least margin over a sawtooth, which must be that of DyKnow.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
-from collections.abc import Callable
 from statistics import median
 from time import process_time
 from typing import NamedTuple
 
+from parts import ask_peers
+
+from dyknow_reasoning import FormulaGroup
+
 PERIOD_NS = 100_000_000
 STATES = 20_000
-FEWER_STATES = 2000
 REPETITIONS = 5
 SAWTOOTH = [3.0] * 20 + [1.0 + 0.01 * step for step in range(20)]
 
@@ -58,84 +58,24 @@ Found = tuple[float, float]
 """The microseconds for a state, and the least margin."""
 
 
-def measured(run: Callable[[int], float], states: int = STATES) -> Found:
-    """Return the median cost of a state of some runs, and the least margin."""
-    costs, least = [], 0.0
-    for _ in range(REPETITIONS):
-        begin = process_time()
-        least = run(states)
-        costs.append((process_time() - begin) / states * 1e6)
-    return median(costs), least
-
-
 def dyknow(formula: str, *, every_state: bool = False, ask: bool = False) -> Found:
-    """Measure DyKnow: bounds, and the verdict with them."""
-    from dyknow_reasoning import FormulaGroup  # noqa: PLC0415
-
+    """Return the median cost of a state, with bounds and the verdict, and the least margin."""
     cycle = [{'x': value} for value in SAWTOOTH]
     text = formula if every_state else f'always ({formula})'
-
-    def run(states: int) -> float:
+    costs = []
+    for _ in range(REPETITIONS):
         group = FormulaGroup()
         formula_id = group.add_formula('it', text, margin=True, every_state=every_state)
         group.begin({})
-        for index in range(states):
+        begin = process_time()
+        for index in range(STATES):
             group.progress(index * PERIOD_NS, cycle[index % len(cycle)])
             if ask:
                 group.margin(formula_id)
         found = group.margin(formula_id)
-        assert found is not None
-        return found.upper
-
-    return measured(run)
-
-
-def mstlo(formula: str, semantics: str) -> Found:
-    """Measure mstlo: margins, with `Rosi` also bounds."""
-    import mstlo_python as tool  # noqa: PLC0415
-
-    def run(states: int) -> float:
-        monitor = tool.Monitor(tool.parse_formula(formula), semantics=semantics)
-        least = float('inf')
-        for index in range(states):
-            value = SAWTOOTH[index % len(SAWTOOTH)]
-            for _, margin in monitor.update('x', value, index * PERIOD_NS / 1e9).verdicts():
-                least = min(least, margin[1] if isinstance(margin, tuple) else margin)
-        return least
-
-    return measured(run)
-
-
-def rtamt(formula: str, horizon: int) -> Found:
-    """Measure RTAMT: margins, by operators of the past."""
-    import rtamt as tool  # noqa: PLC0415
-
-    def run(states: int) -> float:
-        monitor = tool.StlDiscreteTimeSpecification()
-        monitor.declare_var('x', 'float')
-        monitor.spec = formula
-        monitor.parse()
-        monitor.pastify()
-        found = [
-            monitor.update(index, [('x', SAWTOOTH[index % len(SAWTOOTH)])])
-            for index in range(states)
-        ]
-        return float(min(found[horizon:]))
-
-    return measured(run, FEWER_STATES)
-
-
-def peers() -> dict[str, dict[str, Found]]:
-    """Return what the other tools of this environment need, by formula."""
-    return {
-        name: {
-            'mstlo': mstlo(case.mstlo, 'DelayedQuantitative'),
-            'mstlo with bounds': mstlo(case.mstlo, 'Rosi'),
-            'RTAMT': rtamt(case.rtamt, case.horizon),
-        }
-        for name, case in CASES.items()
-        if case.mstlo
-    }
+        costs.append((process_time() - begin) / STATES * 1e6)
+    assert found is not None
+    return median(costs), found.upper
 
 
 def own() -> dict[str, dict[str, Found]]:
@@ -155,17 +95,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--json', action='store_true', help='print a line of JSON for each figure')
     parser.add_argument('--peers', metavar='PYTHON', help='of an environment with the other tools')
-    parser.add_argument('--as-peer', action='store_true', help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.as_peer:
-        json.dump(peers(), sys.stdout)
-        return
     found = own()
-    if options.peers:
-        command = [options.peers, __file__, '--as-peer']
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        for name, tools in json.loads(done.stdout).items():
-            found[name] |= tools
+    for name, case in CASES.items():
+        if not (options.peers and case.mstlo):
+            continue
+        formulas = {'mstlo': case.mstlo, 'rtamt': case.rtamt, 'horizon': case.horizon}
+        tools = ask_peers(options.peers, 'margins', **formulas, wave=SAWTOOTH, states=STATES)
+        for tool, each in tools.items():
+            if 'error' in each:
+                sys.stderr.write(f'{tool} is skipped: {each["error"]}\n')
+            else:
+                found[name][tool] = each['us'], each['margin']
     for name, tools in found.items():
         _, expected = tools['DyKnow']
         for tool, (cost, least) in tools.items():

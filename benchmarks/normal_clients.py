@@ -6,7 +6,7 @@ import random
 import re
 import statistics
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -102,11 +102,11 @@ class NormalClients:
         if now >= self._next_request:
             self._next_request = now + REQUEST_PERIOD_S
             # A coordinator that has died is not waited for; the soak starts it again.
-            with suppress(TimeoutError):
+            with suppress(AssertionError):
                 self.requests.send()
         if now >= self._next_probe:
             self._next_probe = now + PROBE_PERIOD_S
-            with suppress(TimeoutError):
+            with suppress(AssertionError):
                 self.requests.ask(AT_ONCE)
             self._look()
 
@@ -119,15 +119,11 @@ class NormalClients:
         """Return the latencies and the defects of all answers.
 
         Args:
-            high: the stamps of the high levels of each battery.
+            high: the stamps of the high levels of each vehicle.
         """
-        stamps = {
-            vehicle: [stamp for name in names for stamp in high.get(name, ())]
-            for vehicle, names in self.system.sources.items()
-        }
         defects: defaultdict[str, list[str]] = defaultdict(list)
         for each in self.requests.asked:
-            kind, text = _defect(each, stamps)
+            kind, text = _defect(each, high)
             if kind:
                 defects[kind].append(f'{each.name}: {text}')
         for look in self._looks:
@@ -135,10 +131,9 @@ class NormalClients:
                 defects['lost'].append(look.service)
             elif look.fault:
                 defects['wrong'].append(f'{look.service}: {look.fault}')
-        outcomes = Counter(f'{each.name}: {each.outcome}' for each in self.requests.asked)
         return {
             'asked': len(self.requests.asked) + len(self._looks),
-            'outcomes': dict(sorted(outcomes.items())),
+            'outcomes': self.requests.outcomes,
             **{kind: defects[kind] for kind in (*DEFECTS, 'refused')},
             'latency_ms': self._latencies(),
         }

@@ -12,15 +12,14 @@ The truth comes from an implementation of its own here, over whole arrays of err
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import exp, sqrt
 from time import process_time
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from parts import measure
 from scipy.special import betaincinv
 
 from dyknow_reasoning import FormulaProbability, probability_of
@@ -57,12 +56,13 @@ def asked(constant: str, estimates: Sequence[float]) -> FormulaProbability:
     return probability
 
 
-def calibration(runs: int) -> dict[str, Any]:
+def calibration(*, quick: bool) -> dict[str, Any]:
     """Return how often the truth is in the intervals of each model.
 
     Of independent errors, the truth is the exact probability; that itself is compared with the
     share of true runs: its 95 % interval must contain the exact probability in 95 % of the cases.
     """
+    runs = 100 if quick else 10_000
     generator = np.random.default_rng(1)
     covered = {'exact': 0, 'simulated': 0, 'bounds, independent': 0, 'bounds, correlated': 0}
     draw = 400
@@ -83,7 +83,10 @@ def calibration(runs: int) -> dict[str, Any]:
         share = truth_of(estimates + errors(generator, draw, correlation)).mean()
         slack = 5 * sqrt(max(share * (1 - share), 1 / draw) / draw)
         covered['bounds, correlated'] += bounds.lower - slack <= share <= bounds.upper + slack
-    return {name: each / runs for name, each in covered.items()}
+    return {
+        **{name: each / runs for name, each in covered.items()},
+        'simulated, time constant 2 s': correlated_coverage(runs),
+    }
 
 
 def simulated(estimates: Sequence[float], seed: int) -> FormulaProbability:
@@ -129,12 +132,13 @@ FORMULAS = (
 )
 
 
-def cost(states: int) -> dict[str, float]:
+def cost(*, quick: bool) -> dict[str, float]:
     """Return the milliseconds of a state for ten formulas, with intervals asked for each time.
 
     They are asked anew after ROUND states, as those that are decided cost nothing. The time is that
     of the processor: simulated runs take 0.05 ms each, which other processes often interrupt.
     """
+    states = 200 if quick else 1000
     generator = np.random.default_rng(3)
     rows = [
         {'x': float(x), 'y': float(y), 's': 1.0} for x, y in generator.normal(2, 0.5, (states, 2))
@@ -167,7 +171,7 @@ ENOUGH = 0.99
 """The part of the probability that is decided, or has leaked, at the end of a run."""
 
 
-def leakage(states: int) -> dict[str, dict[str, float]]:
+def leakage(*, quick: bool) -> dict[str, dict[str, float]]:
     """Return what is decided and what leaks, by the most remaining formulas that are followed.
 
     The formula and the kind of states are those of the experiments with leaky progression graphs
@@ -175,6 +179,7 @@ def leakage(states: int) -> dict[str, dict[str, float]]:
     AAAI 2019; their program is github.com/dnleng/jprogress). It ends once 99 % are decided or have
     leaked.
     """
+    states = 10_000 if quick else 100_000
     found = {}
     for limit in (5, 10, 20, 50, 100, 150, 190, 2000):
         generator = np.random.default_rng(1)
@@ -194,26 +199,5 @@ def leakage(states: int) -> dict[str, dict[str, float]]:
     return found
 
 
-def main() -> None:
-    """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('--runs', type=int, default=10_000)
-    parser.add_argument('--states', type=int, default=1000)
-    parser.add_argument('--only', choices=['calibration', 'cost', 'leakage'])
-    parser.add_argument('--json', action='store_true')
-    options = parser.parse_args()
-    parts: dict[str, Callable[[], Any]] = {
-        'calibration': lambda: (
-            calibration(options.runs)
-            | {'simulated, time constant 2 s': correlated_coverage(options.runs)}
-        ),
-        'cost': lambda: cost(options.states),
-        'leakage': lambda: leakage(100 * options.states),
-    }
-    chosen = [options.only] if options.only else list(parts)
-    found = {name: parts[name]() for name in chosen}
-    print(json.dumps(found, indent=None if options.json else 2))
-
-
 if __name__ == '__main__':
-    main()
+    measure(__doc__, calibration, cost, leakage)

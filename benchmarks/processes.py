@@ -8,26 +8,24 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from dyknow_interfaces.srv import StreamCreateFromSpec
-from rclpy.executors import SingleThreadedExecutor
 
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import Process
-from dyknow_common.ros import SERVICE
+
+sys.path.insert(0, str(Path(__file__).parent.parent / 'tests'))
+
+import system
 
 WORKERS = Path(__file__).with_name('workers.py')
 PACKAGE = 'dyknow_stream_processing'
 ENGINE = 'stream_processing_engine'
 MANAGER = 'stream_manager'
-TIMEOUT_S = 30.0
-"""Time after which a wait has failed."""
 
 
 def use_private_domain(domain: int | None = None) -> None:
@@ -47,8 +45,7 @@ def avoid_shared_memory() -> None:
     FASTDDS_BUILTIN_TRANSPORTS says.
     """
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    profile = Path(__file__).parent.parent / 'tests' / 'loopback.xml'
-    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(profile)
+    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(system.LOOPBACK)
 
 
 @contextmanager
@@ -79,51 +76,11 @@ def result_of(process: subprocess.Popen[str]) -> Any:
     return json.loads(output.splitlines()[-1])
 
 
-class Client:
-    """A node that calls services and waits."""
+class Client(system.Client):
+    """The client of the tests, in the domain of this process."""
 
     def __init__(self) -> None:
-        rclpy.init()
-        self.node = rclpy.create_node('benchmark')
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self.node)
-        self._clients: dict[str, Any] = {}
-
-    def close(self) -> None:
-        """Destroy the node."""
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.try_shutdown()
-
-    def spin_until(
-        self, condition: Callable[[], bool], what: str, limit: float = TIMEOUT_S
-    ) -> None:
-        """Run callbacks until a condition holds.
-
-        Raises:
-            TimeoutError: if it does not hold in time.
-        """
-        end = time.monotonic() + limit
-        while not condition():
-            if time.monotonic() > end:
-                raise TimeoutError(f'not within {limit} s: {what}')
-            self._executor.spin_once(timeout_sec=0.05)
-
-    def request(self, service_type: Any, service: str, **fields: Any) -> Any:
-        """Call a service and return the future of its response."""
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(
-                service_type, service, qos_profile=SERVICE
-            )
-        client = self._clients[service]
-        self.spin_until(client.service_is_ready, service)
-        return client.call_async(service_type.Request(**fields))
-
-    def call(self, service_type: Any, service: str, **fields: Any) -> Any:
-        """Call a service and return its response."""
-        future = self.request(service_type, service, **fields)
-        self.spin_until(future.done, service)
-        return future.result()
+        super().__init__({'ROS_DOMAIN_ID': os.environ['ROS_DOMAIN_ID']})
 
     def create(self, name: str, specification: str, node: str = ENGINE) -> str:
         """Create a stream and return its topic."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from parts import ask_peers
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
 
@@ -413,16 +413,12 @@ def memory() -> Iterator[tuple[str, str, float]]:
 
 def peers(python: str) -> Iterator[tuple[str, str, float]]:
     """Yield the costs of other tools, which run in their own environment."""
-    script = Path(__file__).with_name('progression_peers.py')
-    values = json.dumps([SAWTOOTH[index % len(SAWTOOTH)] for index in range(50_000)])
-    done = subprocess.run(
-        [python, str(script)], input=values, capture_output=True, text=True, check=True
-    )
-    for tool, found in json.loads(done.stdout).items():
-        if 'error' in found:
-            sys.stderr.write(f'{tool} is skipped: {found["error"]}\n')
+    values = [SAWTOOTH[index % len(SAWTOOTH)] for index in range(50_000)]
+    for tool, found in ask_peers(python, 'response', values=values).items():
+        if found.get('violated') == [False, True]:
+            yield f'{tool}, bounded response', 'us a state, regular', found['us']
         else:
-            yield f'{tool}, bounded response', 'us a state, regular', found['microseconds']
+            sys.stderr.write(f'{tool} is skipped: {found.get("error", "another verdict")}\n')
 
 
 def main() -> None:

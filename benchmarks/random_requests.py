@@ -8,6 +8,7 @@ from __future__ import annotations
 import random
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -106,15 +107,16 @@ class Request:
         """The outcome in a word or two."""
         return outcome_of(self.answer)
 
-    def fault(self, high: Mapping[str, Sequence[int]]) -> str:
+    def fault(self, high: Mapping[str, Sequence[int]], max_delay_s: float = MAX_DELAY_S) -> str:
         """Return the defect of the answer; empty if there is none.
 
         Args:
             high: the stamps of the high levels of each vehicle.
+            max_delay_s: the time after the timeout within which an answer must come.
         """
         if self.ended is None:
             return 'not answered'
-        if self.ended - self.begun > self.kind.timeout + MAX_DELAY_S:
+        if self.ended - self.begun > self.kind.timeout + max_delay_s:
             return f'answered after {self.ended - self.begun:.1f} s: {self.outcome}'
         code, verdict = self.answer.exit_status.code, self.answer.verdict
         if code:
@@ -161,6 +163,12 @@ class RandomRequests:
     def open(self) -> list[Request]:
         """The requests without an answer."""
         return [each for each in self.asked if each.ended is None]
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """The outcomes of each kind of request, counted."""
+        found = Counter(f'{each.name}: {each.outcome}' for each in self.asked)
+        return dict(sorted(found.items()))
 
     def send(self) -> None:
         """Send a random request, unless many are open."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -16,6 +15,7 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
+from parts import ask_peers
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -101,25 +101,13 @@ def theirs(
     python: str, tool: str, texts: Sequence[Shape], columns: dict[str, Any]
 ) -> dict[str, Any]:
     """Return what another tool finds, which runs in its own environment."""
-    script = Path(__file__).with_name('recording_tools.py')
     with TemporaryDirectory() as folder:
         path = Path(folder, 'signals.npz')
         np.savez(path, **columns)
-        task = {
-            'tool': tool,
-            'signals': str(path),
-            'period_s': PERIOD_S,
-            'formulas': [getattr(each, tool) for each in texts],
-        }
-        done = subprocess.run(
-            [python, str(script)],
-            input=json.dumps(task),
-            stdout=subprocess.PIPE,
-            text=True,
-            check=True,
+        formulas = [getattr(each, tool) for each in texts]
+        return ask_peers(
+            python, 'recorded', tool=tool, formulas=formulas, signals=str(path), period_s=PERIOD_S
         )
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
 
 
 def each_limit(kind: str) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 import time
@@ -11,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
 from processes import (
@@ -32,7 +32,7 @@ from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyk
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import RUNNING, STATUS, nanoseconds_to_duration
+from dyknow_common.ros import nanoseconds_to_duration
 
 COORDINATOR = 'stream_reasoning_coordinator'
 REASONER = 'stream_reasoning_engine'
@@ -47,7 +47,7 @@ WARM_UP_LIMIT_S = 60.0
 
 
 def configure(
-    sources: Mapping[str, Sequence[str]], folder: Path, constraints: str, annotated: str = ''
+    sources: Mapping[str, Sequence[str]], folder: Path, constraints: str
 ) -> SystemConfiguration:
     """Return a configuration with the power of each vehicle from each of its batteries.
 
@@ -55,13 +55,11 @@ def configure(
         sources: the names of the batteries of each vehicle.
         folder: for the files.
         constraints: of each stream.
-        annotated: constraints of each annotation.
     """
     streams = [(vehicle, name) for vehicle, names in sources.items() for name in names]
     texts = {
         'fleet.ssl': ''.join(
-            f'stream {name}_power contains Power[{vehicle}] = power {annotated};\n'
-            for vehicle, name in streams
+            f'stream {name}_power contains Power[{vehicle}] = power;\n' for vehicle, name in streams
         ),
         'fleet.streams': ''.join(
             f'stream {name}_power = select current as power from "/{name}/battery" '
@@ -87,7 +85,6 @@ class RunningSystem:
         batteries: the number for each vehicle.
         constraints: of the streams of the fleet, such as `with max_delay = 1 s`.
         progress_period: seconds between two reports of the reasoning engine on a formula.
-        annotated: constraints of the annotations.
         far: True for a second stream processing engine, in a namespace of its own.
         logs: a folder for the logs of the nodes; None: they are deleted.
         composition: True for one process with all nodes of the robot's own namespace.
@@ -101,7 +98,6 @@ class RunningSystem:
         constraints: str = '',
         progress_period: float = 1.0,
         *,
-        annotated: str = '',
         far: bool = False,
         logs: Path | None = None,
         composition: bool = False,
@@ -117,7 +113,6 @@ class RunningSystem:
         self.started_at = 0.0
         self._rate = rate
         self._constraints = constraints
-        self._annotated = annotated
         self._progress_period = progress_period
         self._logs = logs
         self._far = far
@@ -133,7 +128,7 @@ class RunningSystem:
         )
         self._stack.callback(robots.stop, self.fleet)
         wait_for_line(self.fleet)
-        configuration = configure(self.sources, folder, self._constraints, self._annotated)
+        configuration = configure(self.sources, folder, self._constraints)
         nodes = [self._configured(each, folder) for each in dyknow_processes(configuration)]
         self._processes = {
             each.executable: each
@@ -193,6 +188,14 @@ class RunningSystem:
         """Send a command to the fleet and return its answer."""
         return robots.command(self.fleet, *words)
 
+    def high_levels(self) -> dict[str, list[int]]:
+        """Return the stamps of the high levels of each vehicle, of any of its batteries."""
+        found = json.loads(self.command('high'))
+        return {
+            vehicle: [stamp for name in names for stamp in found.get(name, ())]
+            for vehicle, names in self.sources.items()
+        }
+
     def ask(self, formula: str, timeout: float = 600.0) -> Future:
         """Send a formula to the coordinator and return the future of the answer."""
         return ask(self.client, EVALUATE, formula, timeout)
@@ -222,8 +225,7 @@ class RunningSystem:
 
     def wait(self, seconds: float) -> None:
         """Run callbacks for a time."""
-        end = time.monotonic() + seconds
-        self.client.spin_until(lambda: time.monotonic() > end, 'time', seconds + 1)
+        self.client.wait(seconds)
 
     def costs(self, seconds: float) -> dict[str, dict[str, float]]:
         """Return the share of a core and the memory in MB of each node over a time."""
@@ -250,17 +252,7 @@ class RunningSystem:
         return {name: processor_time(pid) for name, pid in self.pids.items()}
 
     def _wait_until_ready(self) -> None:
-        messages: list[str] = []
-        listener = self.client.node.create_subscription(
-            DiagnosticStatus,
-            f'{COORDINATOR}/_status',
-            lambda status: messages.append(status.message),
-            STATUS,
-        )
-        self.client.spin_until(
-            lambda: messages[-1:] == [RUNNING], f'the coordinator runs: {messages}'
-        )
-        self.client.node.destroy_subscription(listener)
+        self.client.wait_for_coordinator()
         self.client.spin_until(self.has_fleet_streams_only, 'just the streams of the fleet')
 
     def _on_progress(self, report: Any) -> None:

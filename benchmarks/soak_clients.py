@@ -16,7 +16,6 @@ import json
 import math
 import os
 import random
-import re
 import subprocess
 import sys
 import tempfile
@@ -25,22 +24,16 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import hostile_client
 from faults import Faults
 from hostile_rows import ROWS
+from lives import Lives
 from normal_clients import DEFECTS, NormalClients
 from parts import end, print_report
-from processes import (
-    avoid_shared_memory,
-    growth_per_minute,
-    memory_of_group,
-    open_files,
-    use_private_domain,
-)
+from processes import avoid_shared_memory, use_private_domain
 from random_requests import KINDS, MAX_DELAY_S
 from running_system import RunningSystem
 
@@ -50,23 +43,11 @@ CONSTRAINTS = 'with max_delay = 2 s, sample_period = 50 ms, sample_period_deviat
 """Streams are late only where a node is busy: the fleet has no faults."""
 
 STEP_S = 0.05
-SAMPLE_PERIOD_S = 1.0
-"""Time between two measurements of memory and files."""
-
 KILL_PERIOD_S = 12.0
 """Time between two hostile clients that are killed."""
 
-MAX_MEMORY_MB = 3000.0
-"""A node that has more is killed, to protect the machine, which counts as its death."""
-
-WARM_UP = 0.4
 MAY_WAIT = 'random_requests'
 """The row whose formulas may have a long timeout; the requests of others end in 10 s."""
-
-MAX_EXAMPLES = 5
-_FAULT = re.compile(
-    r'fault in |Traceback|MemoryError|Segmentation fault|terminate called|Fatal Python'
-)
 
 
 class HostileClients:
@@ -146,70 +127,6 @@ class HostileClients:
             self.internal_errors[f'{name}: {found["message"]}'] += 1
 
 
-@dataclass
-class Nodes:
-    """The nodes of a system: their deaths, memory and open files."""
-
-    system: RunningSystem
-    logs: Path
-    deaths: list[str] = field(default_factory=list)
-    _samples: dict[tuple[str, int], list[tuple[float, float, int]]] = field(default_factory=dict)
-    _next: float = 0.0
-
-    def step(self) -> None:
-        """Measure, and start the nodes again that have ended."""
-        now = time.monotonic()
-        if now < self._next:
-            return
-        self._next = now + SAMPLE_PERIOD_S
-        for ended in self.system.ended():
-            self.deaths.append(f'{ended}: {ended.last_lines[-600:]}')
-            self.system.start(ended.name)
-        for name, pid in self.system.pids.items():
-            with suppress(OSError):
-                memory, files = memory_of_group(pid), open_files(pid)
-                self._samples.setdefault((name, pid), []).append((now, memory, files))
-                if memory > MAX_MEMORY_MB:
-                    self.deaths.append(f'{name} was killed: it had {memory:.0f} MB')
-                    self.system.kill(name)
-                    self.system.start(name)
-
-    def report(self) -> dict[str, dict[str, Any]]:
-        """Return memory and files of each node, over the longest of its lives."""
-        lives: dict[str, list[tuple[float, float, int]]] = {}
-        for (name, _), found in self._samples.items():
-            lives[name] = max(lives.get(name, []), found, key=len)
-        return {
-            name: {
-                'memory_mb': [round(found[0][1]), round(found[-1][1])],
-                'most_mb': round(max(each[1] for each in found)),
-                'growth_mb_per_minute': growth_per_minute([each[:2] for each in found], WARM_UP)
-                if len(found) > 5  # noqa: PLR2004 - a line through few points says nothing
-                else None,
-                'files': [found[0][2], found[-1][2]],
-                'most_files': max(each[2] for each in found),
-            }
-            for name, found in lives.items()
-        }
-
-    def faults(self) -> dict[str, list[str]]:
-        """Return the faults that the nodes logged, and what follows each."""
-        found = {}
-        for path in sorted(self.logs.glob('*.log')):
-            lines = path.read_text(encoding='utf-8', errors='replace').splitlines()
-            places = [place for place, line in enumerate(lines) if _FAULT.search(line)]
-            texts = {_last_line(lines[place : place + 60]): None for place in places}
-            if texts:
-                found[path.stem] = [f'{len(places)} lines', *list(texts)[:MAX_EXAMPLES]]
-        return found
-
-
-def _last_line(lines: Sequence[str]) -> str:
-    """Return the first line of a fault, and the last one of its traceback."""
-    end = next((line for line in lines[1:] if re.match(r'\w+(\.\w+)*(Error|Exception)', line)), '')
-    return f'{lines[0][:200]} … {end[:200]}'
-
-
 def soak(arguments: argparse.Namespace, rows: Sequence[str], logs: Path) -> dict[str, Any]:
     """Run all clients for a time and return the results."""
     chance = random.Random(arguments.seed)  # noqa: S311
@@ -217,12 +134,12 @@ def soak(arguments: argparse.Namespace, rows: Sequence[str], logs: Path) -> dict
         VEHICLES, RATE, 1, CONSTRAINTS, logs=logs, composition=arguments.composition
     ) as system:
         system.warm_up()
-        nodes, normal = Nodes(system, logs), NormalClients(system, chance)
+        nodes, normal = Lives(system, logs), NormalClients(system, chance)
         surges = Faults(system, chance, (), topics=False)
         hostile = HostileClients(arguments.clients, rows, chance, system.folder)
         try:
             _run(system, arguments.minutes * 60, nodes, normal, surges, hostile)
-            high = json.loads(system.command('high'))
+            high = system.high_levels()
             begun = time.monotonic()
             codes = system.stop()
             stopped = time.monotonic() - begun
@@ -250,7 +167,7 @@ def soak(arguments: argparse.Namespace, rows: Sequence[str], logs: Path) -> dict
 def _run(
     system: RunningSystem,
     seconds: float,
-    nodes: Nodes,
+    nodes: Lives,
     normal: NormalClients,
     surges: Faults,
     hostile: HostileClients,

@@ -142,6 +142,11 @@ class Client:
             while time.monotonic() < now + pause:
                 self.executor.spin_once(timeout_sec=max(now + pause - time.monotonic(), 0.0))
 
+    def wait(self, seconds: float) -> None:
+        """Runs callbacks for a time."""
+        end = time.monotonic() + seconds
+        self.spin_until(lambda: time.monotonic() > end, 'time', seconds + LIMIT)
+
     def request(self, service_type: Any, service: str, **fields: Any) -> Any:
         """Sends a request and returns the future of its response."""
         if service not in self._clients:

@@ -139,16 +139,6 @@ def test_an_unknown_stream(system: System) -> None:
     assert 'uav1_power' in answer.exit_status.message
 
 
-def test_telemetry_that_stops_is_a_violation(system: System, batteries: Batteries) -> None:
-    future = system.ask('forall u in UAV: always Power[u] < 150')
-    system.wait_until_running(future)
-    batteries.silent.add('uav1')
-    answer = system.client.result(future, 'the answer')
-    assert answer.exit_status.code == ExitStatus.CONSTRAINT_VIOLATION
-    assert answer.verdict == FormulaResult.UNDECIDED
-    assert 'uav1' in answer.exit_status.message
-
-
 def test_telemetry_that_is_ahead_of_the_clock_is_a_violation(
     system: System, batteries: Batteries
 ) -> None:

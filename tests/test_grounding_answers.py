@@ -97,14 +97,6 @@ def test_the_bare_name_of_a_stream_is_no_concept(system: System) -> None:
     assert "'uav1_power'" in answer.exit_status.message
 
 
-@pytest.mark.parametrize('grounding', [AUTO, SYNTACTIC])
-def test_a_stream_of_several_fields_needs_one(system: System, grounding: int) -> None:
-    answer = system.evaluate('eventually uav1_position > 150', grounding=grounding)
-    assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT, answer
-    assert '(x, y)' in answer.exit_status.message
-    assert 'uav1_position.field' in answer.exit_status.message
-
-
 def test_stand_ins_are_told(system: System, spares: Spares) -> None:
     spares.power('uav1_spare_power', 'uav2', of='uav1')
     answer = system.evaluate('forall u in UAV: eventually Power[u] > 99')

@@ -116,8 +116,7 @@ def test_without_commands_the_safe_message_is_repeated(system: System, base: Gua
 
 def test_a_guard_that_is_stopped_passes_nothing_stale(system: System, base: GuardedBase) -> None:
     base.process.send_signal(signal.SIGSTOP)
-    end = time.monotonic() + 1.0
-    base.client.spin_until(lambda: time.monotonic() > end, 'commands that wait')
+    base.client.wait(1.0)
     begin, event = len(base.received), time.time()
     base.process.send_signal(signal.SIGCONT)
     base.client.spin_until(lambda: len(base.received) > begin, 'the guard goes on')

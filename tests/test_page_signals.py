@@ -15,21 +15,16 @@ from page_client import post, receive
 from system import LIMIT, System
 
 
-def spin(system: System, seconds: float) -> None:
-    end = time.monotonic() + seconds
-    system.client.spin_until(lambda: time.monotonic() > end, 'some time', seconds + LIMIT)
-
-
 def test_a_formula_that_failed_before_it_is_opened_shows_why(served: tuple[System, str]) -> None:
     system, address = served
     name = 'forall u in UAV: always (Power[u] < 150)'
     answer = system.ask(name)
     system.wait_until_running(answer)
-    spin(system, 3.0)
+    system.client.wait(3.0)
     system.batteries.power['uav2'] = 170.0
     system.client.spin_until(answer.done, 'the verdict')
     system.batteries.reset()
-    spin(system, 2.0)  # Now somebody hears the alarm.
+    system.client.wait(2.0)  # Now somebody hears the alarm.
     drawing = receive(
         address, 'formulas', name, lambda found: found['type'] == 'drawing' and found['signals']
     )

@@ -134,13 +134,6 @@ def test_each_formula_of_a_group_gets_a_result(nodes: Nodes, group: int) -> None
     assert results[calm].formula_name == 'is it that always Power[uav1] < 150'
 
 
-def test_a_formula_that_no_state_can_change_is_decided_at_once(nodes: Nodes, group: int) -> None:
-    formula = add(nodes, group, 'forall u in UAV: u = u').formula_id
-    result = States(nodes, group).wait_for_results(1)[formula]
-    assert result.verdict == FormulaResult.TRUE
-    assert nanoseconds(result.decided_at) == 0
-
-
 def test_a_state_without_a_field_is_no_verdict(nodes: Nodes, group: int) -> None:
     states = States(nodes, group)
     states.publish(10, uav1=100.0)

@@ -428,20 +428,6 @@ def test_a_stream_that_the_manager_does_not_know(managed: Nodes, service: Any) -
     assert_refused(answer.exit_status, MISSING, "'nowhere'", 'level', 'tank')
 
 
-@pytest.mark.parametrize(('name', 'user'), [('level', 'dependent'), ('tank', 'level')])
-def test_a_stream_that_others_are_made_from_is_not_destroyed(
-    managed: Nodes, name: str, user: str
-) -> None:
-    create(managed, 'dependent', 'select level from level', MANAGER)
-    answer = managed.call(MANAGER, srv.StreamDestroy, stream_name=name)
-    assert_refused(answer.exit_status, INVALID, f"'{name}' is used", user)
-    managed.obtain(MANAGER, srv.StreamDestroy, stream_name='dependent')
-    # The manager also lists what is published: for a moment, the middleware still shows the topic.
-    managed.client.spin_until(
-        lambda: streams(managed, MANAGER) == ['level', 'tank'], 'no other streams', pause=POLL
-    )
-
-
 def test_a_published_stream_needs_no_registration(managed: Nodes) -> None:
     """Its topic follows the naming convention."""
     answer = managed.call(MANAGER, srv.StreamGetTopic, stream_name='external')

@@ -414,22 +414,15 @@ def test_what_does_not_exist_is_refused_at_the_start(
     assert shown[caret.index('^') :].startswith(place), error.value
 
 
-def test_lint_shows_what_is_not_installed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(('verb', 'code'), [('lint', 1), ('monitor', 2)])
+def test_verbs_show_what_is_not_installed(tmp_path: Path, verb: str, code: int) -> None:
     formula(tmp_path, '{false: {publish: {topic: /a, type: nav9_msgs/msg/A}}}')
-    line = command('dyknow', 'lint', str(tmp_path / 'robot.yaml'))
+    line = command('dyknow', verb, str(tmp_path / 'robot.yaml'))
     done = output_of(line, private_environment())
-    assert done.returncode == 1
-    assert 'install the package nav9_msgs' in done.stdout
-    assert 'robot.yaml:2:' in done.stdout
-
-
-def test_monitor_refuses_it_too(tmp_path: Path) -> None:
-    formula(tmp_path, '{false: {publish: {topic: /a, type: nav9_msgs/msg/A}}}')
-    line = command('dyknow', 'monitor', str(tmp_path / 'robot.yaml'))
-    done = output_of(line, private_environment())
-    assert done.returncode == 2
-    assert 'install the package nav9_msgs' in done.stderr
-    assert 'robot.yaml:2:' in done.stderr
+    assert done.returncode == code
+    said = done.stdout if verb == 'lint' else done.stderr
+    assert 'install the package nav9_msgs' in said
+    assert 'robot.yaml:2:' in said
 
 
 def test_a_message_with_all_kinds_of_fields(observed: Observed, tmp_path: Path) -> None:

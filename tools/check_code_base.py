@@ -37,6 +37,7 @@ COUNTED = {'.py', '.lark', '.js', '.css', '.html', '.msg', '.srv', '.action'}
 ROSDEP_KEYS = {
     'backports': 'python3-backports.zstd-pip',
     'hypothesis': 'python3-hypothesis',
+    'jsonschema': 'python3-jsonschema',
     'junitparser': 'python3-junitparser',
     'lark': 'python3-lark-parser',
     'lz4': 'python3-lz4',

@@ -147,8 +147,10 @@ def test_a_stream_of_one_field_needs_no_field() -> None:
 
 @pytest.mark.parametrize('fields', [(), ('a', 'b')])
 def test_a_stream_of_several_fields_needs_one(fields: tuple[str, ...]) -> None:
-    with pytest.raises(CoordinationError, match=r'uav1_state\.field'):
+    with pytest.raises(CoordinationError, match=r'uav1_state\.field') as caught:
         single_field_source(Symbol(SymbolKind.FEATURE, 'uav1_state'), fields)
+    assert caught.value.code is ExitCode.INVALID_ARGUMENT
+    assert ', '.join(fields) in str(caught.value)
 
 
 def test_streams_of_one_name_get_names_of_their_own() -> None:

@@ -36,6 +36,7 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.terms import (
     Arithmetic,
     Feature,
+    FieldReference,
     Kept,
     StateCount,
     Truth,
@@ -192,7 +193,7 @@ def counted(bound: CountBound, number: int, values: Sequence[bool | None]) -> bo
 
 
 def value_of(term: Any, values: Mapping[str, Value]) -> Any:
-    return values[str(term)] if isinstance(term, Feature) else term.value
+    return values[str(term)] if isinstance(term, Feature | FieldReference) else term.value
 
 
 def past_value_of(term: Any, trace: Trace, i: int) -> Any:

@@ -114,6 +114,8 @@ REFUSED = {
     'two inputs': 'distance(select v as x from "a", select w as x from "b")',
     'names of values': 'select v as "x%t%" from "a"',
     'elements': 'select e.z as z from each t as e in "a"',
+    'delay of states': 'sync(select v from "a", select w from "b") with max_delay = 1 s',
+    'lead of states': 'sync(select v from "a") with max_lead = 1 s',
 }
 TOPICS = 'abce'
 

@@ -127,8 +127,9 @@ def test_what_a_stream_cannot_be_made_from(
 def test_a_stream_that_others_are_made_from_is_kept(registry: StreamRegistry) -> None:
     for name in ('x', 'y'):
         registry.add(created(name, 'sync(a, battery)'))
-    with pytest.raises(StreamError, match="'a' is used: x, y are made from it"):
+    with pytest.raises(StreamError, match="'a' is used: x, y are made from it") as error:
         registry.remove('a')
+    assert error.value.code is ExitCode.INVALID_ARGUMENT
     registry.remove('y')
     with pytest.raises(StreamError, match="'battery' is used: x is made from it"):
         registry.remove('battery')

@@ -148,6 +148,45 @@ def test_a_stream_that_falls_silent_while_it_is_left() -> None:
         assert made.progressed == [1, 2, 'gap', 3, 4, 5]
 
 
+# Requests by the topic of the next stream, and states by their topic and valid time.
+HAND_OVERS: dict[str, tuple[list[str | tuple[str, int]], list[int]]] = {
+    'to states that are behind': (
+        [('/former', 2), '/better', *(('/better', each) for each in (1, 2, 3))],
+        [2, 3],
+    ),
+    'to a third stream': (
+        [
+            *(('/former', 1), '/better', ('/better', 2)),
+            *('/best', ('/best', 2), ('/former', 2), ('/best', 3)),
+        ],
+        [1, 2, 3],
+    ),
+    'back to the stream in use': (
+        [('/former', 1), '/better', '/former', ('/former', 2), ('/better', 2), ('/better', 3)],
+        [1, 2],
+    ),
+}
+
+
+@pytest.mark.parametrize('name', HAND_OVERS)
+def test_hand_overs(name: str) -> None:
+    steps, expected = HAND_OVERS[name]
+    with Group() as made:
+        for step in steps:
+            if isinstance(step, tuple):
+                made.state(*step)
+            else:
+                run_to_end(made.evaluation.change_stream({}, step, '', gap=False))
+        assert made.progressed == expected
+
+
+def test_before_the_first_state_no_gap_is_noted() -> None:
+    with Group() as made:
+        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=True))
+        made.state('/better', 1)
+        assert made.progressed == [1]
+
+
 def test_a_request_ends_a_hand_over() -> None:
     with Group() as made:
         made.state('/former', 2)

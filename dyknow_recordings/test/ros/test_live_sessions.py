@@ -151,6 +151,10 @@ CASES = {
         steady((10_000, 10_600), a=Published(100, fault=7000), c=Published(100, begin=25_000)),
         (Verdict.UNDECIDED, None, "no field 'v'", []),
     ),
+    'the stand-in fails too': (
+        steady(a=Published(100, fault=5000), c=Published(100, fault=8000)),
+        (Verdict.UNDECIDED, None, "'q': no field 'v'", ["'p': no field", '/c']),
+    ),
     'a third source replaces the second': (
         steady(
             (20_000, 20_600),
