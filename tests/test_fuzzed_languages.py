@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dyknow_coordinator.grounding.sorts import with_sorts
 
 from dyknow_bringup.simulation.missions import load_mission
 from dyknow_bringup.simulation.scenario import load_scenario
@@ -35,6 +34,7 @@ from dyknow_common import (
     unit_conversion,
 )
 from dyknow_configuration import read_formulas
+from dyknow_coordinator.grounding.completion import with_sorts
 from dyknow_coordinator.grounding.feature_sources import referenced_source
 from dyknow_reasoning import FormulaGroup, FormulaLimits, parse_formula
 from dyknow_reasoning.trace import read_trace
