@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from itertools import accumulate
+from math import inf
 from random import Random
+from typing import cast
 
 import pytest
 from reasoning_reference import random_cases
 from test_standing_monitor import States, check, group_of
 
 from dyknow_reasoning.execution.automata import automaton
-from dyknow_reasoning.execution.standing.groups import DecidedStarts
+from dyknow_reasoning.execution.automata.automaton import Guard, Move
+from dyknow_reasoning.execution.standing.groups import OWN, DecidedStarts, answers
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts
 
 pytestmark = pytest.mark.long
@@ -20,6 +23,7 @@ FORMULAS = [
     'p -> q until[3 ns, 9 ns] always[0, 5 ns] not p',
     'always[0, 9 ns] eventually[0, 5 ns] p',
     'always[2 ns, 9 ns] eventually[1 ns, 5 ns] p',
+    'always[3 ns, 18 ns] p',
     'eventually[0, 12 ns] always[0, 4 ns] p',
     # In the other group, a second age matters.
     'always[0, 4 ns] p and eventually[0, 15 ns] q',
@@ -70,6 +74,8 @@ def test_automata_that_are_forgotten(text: str, monkeypatch: pytest.MonkeyPatch)
         ),
         ('always[0, 1 s] eventually[0, 0.5 s] p', [(True, False)] * 6 + [(False, False)] * 3, 25),
         ('always[0, 1 s] p and eventually[0, 9 s] q', [(True, False)] * 60 + [(True, True)], 15),
+        # Starts leave a group for one that others leave, too.
+        ('always[1 s, 5 s] p', [(True, False)], 10),
     ],
 )
 def test_starts_need_no_step_to_move_on(
@@ -96,3 +102,11 @@ def test_starts_need_no_step_to_move_on(
             steps = 0
     assert not monitor.failure_count
     assert steps <= most
+
+
+def test_a_guard_between_a_start_and_an_earlier_state() -> None:
+    """Starts of one age may differ then, so the answer is good for no later state."""
+    move = object()
+    guard = Guard(1, 0, 10, yes=cast('Move', move))
+    assert answers(guard, (OWN, 100), 80, 120) == (move, 120, inf, 90)
+    assert answers(guard, (OWN, 100), 90, 120) == (None, 120, inf, inf)

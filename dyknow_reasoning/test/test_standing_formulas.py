@@ -89,6 +89,18 @@ def test_formulas_of_both_kinds_share_a_group() -> None:
     assert not group.standing.formulas
 
 
+def test_an_episode_that_grows_is_not_reported_again() -> None:
+    """The last state decides itself for a, and the state before for b."""
+    group, formula_id = begun('forall u in UAV: q[u] and eventually[0, 2 ns] p[u]', UAV=['a', 'b'])
+    reported = []
+    for time, q in ((0, False), (1, True), (5, False)):
+        assert not group.progress(time, {'p[a]': True, 'q[a]': q, 'p[b]': False, 'q[b]': True})
+        reported.append(group.standing.changed())
+    assert reported == [[formula_id], [], []]
+    (episode,) = group.standing.summary(formula_id).latest_episodes
+    assert (episode.begin, episode.end, episode.decided_at) == (0, 5, 0)
+
+
 def test_what_needs_no_state_has_a_verdict_at_each() -> None:
     group, formula_id = begun('forall u in UAV: p[u]', UAV=[])
     for time in range(3):

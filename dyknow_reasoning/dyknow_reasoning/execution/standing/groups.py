@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from dyknow_reasoning.execution.automata.automaton import Decision, Guard, Location, Move, Times
 from dyknow_reasoning.execution.automata.instance_states import halves_to_follow
-from dyknow_reasoning.execution.standing.runs import Run, StateTimes, split
+from dyknow_reasoning.execution.standing.runs import Run
 from dyknow_reasoning.progression.gaps import Gap, Half
 
 OWN: Final = None
@@ -45,10 +45,6 @@ class Group(NamedTuple):
     def moved(self, move: Move, now: int | None) -> Group:
         """Return the group after a move; `now` is the time that a new clock has."""
         return Group(move.target, move.select((*self.clocks, now)), self.after_gap)
-
-    def stays(self, move: Move, now: int) -> bool:
-        """Return True if a move leads to the group itself."""
-        return move.target is self.location and move.select((*self.clocks, now)) == self.clocks
 
     def times_of(self, begin: int) -> Times:
         """Return the clocks of the start state that is valid at a time, in nanoseconds."""
@@ -92,75 +88,44 @@ class DecidedStarts(NamedTuple):
         return after_gap.gap if after_gap and is_lost else None
 
 
-class Validity(NamedTuple):
-    """The times for which a group makes the same move, while the truth of the atoms is the same.
+Answers: TypeAlias = tuple[Decision | None, float, float, float]
+"""The result of `answers`."""
+
+
+def answers(decision: Decision | None, clocks: Clocks, begin: int, now: int) -> Answers:
+    """Follow the answers of a start state from guard to guard.
 
     Args:
-        until: the time before which it does, in nanoseconds.
-        fades: the age from which on starts are in another group instead; inf for never.
-        successor: that group, which is true or keeps them.
+        decision: the first guard, or a move.
+        clocks: the clocks of its group.
+        begin: the valid time of the start state, in nanoseconds.
+        now: the time of a state.
+
+    Returns:
+        The decision at the end: a move, or None if the automaton has none yet. The time before
+        which the answers stay the same, but for those that the age of the start changes; `now` if
+        starts of one age may differ. The age below which these do. The valid time from which on
+        starts give other answers. In nanoseconds.
     """
-
-    until: float = inf
-    fades: float = inf
-    successor: Group | None = None
-
-
-class Part(NamedTuple):
-    """Starts of a group with the same answers to guards.
-
-    Args:
-        runs: the starts.
-        decision: after these answers; a move at the end, None if the automaton has none yet.
-        until: the time before which starts that are younger than `age` give the same answers.
-        age: in nanoseconds.
-    """
-
-    runs: list[Run]
-    decision: Decision | None
-    until: float = inf
-    age: float = inf
-
-
-ALWAYS: Final = Validity()
-"""At all times."""
-
-
-def follow(part: Part, clocks: Clocks, now: int, times: StateTimes) -> list[Part]:
-    """Follow the answers of some starts to their moves; split them where the answers differ.
-
-    Args:
-        part: the starts, at least one, with their answers so far.
-        clocks: the clocks of their group.
-        now: the time of a state, in nanoseconds.
-        times: of all states.
-    """
-    runs, decision, until, age = part
-    found: list[Part] = []
+    until = age = younger = inf
     present, clocks = len(clocks), (*clocks, now)
-    while isinstance(decision, Guard):
-        later, earlier = clocks[decision.later], clocks[decision.earlier]
-        # A clock before some time gives another answer than a later one.
-        if later is OWN or decision.earlier == present:
-            assert earlier is not OWN  # noqa: S101 - only one clock is OWN
-            clock, time = later, earlier + decision.more_than + 1
-            before, after = decision.no, decision.yes
+    while type(decision) is Guard:
+        side, opposite = decision.later, decision.earlier
+        later, earlier = clocks[side], clocks[opposite]
+        excess = (begin if later is OWN else later) - (begin if earlier is OWN else earlier)
+        excess -= decision.more_than
+        # The answer is another if one side is this much later.
+        if excess > 0:
+            needed, side, opposite, decision = excess, opposite, side, decision.yes
         else:
-            clock, time = earlier, later - decision.more_than
-            before, after = decision.yes, decision.no
-        first, last = (runs[0].begin, runs[-1].end) if clock is OWN else (clock, clock)
-        if last < time:
-            decision = before
-            continue
-        if first < time:
-            older, runs = split(runs, time, times)
-            found += follow(Part(older, before, until, age), clocks[:-1], now, times)
-        if present in (decision.later, decision.earlier):
-            limit = now - time + 1
-            if clock is OWN:
-                age = min(age, limit)
-            else:
-                until = min(until, clock + limit)
-        decision = after
-    found.append(Part(runs, decision, until, age))
-    return found
+            needed, decision = 1 - excess, decision.no
+        if side != present:
+            if clocks[side] is OWN:
+                younger = min(younger, begin + needed)
+            if opposite != present and (later is OWN or earlier is OWN):
+                until = now
+        elif clocks[opposite] is not OWN:
+            until = min(until, now + needed)
+        elif now - begin + needed < age:
+            age = now - begin + needed
+    return decision, until, age, younger

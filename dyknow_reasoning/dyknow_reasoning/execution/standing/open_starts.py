@@ -18,10 +18,18 @@ Example, `p -> eventually[0, 5 s] q`, with a state each second:
 
 While the truth of the atoms stays the same, and no guard changes its answer, each state does to the
 groups what the one before did: nothing. Then the states only join the group of the latest start,
-or the formula is true from them at once. Such states need no call, until `wakes_at`. Nor do
-states at which the only change is that the oldest starts leave their group for one and the same
-other group, or that the formula becomes true from them: these starts *fade*, and are moved or
-dropped later (see `fading`).
+or the formula is true from them at once. Such states are only counted, until `wakes_at`.
+
+So are states at which the oldest starts leave a group for one and the same other group, in which
+they stay, or at which the formula becomes true from them: these starts *fade* when they reach some
+age. Example, `always[0, 1 s] eventually[0, 0.5 s] p`, while p is false since a state at 7 s:
+
+    age of a start    what remains
+    less than 1 s     always[to start + 1 s] eventually[0, 0.5 s] p and eventually[to 7.5 s] p
+    1 s or more       eventually[to 7.5 s] p
+
+Starts reach the age of 1 s at each state, but a step is necessary after 7.5 s only. The counted
+states are taken together when somebody asks, or before the next step (`catch_up`).
 """
 
 from __future__ import annotations
@@ -29,7 +37,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf
-from typing import Final
+from typing import Final, TypeAlias
 
 from dyknow_reasoning.execution.automata.automaton import Location, Move, Times
 from dyknow_reasoning.execution.automata.configurations import Template
@@ -41,15 +49,12 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.automata.readers import Reader, quick_reader
 from dyknow_reasoning.execution.kept_values import KeptReader
-from dyknow_reasoning.execution.standing.fading import Future
 from dyknow_reasoning.execution.standing.groups import (
-    ALWAYS,
     OWN,
+    Answers,
     DecidedStarts,
     Group,
-    Part,
-    Validity,
-    follow,
+    answers,
 )
 from dyknow_reasoning.execution.standing.runs import (
     Run,
@@ -65,6 +70,12 @@ from dyknow_reasoning.progression.residual import growth_error
 
 _MAX_KNOWN: Final = 4096
 """The most truths of the atoms for which results are kept."""
+
+_Fading: TypeAlias = tuple[int, Group]
+"""An age in nanoseconds, and the group of the starts that reach it."""
+
+_Rest: TypeAlias = tuple[float, _Fading | None]
+"""The time until which a group needs no step, and which starts leave it before, if any do."""
 
 
 class OpenStarts:
@@ -83,23 +94,23 @@ class OpenStarts:
         """Returns the truth of the atoms at a state, for `step`."""
         self.wakes_at: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
-        self.can_fade = not instance.keeps_values
-        """True if `fades_at` may be later than the state that decides."""
         self.fades_at: float = inf
-        """The time at which a start leaves its group in this way, in nanoseconds."""
-        self._times = times
+        """The time at which the first start fades, in nanoseconds; see above."""
+        self.can_fade = not instance.keeps_values
+        """True if starts may fade."""
         self.groups: dict[Group, list[Run]] = {}
-        """The starts; call `join` before."""
-        # How long the groups stay the same, while the truth of the atoms does.
-        self._idle: dict[Group, Validity] = {}
+        """The starts; call `catch_up` before."""
+        # The groups from which starts fade.
+        self._fading: dict[Group, _Fading] = {}
+        # For each truth of the atoms the group that begins, and its `_rest`, from its oldest start.
+        self._begun: dict[int, Group] = {}
+        self._known: dict[int, _Rest] = {}
+        self._times = times
         self._initial = Group(template.automaton.initial, ())
-        # Where states go at which the atoms are as at the latest one, from number `_joined` on.
+        # Where states go at which the atoms are as at the latest one, from number `_counted` on.
         self._fresh = self._initial
         self._symbol = -1
-        self._joined = len(times)
-        # For each truth of the atoms, how long the group of the start state stays the same, with
-        # times that count from its oldest start.
-        self._known_validity: dict[int, Validity] = {}
+        self._counted = len(times)
 
     def _reader(self) -> Reader:
         instance = self.instance
@@ -109,12 +120,6 @@ class OpenStarts:
 
     def _nodes(self) -> list[Node]:
         return [location.node for location in self.locations]
-
-    def forget(self) -> None:
-        """Forget the results that are kept of the automaton; the next state needs a step."""
-        self.join(len(self._times))
-        self.resume(self.groups)
-        self._known_validity.clear()
 
     @property
     def locations(self) -> list[Location]:
@@ -127,7 +132,7 @@ class OpenStarts:
         return self._state(self._initial, ())
 
     def runs(self, half: Half) -> Iterator[list[Run]]:
-        """Yield the undecided start states of the groups of a half; call `join` before."""
+        """Yield the undecided start states of the groups of a half; call `catch_up` before."""
         return (runs for group, runs in self.groups.items() if group.half is half)
 
     def check_size(self, node_limit: int) -> None:
@@ -152,7 +157,7 @@ class OpenStarts:
         """
         groups = self.groups.items()
         firsts = (runs[0].first for group, runs in groups if not own or OWN in group.clocks)
-        return min(firsts, default=self._joined)
+        return min(firsts, default=self._counted)
 
     def has_open(self, number: int, *, pessimistic: bool) -> bool:
         """Return True if the formula is undecided from a state on.
@@ -161,7 +166,7 @@ class OpenStarts:
             number: of the state.
             pessimistic: True if the pessimistic halves after a gap count.
         """
-        if number >= self._joined:
+        if number >= self._counted:
             return self._fresh.location.verdict is None
         return any(
             number_in(runs, number)
@@ -170,7 +175,7 @@ class OpenStarts:
         )
 
     def states(self, number: int) -> Iterator[InstanceState]:
-        """Yield what remains of the formula from an undecided state on; call `join` before."""
+        """Yield what remains of the formula from an undecided state on; call `catch_up` before."""
         for group, runs in self.groups.items():
             if number_in(runs, number):
                 yield self._state(group, self._times_of(group, runs, number))
@@ -185,35 +190,23 @@ class OpenStarts:
             instance = replace(instance, half=group.half, gap=group.after_gap.gap)
         return InstanceState(instance, self.template, group.location, times, {})
 
-    def join(self, end: int) -> None:
-        """Let the states before a number join that needed no `step`, and move those that faded."""
-        first, self._joined = self._joined, end
+    def catch_up(self, end: int) -> None:
+        """Progress over the states before a number that needed no `step`, as if over the last."""
+        first, self._counted = self._counted, end
         if end == first:
             return
+        now = self._times[end - 1]
         if self._fresh.location.verdict is None:
-            run = Run(first, end - 1, self._times[first], self._times[end - 1])
+            run = Run(first, end - 1, self._times[first], now)
             add_latest(self.groups.setdefault(self._fresh, []), run)
-        latest = self._times[end - 1]
-        if latest < self.fades_at:
+        if now < self.fades_at:
             return
-        self.fades_at = inf
-        for group, validity in list(self._idle.items()):
-            runs = self._unfaded(self.groups[group], validity, latest)
-            if runs:
-                self.groups[group] = runs
-                self.fades_at = min(self.fades_at, runs[0].begin + validity.fades)
-            else:
-                del self.groups[group], self._idle[group]
-
-    def _unfaded(self, runs: list[Run], validity: Validity, now: int) -> list[Run]:
-        """Return the starts that a state, like those before, leaves in their group."""
-        successor = validity.successor
-        if not successor:
-            return runs
-        faded, remaining = split(runs, now - int(validity.fades) + 1, self._times)
-        if faded and successor.location.verdict is None:
-            self._keep_idle(successor, faded, Validity(validity.until))
-        return remaining
+        for group, (age, target) in self._fading.items():
+            faded, left = split(self.groups.pop(group, []), now - age + 1, self._times)
+            if left:
+                self.groups[group] = left
+            if faded and target.location.verdict is None:
+                self._add(target, faded)
 
     def verdict(self, decided: DecidedStarts, run: Run) -> InstanceVerdict:
         """Return the verdict on the instance from the first state of a run on."""
@@ -229,16 +222,17 @@ class OpenStarts:
         return InstanceVerdict(before.instance, decided.holds, moment)
 
     def resume(self, groups: dict[Group, list[Run]]) -> None:
-        """Set the starts that are undecided after the latest state."""
+        """Set the starts that are undecided after the latest state; the next one needs a step."""
         self.groups = groups
-        self._joined = len(self._times)
-        self._idle, self._symbol = {}, -1
-        self.wakes_at, self.fades_at = -inf, inf
+        self._counted = len(self._times)
+        self._symbol = -1
+        self.wakes_at = -inf
         self._fresh = self._initial
+        self._begun, self._known = {}, {}
 
     def cross_gap(self, gap: Gap) -> list[DecidedStarts]:
         """Continue after a gap that follows the latest state; return the halves that it decides."""
-        self.join(len(self._times))
+        self.catch_up(len(self._times))
         before = self.groups
         self.resume({})
         decided: list[DecidedStarts] = []
@@ -249,7 +243,7 @@ class OpenStarts:
                 for half in group.halves(gap, halves):
                     verdict = half.location.verdict
                     if verdict is None:
-                        self._keep(half, part)
+                        self._add(half, part)
                     else:
                         decided.append(DecidedStarts(half, verdict, part, None))
         return decided
@@ -280,24 +274,17 @@ class OpenStarts:
             symbol: the truth of the atoms of the formula at this state, as bits.
 
         Returns:
-            The starts that it decides, but for the state itself if the formula is true from it on.
+            The starts from which it decides that the formula is false; if none may fade, all that
+            it decides, but for the state itself if the formula is true from it on.
         """
         number = len(self._times) - 1
-        self.join(number)
+        self.catch_up(number)
         now = self._times[number]
-        is_same = symbol == self._symbol
         self._symbol = symbol
         before, self.groups = self.groups, {}
-        idle, self._idle = self._idle, {}
         decided: list[DecidedStarts] = []
         for group, runs in before.items():
-            known = idle.get(group) if is_same else None
-            if known and now < known.until:
-                remaining = self._unfaded(runs, known, now)
-                if remaining:
-                    self._keep_idle(group, remaining, known)
-            else:
-                self._move(group, runs, now, decided)
+            self._move(group, runs, now, decided)
         self._begin(number, now)
         if self._fresh.location.verdict is False:
             run = Run(number, number, now, now)
@@ -307,95 +294,127 @@ class OpenStarts:
 
     def _move(self, group: Group, runs: list[Run], now: int, decided: list[DecidedStarts]) -> None:
         """Move the starts of a group over a state."""
-        for part, move in self._parts(group, runs, now):
-            target = group.moved(move, now)
-            verdict = target.location.verdict
+        rest = runs
+        while rest:
+            move, (_, _, _, younger) = self._answers(group, rest[0].begin, now)
+            part, rest = rest, []
+            if younger <= part[-1].end:
+                part, rest = split(part, younger, self._times)
+            verdict = move.target.verdict
             if verdict is None:
-                self._keep(target, part)
-            else:
+                self._add(group if move.is_idle else group.moved(move, now), part)
+            elif not (verdict and self.can_fade):
                 decided.append(DecidedStarts(group, verdict, part, self._symbol))
 
+    def _add(self, group: Group, runs: list[Run]) -> None:
+        others = self.groups.get(group)
+        self.groups[group] = union(others, runs) if others else runs
+
+    def _answers(self, group: Group, begin: int, now: int) -> tuple[Move, Answers]:
+        """Return the move of a start of a group, and the answers that lead to it."""
+        location, symbol = group.location, self._symbol
+        while True:
+            found = answers(location.moves.get(symbol), group.clocks, begin, now)
+            if type(found[0]) is Move:
+                return found[0], found
+            self.template.automaton.move(location, symbol, (*group.times_of(begin), now))
+
     def _begin(self, number: int, now: int) -> None:
-        """Begin at the latest state, and find out how long the following ones do the same."""
-        if len(self._known_validity) > _MAX_KNOWN:
-            self._known_validity.clear()
-        move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
-        self._fresh = fresh = self._initial.moved(move, OWN)
-        self._joined = number + 1
-        self.fades_at = self.wakes_at = inf
+        """Begin at the latest state, and find out which of the following ones need a step."""
+        begun = self._begun.get(self._symbol)
+        if begun is None:
+            if len(self._begun) > _MAX_KNOWN:
+                self._begun, self._known = {}, {}
+            move = self.template.automaton.move(self._initial.location, self._symbol, (now,))
+            begun = self._begun[self._symbol] = self._initial.moved(move, OWN)
+        self._fresh = fresh = begun
+        self._counted = number + 1
         if fresh.location.verdict is None:
             add_latest(self.groups.setdefault(fresh, []), Run(number, number, now, now))
-        idle = self._idle
+        self.wakes_at = self.fades_at = inf
+        self._fading.clear()
         for group, runs in self.groups.items():
-            validity = idle.get(group) or self._validity(group, runs, now + 1)
-            if validity is None:
+            until, fading = self._rest(group, runs, now + 1)
+            if until <= now:
                 self.wakes_at = -inf
                 return
-            if validity is not ALWAYS:
-                self.wakes_at = min(self.wakes_at, validity.until)
-                self.fades_at = min(self.fades_at, runs[0].begin + validity.fades)
-            idle[group] = validity
+            self.wakes_at = min(self.wakes_at, until)
+            if fading:
+                self._fading[group] = fading
+                self.fades_at = min(self.fades_at, runs[0].begin + fading[0])
+        for group, (_, target) in self._fading.items():
+            if target in self._fading and self._oldest(group) < self._oldest(target):
+                self.wakes_at = min(self.wakes_at, self.fades_at)  # Its starts are too old there.
 
-    def _validity(self, group: Group, runs: list[Run], now: int) -> Validity | None:
-        """Return how long all starts of a group stay in it; None if that is not known.
+    def _oldest(self, group: Group) -> int:
+        return self.groups[group][0].begin
+
+    def _rest(self, group: Group, runs: list[Run], now: int) -> _Rest:
+        """Return how long states with the same truth of the atoms have no effect on a group.
 
         Args:
             group: the group.
             runs: its starts.
             now: the earliest time of the next state, in nanoseconds.
         """
-        automaton, location, symbol = self.template.automaton, group.location, self._symbol
         begin = runs[0].begin
-        if group == self._fresh and (known := self._known_validity.get(symbol)):
-            until = begin + known.until
-            if now < min(until, begin + known.fades):
-                return Validity(until, known.fades, known.successor)
-        decision = location.moves.get(symbol)
-        if type(decision) is Move:
-            return ALWAYS if group.stays(decision, now) else None
-        parts = follow(Part(runs, decision), group.clocks, now, self._times)
-        for _, move, _, _ in parts:
-            if type(move) is not Move or not group.stays(move, now):
-                return None
-        if len(parts) > 1:
-            return Validity(min(min(part.until, part.runs[0].begin + part.age) for part in parts))
-        _, _, until, age = parts[0]
-        found = None
-        if begin + age < until and self.can_fade:
-            found = Future(automaton, symbol, begin, now).fading(group, int(age), until)
-        found = found or Validity(min(until, begin + age))
+        if group == self._fresh and (known := self._known.get(self._symbol)):
+            lasts, fading = known
+            if now - begin < (fading[0] if fading else lasts):
+                return begin + lasts, fading
+        until, decision, rest = inf, group.location.moves.get(self._symbol), runs
+        while True:
+            first = rest[0].begin
+            move, end, age, younger = answers(decision, group.clocks, first, now)
+            if type(move) is not Move or not move.is_idle:
+                return -inf, None
+            until = min(until, end)
+            if younger > rest[-1].end:
+                break
+            until = min(until, first + age)
+            _, rest = split(rest, younger, self._times)
+        found: _Rest = min(until, first + age), None
+        if self.can_fade and rest is runs and begin + age < until:
+            found = self._fades(group, begin, age, until)
         if group == self._fresh:
-            self._known_validity[symbol] = found._replace(until=found.until - begin)
+            self._known[self._symbol] = found[0] - begin, found[1]
         return found
 
-    def _keep_idle(self, group: Group, runs: list[Run], validity: Validity) -> None:
-        others = self.groups.get(group)
-        self.groups[group] = union(others, runs) if others else runs
-        if not others:
-            self._idle[group] = validity
-        elif known := self._idle.get(group):  # Else others have moved here.
-            fading = known if known.successor else validity
-            self._idle[group] = fading._replace(until=min(known.until, validity.until))
+    def _fades(self, group: Group, begin: int, age: float, until: float) -> _Rest:
+        """Do the same, as starts fade if all that reach an age stay in one other group then.
 
-    def _keep(self, group: Group, runs: list[Run]) -> None:
-        found = self.groups.get(group)
-        self.groups[group] = union(found, runs) if found else runs
-        self._idle.pop(group, None)
+        Args:
+            group: the group.
+            begin: the valid time of its oldest start, in nanoseconds.
+            age: below which starts stay in the group, in nanoseconds.
+            until: the time before which they do.
+        """
+        while begin + age < until:
+            time = begin + int(age)
+            move, (_, end, later, _) = self._answers(group, begin, time)
+            until = min(until, end)
+            if not move.is_idle:
+                break
+            age = later
+        else:
+            return until, None
+        if move.target.verdict is False or len(group.clocks) in move.kept:
+            return time, None
+        target = group.moved(move, time)
+        until = self._moves_to(target, group, begin, later, until)
+        if move.target.verdict is None:
+            until = self._moves_to(target, target, begin, age + 1, until)
+        return (until, (int(age), target)) if until > time else (time, None)
 
-    def _parts(self, group: Group, runs: list[Run], now: int) -> list[tuple[list[Run], Move]]:
-        """Split the starts of a group into parts that make one move each."""
-        automaton, location, symbol = self.template.automaton, group.location, self._symbol
-        decision = location.moves.get(symbol)
-        if type(decision) is Move:
-            return [(runs, decision)]
-        while True:
-            part = Part(runs, location.moves.get(symbol))
-            parts = follow(part, group.clocks, now, self._times)
-            known = [(runs, move) for runs, move, _, _ in parts if type(move) is Move]
-            if len(known) == len(parts):
-                return known
-            for part in parts:
-                automaton.move(location, symbol, (*group.times_of(part.runs[0].begin), now))
+    def _moves_to(self, target: Group, group: Group, begin: int, age: float, until: float) -> float:
+        """Return the time before which all starts of a group that reach an age move to another."""
+        while begin + age < until:
+            time = begin + int(age)
+            move, (_, end, later, _) = self._answers(group, begin, time)
+            if not (move.is_idle and group is target) and group.moved(move, time) != target:
+                return time
+            until, age = min(until, end), later
+        return until
 
 
 class RememberingStarts(OpenStarts):
@@ -439,9 +458,10 @@ class RememberingStarts(OpenStarts):
         self._initial = before
         self._fresh = before.moved(automaton.move(*step), OWN)
         self._memory = before.moved(automaton.remember(*step), now)
-        self._joined = number
-        self.wakes_at, self.fades_at = -inf, inf
-        self.join(number + 1)
+        self._counted = number + 1
+        self.wakes_at = -inf
+        if self._fresh.location.verdict is None:
+            add_latest(self.groups.setdefault(self._fresh, []), Run(number, number, now, now))
 
 
 def open_starts(instance: FormulaInstance, template: Template, times: StateTimes) -> OpenStarts:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
-from heapq import merge
+from itertools import chain
 from typing import NamedTuple
 
 
@@ -44,12 +44,12 @@ def union(some: Sequence[Run], others: Sequence[Run]) -> list[Run]:
         return [*some, *others]
     if between == 1:
         return [*some[:-1], some[-1].to(others[0]), *others[1:]]
-    return coalesced(merge(some, others))
+    return coalesced(sorted((*some, *others)))
 
 
 def union_of(runs: Iterable[Sequence[Run]]) -> list[Run]:
     """Return the states of all runs; each sequence is in order."""
-    return coalesced(merge(*runs))
+    return coalesced(sorted(chain.from_iterable(runs)))
 
 
 def add_latest(runs: list[Run], run: Run) -> None:
@@ -116,7 +116,7 @@ class StateTimes:
     def __getitem__(self, number: int) -> int:
         return self.kept[number - self._first]
 
-    def number_at(self, time: int) -> int:
+    def number_at(self, time: float) -> int:
         """Return the number of the first kept state that is valid at a time or later."""
         return self._first + bisect_left(self.kept, time)
 
@@ -135,7 +135,7 @@ class StateTimes:
         self._first = max(self._first, before)
 
 
-def split(runs: list[Run], time: int, times: StateTimes) -> tuple[list[Run], list[Run]]:
+def split(runs: list[Run], time: float, times: StateTimes) -> tuple[list[Run], list[Run]]:
     """Return the states of runs before a time, and those from then on.
 
     Args:

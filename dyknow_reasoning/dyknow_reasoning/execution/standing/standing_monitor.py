@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import chain, takewhile
 from math import inf
 from typing import Any, Final, TypeAlias
@@ -265,10 +266,12 @@ class StandingMonitor:
         if self._possible:
             possible = self._possible
             decided += [(possible.verdict, found) for found in possible.step(values)]
-        for index in self._due(symbols, now):
-            starts = self._starts[index]
-            decided += [(starts.verdict, found) for found in starts.step(symbols[index])]
-            self._ends[index] = starts.wakes_at
+        pairs = enumerate(zip(symbols, self._symbols, self._ends))  # noqa: B905 - strict is slower
+        for index, (new, old, end) in pairs:
+            if new != old or now >= end:
+                starts = self._starts[index]
+                decided += [(starts.verdict, found) for found in starts.step(new)]
+                self._ends[index] = starts.wakes_at
         self._symbols = symbols
         changed |= self._apply(decided, now, values)
         self._limit_memory()
@@ -278,11 +281,6 @@ class StandingMonitor:
             fading = (each.fades_at for each in self._starts)
             self._wakes_at = min([self._wakes_at, *fading])
         return changed
-
-    def _due(self, symbols: list[int], now: int) -> list[int]:
-        """Return the indices of the instances that must be progressed over a state."""
-        each = enumerate(zip(symbols, self._symbols, self._ends, strict=True))
-        return [index for index, (new, old, end) in each if new != old or now >= end]
 
     def _cross_gap(self, gap: Gap, values: Values) -> bool:
         """Continue with the halves after a gap; return True if a failure has begun."""
@@ -296,31 +294,25 @@ class StandingMonitor:
     def _apply(
         self, decided: Iterable[tuple[_VerdictOf, _Decision]], now: int, values: Values
     ) -> bool:
-        changed = False
+        """Apply what a state decides; return True if a failure has begun."""
+        false: list[tuple[Run, Callable[[Run], Failure]]] = []
         for verdict_of, found in decided:
             if self._log:
                 self._log.add(found, now)
             if found.loss is not None:
                 self._unprovable = union(self._unprovable, found.runs)
             elif not found.holds:
-                changed |= self._fail(verdict_of, found, now, values)
-        return changed
-
-    def _fail(self, verdict_of: _VerdictOf, found: _Decision, now: int, values: Values) -> bool:
-        """Record starts from which an instance is false; return True if a failure has begun."""
-        began = False
-        for run in found.runs:
-            if not self._failures.extend(run):
-                verdict = verdict_of(found, run)
-                began |= self._failures.add(Failure(run, verdict, now, values))
-        return began
+                failure_of = partial(_failure, verdict_of, found, now, values)
+                false += [(run, failure_of) for run in found.runs]
+        false.sort(key=lambda each: each[0].first)
+        began = [self._failures.add(*each) for each in false]
+        return any(began)
 
     def _end_failures(self) -> bool:
         """End failures after which the formula holds; return True if one has ended."""
         if not self._failures.waiting:
             return False
-        for each in self._starts:
-            each.join(len(self._times))
+        self._settle()
         ended = [each for each in self._failures.waiting if self._holds_after(each.run.last)]
         for failure in ended:
             self._failures.end(failure)
@@ -342,8 +334,9 @@ class StandingMonitor:
         return False
 
     def _settle(self) -> None:
+        states = len(self._times)
         for each in self._starts:
-            each.join(len(self._times))
+            each.catch_up(states)
 
     def _limit_memory(self) -> None:
         """Limit the memory of automata that have grown, and of times.
@@ -361,9 +354,10 @@ class StandingMonitor:
                 for each in used:
                     each.check_size(self._limits.node_limit)
             if automaton.is_full:
+                self._settle()
                 automaton.forget({location for each in used for location in each.locations})
                 for each in used:
-                    each.forget()
+                    each.resume(each.groups)
                 self._symbols = [-1] * len(self._starts)
         if len(self._times.kept) > self._most_kept:
             self._clean_up()
@@ -393,3 +387,10 @@ class StandingMonitor:
         forgotten = list(takewhile(lambda each: each.run.last < oldest, past))
         self._forgotten_fails += count_states(each.run for each in forgotten)
         del self._failures.kept[: len(forgotten)]
+
+
+def _failure(
+    verdict_of: _VerdictOf, found: _Decision, now: int, values: Values, run: Run
+) -> Failure:
+    """Return the failure from the states of a run on."""
+    return Failure(run, verdict_of(found, run), now, values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
@@ -47,29 +47,28 @@ class Failures:
         self.waiting: list[Failure] = []
         self.count = 0
 
-    def extend(self, run: Run) -> bool:
-        """Add states that follow the latest failure to it; return False if they do not."""
-        if not self.kept or self.kept[-1].run.last + 1 != run.first:
-            return False
-        self.kept[-1].run = self.kept[-1].run.to(run)
-        return True
+    def add(self, run: Run, failure_of: Callable[[Run], Failure]) -> bool:
+        """Join states with the failures beside them; return True if there are none.
 
-    def add(self, new: Failure) -> bool:
-        """Join a failure with those beside it; return True if it is alone."""
-        run, kept = new.run, self.kept
+        Args:
+            run: the states.
+            failure_of: returns the failure that begins with them.
+        """
+        kept = self.kept
         begin = bisect_left(kept, run.first - 1, key=lambda each: each.run.last)
         end = bisect_right(kept, run.last + 1, key=lambda each: each.run.first)
         touched = kept[begin:end]
+        joined = touched[0] if touched and touched[0].run.first <= run.first else failure_of(run)
         if touched:
-            first, last = touched[0], touched[-1]
-            joined = new if run.first < first.run.first else first
+            last = touched[-1]
+            if joined is last and run.last <= last.run.last:
+                return False
             joined.has_ended = last.has_ended and run.last <= last.run.last
             joined.run = union([each.run for each in touched], [run])[0]
-            new = joined
-        kept[begin:end] = [new]
+        kept[begin:end] = [joined]
         self.waiting = [each for each in self.waiting if each not in touched]
-        if not new.has_ended:
-            self.waiting.append(new)
+        if not joined.has_ended:
+            self.waiting.append(joined)
         self.count += 1 - len(touched)
         return not touched
 
