@@ -101,6 +101,7 @@ PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
         'ended_limit',
         'evaluation_limit',
         'feature_limit',
+        'federation',
         'keep_ended',
         'object_limit',
         'ontology_manager',
