@@ -71,7 +71,6 @@ class OwnFormulas:
         request, now = asked.request, self._streams.node.now()
         monitor = self._client.monitor(
             with_prefix(request.formula, NAME),
-            name=f'{asked.asker}{name}',
             grounding=Grounding.SYNTACTIC,
             constraints=StreamConstraints(sample_period=request.sample_period or None),
             timeout=MAX_TIMEOUT_S,
