@@ -134,7 +134,7 @@ class SystemNodes:
                     self._guards[name] = GuardReports(self._adapter, name)
                     self._watched.add(name, RemoteNode(self._adapter, name))
             elif last == '_status' and name in map(self.absolute, (RECORDER, FEDERATION)):
-                self._watch(name)
+                self._watch_present(name, topic)
 
     def health(self) -> Iterator[NodeHealth]:
         """Yield the health of each node."""
@@ -157,6 +157,11 @@ class SystemNodes:
         """Return the full name of a node, given one that is relative to the namespace."""
         topic = self._adapter.node.resolve_topic_name(f'{name}/_status')
         return str(topic).removesuffix('/_status')
+
+    def _watch_present(self, name: str, topic: str) -> None:
+        """Watch a node that runs: the coordinator looks for a federation node on every host."""
+        if self._adapter.node.count_publishers(topic):
+            self._watch(name)
 
     def _watch(self, name: str) -> None:
         full = self.absolute(name)
