@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -169,13 +170,17 @@ def test_the_scheduler_dies(cluster: DaskCluster, endless: EndlessRecording) -> 
     assert process.returncode == 2
 
 
+NO_ANSWER = 'no answer within 0.5 s|Timed out trying to connect to .* after 0.5 s'
+"""By our limit, or by that of Dask, whichever ends first."""
+
+
 @pytest.mark.parametrize(
     ('address', 'reason'),
     [
         ('nonsense://h:1', "unknown address scheme 'nonsense'"),
         ('', 'missing port number'),
-        ('tcp://127.0.0.1:9', 'no answer within 0.5 s'),
-        ('silent', 'no answer within 0.5 s'),
+        ('tcp://127.0.0.1:9', NO_ANSWER),
+        ('silent', NO_ANSWER),
     ],
 )
 def test_schedulers_that_cannot_be_reached(
@@ -194,7 +199,7 @@ def test_schedulers_that_cannot_be_reached(
     document = json.loads(captured.out)
     assert (document['recording'], document['error']['code']) == (None, 'UNAVAILABLE')
     assert captured.err.startswith(f"dyknow check: cannot connect to the scheduler '{address}': ")
-    assert reason in captured.err
+    assert re.search(reason, captured.err)
 
 
 def test_dask_is_not_installed(
