@@ -344,17 +344,18 @@ class FormulaEvaluation(Evaluation):
         """Find the inputs of what is evaluated here, with a formula group of its own."""
         request = self.request
         prepared = await self._grounded(request.formula, request.grounding)
-        self._domains, self.needs_peers = prepared.inputs.domains, False
-        remaining, events = await self._pushed_down(prepared)
-        if not remaining:
-            return prepared
-        self._context.cleanup.destroy_group(prepared.group_id)
-        canonical, self.needs_peers = self.canonical_formula, True
-        for event in events:
-            self.add_event(event)
-        # It names the streams of verdicts.
-        prepared = await self._grounded(remaining, Grounding.AUTO)
-        self._formula, self.canonical_formula = prepared.formula, canonical
+        domains, canonical = prepared.inputs.domains, self.canonical_formula
+        remaining, parts = await self._pushed_down(prepared)
+        if remaining:
+            self._context.cleanup.destroy_group(prepared.group_id)
+            for part in parts:
+                self.add_event(part)
+            try:  # It names the streams of verdicts.
+                prepared = await self._grounded(remaining, Grounding.AUTO)
+            finally:
+                self.canonical_formula = canonical
+            self._formula = prepared.formula
+        self._domains, self.needs_peers = domains, bool(remaining)
         return prepared
 
     async def _pushed_down(self, prepared: PreparedFormula) -> tuple[str, tuple[str, ...]]:
