@@ -11,9 +11,11 @@ from select import select
 from typing import Any
 
 import pytest
+from dyknow_interfaces.msg import EvaluationStatusArray
 
 from commands import command, started
 from dyknow_common import Verdict
+from dyknow_common.ros import LATCHED
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, SymbolGrounding
 from reporter import COORDINATOR, Reporter
 from system import LIMIT
@@ -69,16 +71,19 @@ def test_a_report_that_was_latched_some_time_ago_is_not_shown(reporter: Reporter
     before = reporter.statuses
     ended = replace(before[0], phase=EvaluationPhase.ENDED, verdict=Verdict.TRUE)
     reporter.tell(ended)
-    running = start(reporter)
-    # The latched report is published with the first name, and no change follows.
-    reporter.until(
-        lambda: (
-            len(reporter.client.node.get_subscriptions_info_by_topic(f'/{COORDINATOR}/evaluations'))
-            > 0
-        ),
-        'the command listens',
+    latched: list[EvaluationStatusArray] = []
+    node = reporter.client.node
+    subscription = node.create_subscription(
+        EvaluationStatusArray, f'/{COORDINATOR}/evaluations', latched.append, LATCHED
     )
+    reporter.until(
+        lambda: bool(latched) and latched[-1].evaluations[0].phase == EvaluationPhase.ENDED,
+        'the report is latched',
+    )
+    node.destroy_subscription(subscription)
+    # Nothing is published from now on until the command listens.
     reporter.statuses = [replace(ended, name='now')]
+    running = start(reporter)
     reporter.until(lambda: running.poll() is not None, 'the command ends')
     out, err = running.communicate(timeout=LIMIT)
     reporter.statuses = before
