@@ -86,6 +86,23 @@ def test_the_map_of_an_ended_formula_is_that_of_its_end() -> None:
     assert shown(late, FALSE) == ('is-false', 0, []), 'nobody has seen where it was'
 
 
+def test_the_positions_at_the_end_of_a_formula_are_waited_for() -> None:
+    """The verdict may come before the sample that decided it."""
+    board = board_of()
+    reason = 'for r = r1, z = dock: at 12.000 s, distance[r1, dock] = -1'
+    ended = replace(FALSE, decided_at=22 * SECOND_NS, explanation=reason)
+    board.report([ended], 22 * SECOND_NS)
+    board.map.add([place('r1', 22 * SECOND_NS, 50.0, 1.0)])
+    board.report([ended], 23 * SECOND_NS)
+    board.map.add([place('r1', 23 * SECOND_NS, 70.0, 1.0)])
+    assert shown(board, ended) == ('is-false', 12, ['out: r1 at 12.000 s, x = 50'])
+    silent = board_of()
+    silent.report([ended], 22 * SECOND_NS)
+    assert silent.map.streams
+    silent.report([ended], 26 * SECOND_NS)
+    assert not silent.map.streams
+
+
 def test_a_standing_formula_shows_failures_of_the_last_two_minutes() -> None:
     reason = 'for r = r1, z = dock: too near'
     seconds = (12 * SECOND_NS, 13 * SECOND_NS, 12 * SECOND_NS)

@@ -208,7 +208,7 @@ class Board:
     def report(self, statuses: Sequence[EvaluationStatus], now: int) -> None:
         """Take a report of the coordinator, of a time in nanoseconds on its clock."""
         self.formulas.update(statuses, now)
-        self.map.follow(self.formulas.by_key())
+        self.map.follow(self.formulas.by_key(), now)
         if events := self._watch.update(statuses, self.clock()):
             for each in self.sinks:
                 each(events)

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from dyknow_common import Value
+from dyknow_common import SECOND_NS, Value
 from dyknow_configuration import RobotMap
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 from dyknow_dashboard.model.live_reports import WINDOW_NS, live_report
@@ -28,6 +28,9 @@ MAX_OUTLINES: Final = 300
 
 MAX_POINTS: Final = 5000
 """The points that a map shows of all tracks: 80 KB, which a page gets once a second."""
+
+LATE_NS: Final = 3 * SECOND_NS
+"""How long the positions at the end of a formula are waited for."""
 
 MapSample = tuple[str, int, Mapping[str, Value]]
 """An object or a region that moves, a valid time in nanoseconds, and the fields of its stream."""
@@ -49,20 +52,28 @@ class LiveMap:
         self.streams: Mapping[str, str] = {}
         """The stream of each object that a running formula is about."""
 
-    def follow(self, evaluations: Mapping[str, EvaluationStatus]) -> None:
+    def follow(self, evaluations: Mapping[str, EvaluationStatus], now: int) -> None:
         """Keep the tracks that the maps of some evaluations show, by their keys, and no others."""
         if not self._known.frame:
             return
         self._ended = {key: each for key, each in self._ended.items() if key in evaluations}
         running: list[EvaluationStatus] = []
         for key, status in evaluations.items():
-            if status.phase is not EvaluationPhase.ENDED:
-                running.append(status)
-            elif key not in self._ended:
+            if key in self._ended:
+                continue
+            if status.phase is EvaluationPhase.ENDED and self._is_complete(status, now):
                 self._ended[key] = self._drawn(status)
+            else:
+                running.append(status)
         names = {name for each in running for name in objects_of(each.groundings)}
         self.streams = {name: text for name, text in self._known.streams.items() if name in names}
         self._traces = {name: each for name, each in self._traces.items() if name in names}
+
+    def _is_complete(self, status: EvaluationStatus, now: int) -> bool:
+        """Return True if all positions at the end of a formula have come, or will not come."""
+        end = status.decided_at or 0
+        traces = map(self._traces.get, objects_of(status.groundings) & self._known.streams.keys())
+        return now - end > LATE_NS or all(each and each[-1][0] >= end for each in traces)
 
     def add(self, samples: Iterable[MapSample]) -> None:
         """Add samples; one that is not later than those before is not drawn."""
