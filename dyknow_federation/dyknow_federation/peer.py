@@ -262,7 +262,7 @@ class Peer:
             case messages.FormulaRequest():
                 self._take_formula(remote, message, at)
             case messages.Release(stream):
-                if stream in self.formulas and self._is_asked(stream, remote):
+                if self._is_asked(stream, remote):
                     del self.formulas[stream]
                     self.sent.pop(stream, None)
                 for each in self._named(stream):

@@ -28,6 +28,7 @@ from typing import Any, Final
 from dyknow_common import DyKnowError, shortened
 from dyknow_federation.encoding import MAX_LENGTH
 from dyknow_federation.errors import FederationError
+from dyknow_federation.offers import VALUE
 from dyknow_reasoning import (
     And,
     Arithmetic,
@@ -197,7 +198,7 @@ class PushDown:
 
     def _over_streams(self, node: Any) -> Any:
         if isinstance(node, Feature):
-            return FieldReference(self._streams[str(node)][1], 'value')
+            return FieldReference(self._streams[str(node)][1], VALUE)
         return with_changed_parts(node, self._over_streams)
 
     def _instance(self, node: Any, objects: Mapping[str, str]) -> Any:
@@ -256,7 +257,7 @@ def _filled(node: Any, topics: Mapping[PeerPart, str]) -> Any:
         return with_changed_parts(node, partial(_filled, topics=topics))
     if node.part not in topics:
         return node.part.formula
-    verdict = f'"{topics[node.part]}".value'
+    verdict = f'"{topics[node.part]}".{VALUE}'
     return parse_formula(f'{verdict} = "{UNDECIDED}" holds until {verdict} starts with "{_TRUE}"')
 
 

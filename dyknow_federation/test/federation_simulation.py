@@ -219,16 +219,23 @@ class Simulation:
         self.constants = constants(self.formula) if is_compared else ()
         names = [each.name for each in self.hosts]
         self.domains = {'Robot': names}
-        start = own.clock.read(random.randint(1, 3) * SECOND_NS)
-        self.evaluated = FormulaGroup()
-        self.evaluated.add_formula('', self.formula)
-        self.evaluated.begin(self.domains)
+        self._begin_states(
+            self.formula, [f'select level as "Level[{name}]" from "/{name}"' for name in names]
+        )
+        for each in self.hosts:
+            if each is not own:
+                now = own.clock.read(0)
+                own.peer.request(each.name, STREAM, now, constants=self.constants)
+
+    def _begin_states(self, formula: str, sources: Iterable[str]) -> None:
+        """Evaluate a formula over states that are made from some streams."""
+        self.evaluated = self._group(formula)
         self._has_begun: set[str] = set()
         self._dataflow = Dataflow({}, lambda _: None)
-        sources = ', '.join(f'select level as "Level[{name}]" from "/{name}"' for name in names)
+        start = self.hosts[0].clock.read(self.random.randint(1, 3) * SECOND_NS)
         self._dataflow.create(
             'states',
-            parse_specification(f'sink sync({sources})'),
+            parse_specification(f'sink sync({", ".join(sources)})'),
             StreamConstraints(start_time=start, sample_period=self._period),
             self._progress,
             self._fail,
@@ -237,10 +244,12 @@ class Simulation:
         self.uncertainty = 0
         self.result: Verdict | None = None
         self.error = ''
-        for each in self.hosts:
-            if each is not own:
-                now = own.clock.read(0)
-                own.peer.request(each.name, STREAM, now, constants=self.constants)
+
+    def _group(self, formula: str) -> FormulaGroup:
+        group = FormulaGroup()
+        group.add_formula('', formula)
+        group.begin(self.domains)
+        return group
 
     def _share(self, host: Host) -> None:
         feature = SharedFeature('Level', (host.name,), STREAM, 'float', '', host.deadband or 0)
@@ -401,6 +410,15 @@ class Simulation:
             found.append((tick, values))
         return found
 
+    def _true_verdict(
+        self, formula: str, states: Iterable[tuple[int, Mapping[str, Value]]]
+    ) -> Verdict:
+        group, verdict = self._group(formula), Verdict.UNDECIDED
+        for time, values in states:
+            for result in group.progress(time, values):
+                verdict = result.verdict
+        return verdict
+
     def _judge(self) -> Outcome:
         offsets = [round((each.clock.offset / SECOND_NS) - 1000, 3) for each in self.hosts]
         detail = f'{self.formula}, period {self._period / SECOND_NS} s, offsets {offsets}'
@@ -411,13 +429,7 @@ class Simulation:
             return Outcome('unknown', 'it has not begun: a value never arrived', allowed, detail)
         if self.result is None:
             return Outcome('hang', f'waits after {self.ticks[-1]}', allowed, detail)
-        group = FormulaGroup()
-        group.add_formula('', self.formula)
-        group.begin(self.domains)
-        verdict = Verdict.UNDECIDED
-        for time, values in self._truth(self.hosts):
-            for result in group.progress(time, values):
-                verdict = result.verdict
+        verdict = self._true_verdict(self.formula, self._truth(self.hosts))
         kind = 'right' if verdict is self.result else 'wrong'
         return Outcome(kind, '', allowed, f'{detail}: {self.result.name}, truly {verdict.name}')
 
@@ -458,7 +470,7 @@ class PushDownSimulation(Simulation):
     """A run in which hosts evaluate the parts of the formula that are about them."""
 
     def _begin_evaluation(self) -> None:
-        random, own = self.random, self.hosts[0]
+        random = self.random
         text = random.choice(PUSHED)
         self.formula = text.format(w=random.choice((2, 4, 8)), v=random.choice((0.2, 0.5, 1, 2)))
         self.constants = ()
@@ -468,27 +480,10 @@ class PushDownSimulation(Simulation):
         self.parts = {f'_h0_{number}': part for number, part in enumerate(found.parts)}
         self.evaluations: dict[str, PeerEvaluation] = {}
         self.remaining = found.remaining({part: name for name, part in self.parts.items()})
-        self.evaluated = self._group(self.remaining)
-        self._has_begun: set[str] = set()
-        self._dataflow = Dataflow({}, lambda _: None)
-        names = {str(each) for each in self.evaluated.symbols()}
         sources = [f'select value as "{each}.value" from "/{each}"' for each in self.parts]
-        if 'Level[h0]' in names:
+        if self._reads_own_level():
             sources.append('select level as "Level[h0]" from "/h0"')
-        self._dataflow.create(
-            'states',
-            parse_specification(f'sink sync({", ".join(sources)})'),
-            StreamConstraints(
-                start_time=own.clock.read(random.randint(1, 3) * SECOND_NS),
-                sample_period=self._period,
-            ),
-            self._progress,
-            self._fail,
-        )
-        self.ticks: list[int] = []
-        self.uncertainty = 0
-        self.result: Verdict | None = None
-        self.error = ''
+        self._begin_states(self.remaining, sources)
         for name in self.parts:
             self._at(0, lambda name=name: self._ask(name))
 
@@ -498,11 +493,8 @@ class PushDownSimulation(Simulation):
         own.peer.request_formula(part.peer, FormulaRequest(name, part.text), now)
         self._wake(own)
 
-    def _group(self, formula: str) -> FormulaGroup:
-        group = FormulaGroup()
-        group.add_formula('', formula)
-        group.begin(self.domains)
-        return group
+    def _reads_own_level(self) -> bool:
+        return 'Level[h0]' in map(str, self._group(self.remaining).symbols())
 
     def _publish(self, host: Host) -> None:
         super()._publish(host)
@@ -568,12 +560,10 @@ class PushDownSimulation(Simulation):
         if self.result is None:
             kind = 'hang' if self.ticks else 'unknown'
             return Outcome(kind, 'it waits, or has not begun', False, detail)
-        group, verdict = self._group(self.remaining), Verdict.UNDECIDED
         told = {f'{name}.value': UNDECIDED for name in self.parts}
         told |= {f'{name}.value': each.text for name, each in self.evaluations.items()}
-        own = self.hosts[:1] if 'Level[h0]' in map(str, group.symbols()) else []
-        for time, values in self._truth(own):
-            for result in group.progress(time, {**values, **told}):
-                verdict = result.verdict
+        own = self.hosts[:1] if self._reads_own_level() else []
+        states = ((time, {**values, **told}) for time, values in self._truth(own))
+        verdict = self._true_verdict(self.remaining, states)
         kind = 'right' if verdict is self.result else 'wrong'
         return Outcome(kind, '', False, f'{detail}: {self.result.name}, truly {verdict.name}')

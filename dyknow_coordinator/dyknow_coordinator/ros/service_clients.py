@@ -270,10 +270,8 @@ class ServiceClients:
     ) -> tuple[str, tuple[str, ...]]:
         """Return what peers leave of a formula, and what they evaluate.
 
-        All of it is left, as an empty text, without peers, or if these cannot evaluate a part.
+        All of it is left, as an empty text, if these cannot evaluate a part.
         """
-        if not self.federation.alive:
-            return '', ()
         try:
             response = await self.federation.call(
                 PushDown,

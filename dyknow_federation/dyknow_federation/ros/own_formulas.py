@@ -8,6 +8,7 @@ from typing import Final
 from dyknow_common import SECOND_NS, StreamConstraints, Verdict
 from dyknow_coordinator import Answer, Grounding
 from dyknow_coordinator.ros import FormulaClient, Monitor
+from dyknow_federation.offers import VALUE
 from dyknow_federation.peer import FormulaForPeer
 from dyknow_federation.push_down import UNDECIDED, verdict_text, with_prefix
 from dyknow_federation.ros.own_streams import NAME, OwnStreams
@@ -15,7 +16,6 @@ from dyknow_stream_processing import ViolationKind
 
 MAX_TIMEOUT_S: Final = 365 * 86_400.0
 """The timeout of their evaluations, in seconds: they end when their peer needs them no more."""
-
 
 REPEAT_NS: Final = 2 * SECOND_NS
 """The time after which a verdict is told again: no reader takes its stream for silent."""
@@ -106,7 +106,7 @@ class OwnFormulas:
         streams, error = self._streams, answer.error
         text = answer.explanation if error is None else error.message
         for stream in about & streams.offers.keys():
-            text = text.replace(f'{NAME}{stream}.value', str(streams.offers[stream].ground))
+            text = text.replace(f'{NAME}{stream}.{VALUE}', str(streams.offers[stream].ground))
         if error is not None:
             self._running[name].has_failed = True
             streams.violate(name, ViolationKind.MESSAGE, text)

@@ -17,13 +17,7 @@ from dyknow_federation.peer import Peer
 from dyknow_federation.push_down import PeerPart, PushDown
 from dyknow_federation.ros.remote_streams import RemoteStreams, StreamName
 from dyknow_reasoning import parse_formula
-from dyknow_stream_processing import (
-    Select,
-    Selection,
-    StreamDeclaration,
-    StreamReference,
-    parse_specification,
-)
+from dyknow_stream_processing import Select, Selection, StreamReference
 
 
 class RemoteFormulas:
@@ -87,9 +81,6 @@ class RemoteFormulas:
 
 def _plain_topic(stream: str, symbol: str) -> str:
     """Return the topic whose values a stream has as they are; empty if there is none."""
-    (declaration,) = parse_specification(f'stream s = {stream}').declared(StreamDeclaration)
-    source = getattr(declaration.stream, 'source', None)
-    if not isinstance(source, StreamReference):
-        return ''
-    plain = Select((Selection(VALUE, symbol),), StreamReference(source.name, is_topic=True))
-    return source.name if declaration.stream == plain else ''
+    topic = stream.rpartition(' from ')[2].strip('"')
+    plain = Select((Selection(VALUE, symbol),), StreamReference(topic, is_topic=True))
+    return topic if stream == str(plain) else ''

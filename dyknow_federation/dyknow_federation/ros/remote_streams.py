@@ -28,7 +28,6 @@ from dyknow_stream_processing.ros import (
 PREFIX: Final = 'dyknow/federation'
 """The beginning of the topics, relative to the namespace of the node."""
 
-
 VERDICT_TIMEOUT_NS: Final = 30 * SECOND_NS
 """How long the verdict of a formula is published before somebody reads it."""
 
@@ -46,7 +45,7 @@ class RemoteStream:
         self.told = 0
         """The time until which its values are published."""
         self._node = node
-        self._topic = topic
+        self.topic = topic
         self._writer = SampleWriter()
         self._latest = 0
         self._publisher = node.create_publisher(SampleMessage, topic, STREAM)
@@ -72,7 +71,7 @@ class RemoteStream:
             return
         self.told = time
         message = StreamWatermark(
-            stream_name=self._topic.rpartition('/')[2],
+            stream_name=self.topic.rpartition('/')[2],
             stream_id=self._writer.stream_id,
             number=self._writer.number,
             watermark=nanoseconds_to_time(time),
@@ -86,11 +85,11 @@ class RemoteStream:
         valid_time = self._latest if valid_time is None else valid_time
         self._violations.publish(
             ConstraintViolation(
-                stream_name=self._topic,
+                stream_name=self.topic,
                 constraint=str(kind),
                 valid_time=nanoseconds_to_time(max(valid_time, 0)),
                 available_time=nanoseconds_to_time(now),
-                message=f"stream '{self._topic}': {reason}",
+                message=f"stream '{self.topic}': {reason}",
             )
         )
 
@@ -146,7 +145,7 @@ class RemoteStreams:
     @property
     def by_topic(self) -> dict[str, StreamName]:
         """The streams by their topics."""
-        return {self.topic(*name): name for name in self._streams}
+        return {each.topic: name for name, each in self._streams.items()}
 
     def demand(self) -> tuple[dict[StreamName, int], set[StreamName]]:
         """Return the streams that are read since the last call, and those that are no more.

@@ -360,15 +360,15 @@ class FormulaEvaluation(Evaluation):
 
     async def _pushed_down(self, prepared: PreparedFormula) -> tuple[str, tuple[str, ...]]:
         """Return what peers leave of a formula, empty for all of it, and what they evaluate."""
-        request, inputs = self.request, prepared.inputs
+        request, inputs, clients = self.request, prepared.inputs, self._context.clients
         period = request.constraints.sample_period
         has_others = request.constraints != StreamConstraints(sample_period=period)
         needs_values = request.margin or request.every_state or request.record is not None
-        if needs_values or has_others or inputs.unknown:
+        if needs_values or has_others or inputs.unknown or not clients.federation.alive:
             return '', ()
         chosen = inputs.candidates.choose(inputs.features)
         groundings = inputs.candidates.symbol_groundings(chosen)
-        return await self._context.clients.pushed_down(
+        return await clients.pushed_down(
             prepared.formula,
             inputs.domains,
             list(map(symbol_grounding_to_message, groundings)),
