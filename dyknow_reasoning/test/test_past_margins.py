@@ -18,7 +18,6 @@ from dyknow_reasoning.margins.operators import (
     PairMargin,
     PreviousMargin,
     StateMargin,
-    Steps,
     TemporalMargin,
 )
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, extremum
@@ -53,17 +52,10 @@ def run(operator: MarginOperator, trace: list, assumption: Assumption) -> list[R
     together = operator.copied()
     found: list[Robustness] = []
     for step in trace:
-        found += operator.step(steps_of([step]), assumption)
+        found += operator.step([step], assumption)
     assert len(found) == len(trace), 'the past is known at once'
-    assert list(together.step(steps_of(trace), assumption)) == found
+    assert list(together.step(trace, assumption)) == found
     return found
-
-
-def steps_of(trace: list) -> Steps:
-    steps = Steps()
-    for step in trace:
-        steps.append(*step)
-    return steps
 
 
 def with_gap(trace: list, index: int, unknown: Robustness) -> tuple[list, list]:
@@ -144,7 +136,7 @@ def test_the_past_of_the_future(
     operator.need(inf)
     assumption, found = Assumption(unknown), []
     for step in [*steps, (steps[-1][0] + 1, inf, None)]:
-        found += operator.step(steps_of([step]), assumption)
+        found += operator.step([step], assumption)
     better, worse = (min, max) if universal else (max, min)
     ended = steps[-1][0]
     for i in range(len(steps)):

@@ -20,7 +20,7 @@ from dyknow_reasoning.language.formula import Comparison, Formula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.building import MarginBuilder
 from dyknow_reasoning.margins.comparisons import UNUSABLE
-from dyknow_reasoning.margins.operators import Assumption, MarginOperator, Signals, Steps
+from dyknow_reasoning.margins.operators import Assumption, MarginOperator, Signals
 from dyknow_reasoning.margins.robustness import (
     HIGHEST,
     LOWEST,
@@ -29,6 +29,7 @@ from dyknow_reasoning.margins.robustness import (
     as_float,
 )
 from dyknow_reasoning.margins.spatial_margins import LinkReader
+from dyknow_reasoning.margins.windows import Step
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains
 from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownFeatures
@@ -68,7 +69,7 @@ class MarginBound:
         self.assumption = Assumption(unknown)
         self.known = deque(known)
 
-    def step(self, steps: Steps) -> None:
+    def step(self, steps: Sequence[Step]) -> None:
         """Process states and gaps."""
         self.known.extend(self.operator.step(steps, self.assumption))
 
@@ -115,7 +116,7 @@ class BoundedMargins(ABC):
         self._past = past(builder.past, kinds) if past and builder.past else None
         # One for both bounds as long as they depend on the future alone.
         self._bounds = [MarginBound(operator, None)]
-        self._steps = Steps()
+        self._steps: list[Step] = []
         self._most = min(_MAX_STEPS, 1 + _MAX_WORK // builder.operators)
         self.fields = builder.fields
         self._signals = builder.signals
@@ -138,8 +139,8 @@ class BoundedMargins(ABC):
             self._process_unusable(valid_time, values)
             return
         steps = self._steps
-        steps.append(valid_time, valid_time, signals)
-        if len(steps.states) >= self._most:
+        steps.append((valid_time, valid_time, signals))
+        if len(steps) >= self._most:
             self._process()
 
     def gap(self) -> None:
@@ -154,12 +155,11 @@ class BoundedMargins(ABC):
 
     def _process(self) -> None:
         """Process the states that were collected."""
-        steps = self._steps
-        if not steps.states:
+        if not self._steps:
             return
         for bound in self._bounds:
-            bound.step(steps)
-        steps.clear()
+            bound.step(self._steps)
+        self._steps = []
         if self._bounds[0].assumption.is_needed:
             self._fork()
 
@@ -170,7 +170,7 @@ class BoundedMargins(ABC):
         if end - latest > 1:
             self._process()
             self._fork()
-            self._steps.append(latest + 1, end - 1, None)
+            self._steps.append((latest + 1, end - 1, None))
 
     def _process_unusable(self, valid_time: int, values: Values) -> None:
         """Process a state at which some margins of comparisons are unknown."""
@@ -181,9 +181,7 @@ class BoundedMargins(ABC):
         for bound in self._bounds:
             unknown = cast('Robustness', bound.assumption.unknown)
             signals = [each.read_usable(values, unknown, range_of) for each in self._signals]
-            steps = Steps()
-            steps.append(valid_time, valid_time, signals)
-            bound.step(steps)
+            bound.step([(valid_time, valid_time, signals)])
 
     def _fork(self) -> None:
         """Compute the two bounds separately from now on."""
@@ -262,13 +260,12 @@ class FormulaMargin(BoundedMargins):
         """Return True if no state since the bounds were found can change them."""
         if self._latest is None or self._latest >= self._stable_until:
             return False
-        signals = cast('list[Signals]', self._steps.signals)
-        for each in signals[self._checked :] if self._guards else ():
+        for _, _, signals in self._steps[self._checked :] if self._guards else ():
             for is_satisfied in self._guards:
-                if not is_satisfied(each):
+                if not is_satisfied(signals):
                     self._stable_until = -inf
                     return False
-        self._checked = len(signals)
+        self._checked = len(self._steps)
         return True
 
     def _process(self) -> None:

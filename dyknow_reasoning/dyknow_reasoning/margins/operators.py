@@ -24,7 +24,7 @@ from abc import ABC, abstractmethod
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, repeat, zip_longest
 from math import inf
 from operator import ge, itemgetter, le
@@ -47,45 +47,11 @@ Reader: TypeAlias = Callable[[Signals], Any]
 """The margin of a formula without temporal operators at a state."""
 
 
-@dataclass(slots=True)
-class Steps:
-    """Consecutive states and gaps.
-
-    Many are processed at once: each operator then costs a few calls for all of them.
-
-    Attributes:
-        spans: of a state its valid time, twice; of a gap the first and the last time.
-        states: the valid times of the states; None for a gap.
-        signals: the margins of the comparisons; None for a gap.
-    """
-
-    spans: list[tuple[int, float]] = field(default_factory=list)
-    states: list[int | None] = field(default_factory=list)
-    signals: list[Signals | None] = field(default_factory=list)
-
-    def append(self, first: int, last: float, signals: Signals | None) -> None:
-        """Add a state or a gap after the others."""
-        self.spans.append((first, last))
-        self.states.append(None if signals is None else first)
-        self.signals.append(signals)
-
-    def clear(self) -> None:
-        """Remove all; no operator may keep the lists."""
-        self.spans.clear()
-        self.states.clear()
-        self.signals.clear()
-
-    def until(self, last: float) -> Steps:
-        """Return the steps that begin until a time."""
-        if self.spans[-1][0] <= last:
-            return self
-        if self.spans[0][0] > last:
-            return _NO_STEPS
-        end = bisect_right(self.spans, last, key=itemgetter(0))
-        return Steps(self.spans[:end], self.states[:end], self.signals[:end])
-
-
-_NO_STEPS = Steps()
+def _until(steps: Sequence[Step], last: float) -> Sequence[Step]:
+    """Return the steps, of at least one, that begin until a time."""
+    if steps[-1][0] <= last:
+        return steps
+    return steps[: bisect_right(steps, last, key=itemgetter(0))]
 
 
 @dataclass(slots=True)
@@ -127,11 +93,12 @@ class MarginOperator(Copyable, ABC):
             each.need(last + self._horizon)
 
     @abstractmethod
-    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
+    def step(self, steps: Sequence[Step], assumption: Assumption) -> Sequence[Any]:
         """Process states and gaps, and return the margins that no further state changes.
 
         Args:
-            steps: the states and gaps; at least one.
+            steps: consecutive states and gaps, with the margins of the comparisons, None for a
+                gap; at least one. Of many, each operator needs a few calls.
             assumption: the margin of what is unknown.
         """
 
@@ -168,13 +135,13 @@ class StateMargin(MarginOperator):
         super().__init__((), width)
         self.read = read
 
-    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
+    def step(self, steps: Sequence[Step], assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states."""
-        read, signals = self.read, steps.until(self._needed).signals
+        read, known = self.read, _until(steps, self._needed)
         if assumption.unknown is None:
-            return list(map(read, signals))  # type: ignore[arg-type] # A gap has an assumption.
+            return [read(signals) for _, _, signals in known]  # A gap has an assumption.
         unknown = self.unknown_margin(assumption.unknown)
-        return [unknown if each is None else read(each) for each in signals]
+        return [unknown if signals is None else read(signals) for _, _, signals in known]
 
     def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:  # noqa: ARG002
         """Return nothing: all margins are known."""
@@ -209,16 +176,18 @@ class JunctionMargin(MarginOperator):
         super().__init__(members, members[0].width)
         self._join = join
         self._decisive = decisive
-        self._queues: list[deque[Any]] = [deque() for _ in members]
+        self._queues: list[list[Any]] = [[] for _ in members]
 
-    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
+    def step(self, steps: Sequence[Step], assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states at which all members' margins are known."""
         queues = self._queues
         for member, queue in zip(self.parts, queues):  # noqa: B905 - strict is slower
             queue.extend(member.step(steps, assumption))
         known = min(map(len, queues))
-        margins = [[queue.popleft() for _ in range(known)] for queue in queues]
-        return list(map(self._join, zip(*margins)))  # noqa: B905 - strict is slower
+        joined = list(map(self._join, zip(*queues)))  # noqa: B905 - until the shortest one ends
+        for queue in queues:
+            del queue[:known]
+        return joined
 
     def open_margins(self, threshold: MarginThreshold) -> Sequence[Any]:
         """Return the margins that are not known yet, from the members' margins."""
@@ -287,7 +256,7 @@ class ObjectsMargin(MarginOperator):
         self._shape = self.width, count
         self._choose = at_least(number, count, body.width)
 
-    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
+    def step(self, steps: Sequence[Step], assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states at which all objects' margins are known."""
         return [self._join(each) for each in self.parts[0].step(steps, assumption)]
 
@@ -318,9 +287,9 @@ class PreviousMargin(MarginOperator):
         # For each step without a margin yet: True if it is a gap.
         self._gaps: deque[bool] = deque()
 
-    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
+    def step(self, steps: Sequence[Step], assumption: Assumption) -> Sequence[Any]:
         """Return the margins at the states before which the body's margin is known."""
-        self._gaps.extend(each is None for each in steps.until(self._needed).states)
+        self._gaps.extend(signals is None for _, _, signals in _until(steps, self._needed))
         unknown, found = self.unknown_margin(assumption.unknown), list[Any]()
         for margin in self.parts[0].step(steps, assumption):
             # The state before a missing one may be missing itself.
@@ -357,8 +326,8 @@ class TemporalMargin(MarginOperator):
         self._window = window
         # The states whose margin is not known yet; None for a gap.
         self._states: deque[int | None] = deque()
-        # The times of the steps for which the margin of the body is not known yet.
-        self._open: deque[tuple[int, float]] = deque()
+        # The steps for which the margin of the body is not known yet.
+        self._open: list[Step] = []
         # The steps after the window of the first state whose margin is not known yet.
         self._waiting: deque[Step] = deque()
         self._now: float = -inf
@@ -368,23 +337,26 @@ class TemporalMargin(MarginOperator):
         """The operator of the formula in the window."""
         return self.parts[0]
 
-    def step(self, steps: Steps, assumption: Assumption) -> Sequence[Any]:
+    def step(self, steps: Sequence[Step], assumption: Assumption) -> Sequence[Any]:
         """Return the margins of the states whose windows are complete."""
         open_, states, waiting, window = self._open, self._states, self._waiting, self._window
-        open_.extend(steps.until(self._needed + self._horizon).spans)
-        states.extend(steps.until(self._needed).states)
+        open_.extend(_until(steps, self._needed + self._horizon))
+        needed = _until(steps, self._needed)
+        states.extend([None if signals is None else first for first, _, signals in needed])
         known = self.body.step(steps, assumption)
-        waiting.extend([(*open_.popleft(), margin) for margin in known])
-        self._now = now = steps.spans[-1][1]
+        begun = zip(open_, known, strict=False)
+        waiting.extend([(first, last, margin) for (first, last, _), margin in begun])
+        del open_[: len(known)]
+        self._now = now = steps[-1][1]
         unknown = self.unknown_margin(assumption.unknown)
-        found, enter = list[Any](), window.enter
+        found, enter, offset = list[Any](), window.enter, self.end
         while states:
             state = states[0]
             if state is None:
                 found.append(unknown)
                 states.popleft()
                 continue
-            end = state + self.end
+            end = state + offset
             while waiting and waiting[0][0] <= end:
                 enter(waiting.popleft(), state)
             is_complete = end <= now and not (
@@ -446,10 +418,11 @@ class TemporalMargin(MarginOperator):
             last: the time.
         """
         window, found = self._window.copied(), list[Any]()
-        spans = chain(self._open, [(cast('int', self._now) + 1, inf)])
+        open_ = chain(self._open, [(cast('int', self._now) + 1, inf, None)])
         margins = chain(inner, repeat(self.body.unknown_margin(unknown)))
         steps = deque(self._waiting)
-        steps.extend((*span, margin) for span, margin in zip(spans, margins, strict=False))
+        pairs = zip(open_, margins, strict=False)
+        steps.extend((first, last, margin) for (first, last, _), margin in pairs)
         for state in self._states:
             if state is None:
                 found.append(self.unknown_margin(unknown))
@@ -504,7 +477,7 @@ class ExtremumMargin(TemporalMargin):
         if len(inner) < len(self._open):
             return self._open[-1][1]
         pairs = zip(reversed(self._open), reversed(inner), strict=False)
-        return next((last for (_, last), each in pairs if threshold.reached_by(each)), -inf)
+        return next((last for (_, last, _), each in pairs if threshold.reached_by(each)), -inf)
 
 
 class UntilMargin(TemporalMargin):

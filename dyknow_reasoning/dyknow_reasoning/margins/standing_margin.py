@@ -120,9 +120,9 @@ class StandingMargin(BoundedMargins):
             self._runs.popleft()
 
     def _process(self) -> None:
-        for state in self._steps.states:
-            self._open.append(None if state is None else self._states)
-            self._states += state is not None
+        for _, _, signals in self._steps:
+            self._open.append(None if signals is None else self._states)
+            self._states += signals is not None
         super()._process()
         self._receive_all()
 

@@ -26,7 +26,7 @@ from typing import Any, Self, TypeAlias
 from dyknow_reasoning.margins.robustness import Extremum, MarginThreshold
 
 Step: TypeAlias = tuple[int, float, Any]
-"""The first and the last time of a state or gap, and the margin of the body of an operator."""
+"""The first and the last time of a state or gap, and what is known of it: margins."""
 
 Pair: TypeAlias = tuple[Any, Any]
 """The margins of the left and the right side."""
