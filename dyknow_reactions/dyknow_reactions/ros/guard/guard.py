@@ -144,13 +144,8 @@ class GuardNode(DyKnowNode):
                 )
         if not self._states:
             return
-        self.create_subscription(
-            EvaluationStatusArray,
-            'stream_reasoning_coordinator/evaluations',
-            self._on_evaluations,
-            LATCHED,
-            refusal=only_owner,
-        )
+        topic = 'stream_reasoning_coordinator/evaluations'
+        self.hear(EvaluationStatusArray, topic, self._on_evaluations)
         for name in WATCHED:
             self.create_subscription(
                 Heartbeat,
