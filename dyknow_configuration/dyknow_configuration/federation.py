@@ -114,7 +114,7 @@ def read_federation(value: YamlValue) -> RequestedFederation:
             if 'max_uncertainty' in stated
             else default.max_uncertainty
         ),
-        zenoh=_file(stated['zenoh']) if 'zenoh' in stated else None,
+        zenoh=stated['zenoh'].existing_file() if 'zenoh' in stated else None,
     )
 
 
@@ -159,10 +159,3 @@ def _limit(stated: Mapping[str, YamlValue], key: str, default: int) -> int:
     if not _SHORTEST_NS <= found <= _LONGEST_NS:
         raise stated[key].error('write a duration from 1 s to 1 h')
     return found
-
-
-def _file(value: YamlValue) -> Path:
-    path = value.document.path.parent / value.text('the name of a file').strip()
-    if not path.is_file():
-        raise value.error(f'there is no file {path}')
-    return path

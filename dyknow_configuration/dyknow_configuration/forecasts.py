@@ -29,7 +29,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import yaml
 
@@ -41,6 +41,7 @@ from dyknow_common import (
     Value,
     format_duration,
     quoted,
+    value_text,
 )
 from dyknow_configuration.composed_text import (
     PLACEHOLDER,
@@ -225,7 +226,7 @@ class _ForecastReader:
         source = quoted(stream) if self._carrier.is_topic else stream
         given = f' with {constraints}' if constraints else ''
         settings = {
-            **{name: _literal(value) for name, value in forecast.settings.items()},
+            **{name: value_text(value) for name, value in forecast.settings.items()},
             'horizon': format_duration(horizon),
             'step': format_duration(forecast.step),
             'bound': quoted(bound),
@@ -308,8 +309,7 @@ class _ForecastReader:
     def _table(self) -> Path | None:
         if 'table' not in self._stated:
             return None
-        value = self._stated['table']
-        return value.document.path.parent / value.text('the name of a file').strip()
+        return self._stated['table'].file()
 
     def _with_table(self, forecast: FeatureForecast) -> FeatureForecast:
         if forecast.table is None or not forecast.table.exists():
@@ -319,7 +319,7 @@ class _ForecastReader:
                 stated = value.mapping(TABLE_KEYS, TABLE_KEYS)
                 widening, coverage = _read_widening(stated, forecast), stated['coverage']
                 # A bare number is of a version that did not note the blocks.
-                if _is_number(coverage.plain()):
+                if _is_finite(coverage):
                     return replace(forecast, widening=widening)
                 promise = str(coverage.read(Coverage.parse, coverage.line()))
                 return replace(forecast, widening=widening, coverage=promise)
@@ -333,13 +333,13 @@ def _read_widening(stated: Mapping[str, YamlValue], forecast: FeatureForecast) -
             f"the table is of another forecast than '{forecast.description}'; calibrate it again "
             'by dyknow calibrate'
         )
-    numbers = [each.plain() for each in stated['widening'].items('a list of numbers')]
-    if len(numbers) != forecast.steps + 1 or not all(map(_is_number, numbers)):
+    numbers = stated['widening'].items('a list of numbers')
+    if len(numbers) != forecast.steps + 1 or not all(map(_is_finite, numbers)):
         raise stated['widening'].error(
             f'the forecast has {forecast.steps + 1} times, and this is no list of as many finite '
             'numbers; calibrate it again by dyknow calibrate'
         )
-    return tuple(map(float, numbers))
+    return tuple(each.number() for each in numbers)
 
 
 def table_text(forecasts: Iterable[FeatureForecast]) -> str:
@@ -410,17 +410,10 @@ def _reason(forecast: FeatureForecast) -> str:
     )
 
 
-def _is_number(value: Any) -> bool:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and math.isfinite(value)
+def _is_finite(value: YamlValue) -> bool:
+    return value.is_number and math.isfinite(value.number())
 
 
 def _filled(path: str, objects: Mapping[str, str]) -> str:
     """Return the path of a field with objects in the place of `{variable}`."""
     return PLACEHOLDER.sub(lambda found: objects[found['name'].strip()], path)
-
-
-def _literal(value: Value) -> str:
-    if isinstance(value, bool):
-        return 'true' if value else 'false'
-    return quoted(value) if isinstance(value, str) else repr(value)

@@ -130,13 +130,13 @@ def robot_of(
     return RobotConfiguration(
         ontologies=_ontologies(values, vocabulary, regions, path),
         annotations=(
-            *_files(texts(values, 'annotations')),
+            *(each.existing_file() for each in texts(values, 'annotations')),
             *_annotations(values, vocabulary),
             *positions.annotations,
             *forecasts.annotations,
         ),
         streams=(*_streams(values, vocabulary), *positions.streams, *forecasts.streams),
-        bridges=tuple(_files(texts(values, 'bridges'))),
+        bridges=tuple(each.existing_file() for each in texts(values, 'bridges')),
         domains=_domains(values),
         formulas=formulas,
         parameters=read_parameters(values['nodes']) if 'nodes' in values else {},
@@ -155,7 +155,10 @@ def _streams(
     stated = values['streams'].one_or_more() if 'streams' in values else []
     own = [each for each in stated if is_stream_text(each)]
     named = [each for each in stated if each not in own]
-    return [*_files(named, _STREAM_HINT), *read_streams(own, vocabulary)]
+    return [
+        *(each.existing_file(_STREAM_HINT) for each in named),
+        *read_streams(own, vocabulary),
+    ]
 
 
 def _ontologies(
@@ -164,7 +167,7 @@ def _ontologies(
     regions: Sequence[StatedRegion],
     path: Path,
 ) -> tuple[TextSource, ...]:
-    files = _files(texts(values, 'ontology'))
+    files = [each.existing_file() for each in texts(values, 'ontology')]
     relations = read_relations(values, regions, vocabulary.all_objects())
     if not vocabulary:
         return tuple(files)
@@ -200,17 +203,6 @@ def _domains(values: Mapping[str, YamlValue]) -> dict[str, tuple[str, ...]]:
         sort.text(): tuple(each.text('an object') for each in objects.one_or_more())
         for sort, objects in entries
     }
-
-
-def _files(values: list[YamlValue], hint: str = '') -> list[Path]:
-    """Return the files that texts name, which must exist."""
-    paths: list[Path] = []
-    for each in values:
-        path = each.document.path.parent / each.text('the name of a file').strip()
-        if not path.is_file():
-            raise each.error(f'there is no file {path}{hint}')
-        paths.append(path)
-    return paths
 
 
 _HEADER = """\

@@ -224,8 +224,7 @@ def _regions(
     since, until = (_time(stated[each]) if each in stated else None for each in _TIMES)
     try:
         if kind in _FILES:
-            path = shape.document.path.parent / shape.text('the name of a file').strip()
-            read = _FILES[kind](path, name, frame)
+            read = _FILES[kind](shape.file(), name, frame)
         else:
             read = [Region(name, (), frame, _geometry(kind, shape, known, frame))]
         return [

@@ -251,6 +251,17 @@ class YamlValue:
             raise self.expected('true or false')
         return found
 
+    def file(self) -> Path:
+        """Return the file that this names, as seen from the folder of the document."""
+        return self.document.path.parent / self.text('the name of a file').strip()
+
+    def existing_file(self, hint: str = '') -> Path:
+        """Return the file that this names, which must exist; `hint` ends the error."""
+        path = self.file()
+        if not path.is_file():
+            raise self.error(f'there is no file {path}{hint}')
+        return path
+
     def number(self) -> float:
         """Return a number."""
         if not self.is_number:

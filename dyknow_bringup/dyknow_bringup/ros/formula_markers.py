@@ -20,10 +20,8 @@ from visualization_msgs.msg import MarkerArray
 from dyknow_bringup.errors import BringupError
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import (
-    LATCHED,
     DyKnowNode,
     Throttle,
-    only_owner,
     run,
 )
 from dyknow_configuration import read_robot
@@ -74,13 +72,7 @@ class FormulaMarkers(DyKnowNode):
         self._positions: dict[str, Point] = {}
         self._frame = ''
         self._frame_warning = Throttle(WARNING_PERIOD_S)
-        self.create_subscription(
-            EvaluationStatusArray,
-            f'{coordinator}/evaluations',
-            self._on_evaluations,
-            LATCHED,
-            refusal=only_owner,
-        )
+        self.hear(EvaluationStatusArray, f'{coordinator}/evaluations', self._on_evaluations)
         self._markers = self.create_publisher(MarkerArray, '~/markers', MARKERS)
         self.create_timer(PERIOD_NS / SECOND_NS, self._publish_markers, clock=self.wall_clock)
 

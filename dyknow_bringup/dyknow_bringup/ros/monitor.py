@@ -40,7 +40,7 @@ from dyknow_bringup.ros.formula_monitor import FormulaMonitor, MonitorNode
 from dyknow_bringup.ros.system_start import where_coordinators_are
 from dyknow_common import SECOND_NS, ExitCode, add_utc_option, duration_option, round_duration
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
-from dyknow_common.ros import LATCHED, STATUS, TICK_PERIOD_S, only_owner, start_ros, started_at
+from dyknow_common.ros import LATCHED, STATUS, TICK_PERIOD_S, start_ros, started_at
 from dyknow_common.tables import Terminal
 from dyknow_configuration import RequestedFormula, read_robot, warn_of_notes
 from dyknow_coordinator import Answer, EvaluationPhase, EvaluationStatus, Progress, StandingVerdicts
@@ -153,13 +153,7 @@ class AttachedMonitor(MonitorNode):
         """When the evaluations of the formulas began, by name, nanoseconds."""
         self._decided: set[str] = set()
         self._has_report = False
-        self.create_subscription(
-            EvaluationStatusArray,
-            f'{self.coordinator}/evaluations',
-            self._on_evaluations,
-            LATCHED,
-            refusal=only_owner,
-        )
+        self.hear(EvaluationStatusArray, f'{self.coordinator}/evaluations', self._on_evaluations)
 
     @property
     def warnings(self) -> tuple[str, ...]:

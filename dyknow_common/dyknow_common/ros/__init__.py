@@ -16,6 +16,7 @@ from dyknow_common.ros.commands import (
     run_with_node,
     start_ros,
 )
+from dyknow_common.ros.dataclass_messages import from_message, to_message
 from dyknow_common.ros.deadlines import REST_PERIOD_S, TICK_PERIOD_S, set_period
 from dyknow_common.ros.diagnostics import DiagnosticsPublisher
 from dyknow_common.ros.guards import (
@@ -109,6 +110,7 @@ __all__ = [
     'constraints_from_message',
     'constraints_to_message',
     'fill_exit_status',
+    'from_message',
     'full_name',
     'identities_from_message',
     'identities_to_message',
@@ -133,5 +135,6 @@ __all__ = [
     'started_at',
     'supports_node_executor',
     'time_to_nanoseconds',
+    'to_message',
     'topic_fault',
 ]

@@ -26,6 +26,7 @@ from rclpy.node import Node
 from dyknow_common.durations import REPAIR_NS
 from dyknow_common.errors import DyKnowError, shortened
 from dyknow_common.ros.below_rclpy.senders import GID, SENDER, Senders, full_name, take
+from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS
 from dyknow_common.ros.throttle import Throttle
 
 Refusal = Callable[[str, str], str]
@@ -74,8 +75,9 @@ def create_guarded_subscription(
     refusal: Refusal | None = None,
     **options: Any,
 ) -> Any:
-    """Create a subscription with a `MessageGuard`; other arguments as in rclpy."""
+    """Create a subscription with a `MessageGuard`, as `DyKnowNode` does."""
     guard: Any = MessageGuard(node, node.resolve_topic_name(topic), callback, refusal)
+    options = {'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
     return node.create_subscription(msg_type, topic, guard, qos_profile, **options)
 
 

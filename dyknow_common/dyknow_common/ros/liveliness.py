@@ -28,7 +28,7 @@ from rclpy.node import Node
 
 from dyknow_common.ros.below_rclpy.senders import full_name
 from dyknow_common.ros.guards import create_guarded_subscription, only_owner
-from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S, NO_SUBSCRIPTION_EVENTS
+from dyknow_common.ros.qos import HEARTBEAT, HEARTBEAT_PERIOD_S
 from dyknow_common.ros.time_messages import time_to_nanoseconds
 
 MISSED_LIMIT: Final = 5
@@ -99,7 +99,6 @@ class Heartbeats:
                     HEARTBEAT,
                     refusal=only_owner,
                     callback_group=self.group,
-                    event_callbacks=NO_SUBSCRIPTION_EVENTS,
                 )
             )
         return self._nodes[topic]

@@ -22,10 +22,16 @@ from rclpy.node import Node
 
 from dyknow_common.errors import DyKnowError, ExitCode, one_line, shortened
 from dyknow_common.ros.deadlines import Deadlines
-from dyknow_common.ros.guards import MessageGuard, NodeEndError, Refusal
+from dyknow_common.ros.guards import MessageGuard, NodeEndError, Refusal, only_owner
 from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
-from dyknow_common.ros.qos import NO_PUBLISHER_EVENTS, NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
+from dyknow_common.ros.qos import (
+    LATCHED,
+    NO_PUBLISHER_EVENTS,
+    NO_SUBSCRIPTION_EVENTS,
+    SERVICE,
+    STATUS,
+)
 from dyknow_common.ros.throttle import Throttle
 from dyknow_common.ros.topic_names import RCLError
 
@@ -117,6 +123,12 @@ class DyKnowNode(Node):
             callback = MessageGuard(self, self.resolve_topic_name(topic), callback, refusal)
         options = {'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
         return super().create_subscription(msg_type, topic, callback, qos_profile, **options)
+
+    def hear(self, report_type: Any, topic: str, callback: Any, **options: Any) -> Any:
+        """Subscribe to a latched report that the node of its topic alone may send."""
+        return self.create_subscription(
+            report_type, topic, callback, LATCHED, refusal=only_owner, **options
+        )
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **options: Any

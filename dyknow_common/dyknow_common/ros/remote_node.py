@@ -31,7 +31,7 @@ from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.guards import create_guarded_subscription, only_owner
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.node import RUNNING, STARTED_AT, DyKnowNode, snake_case
-from dyknow_common.ros.qos import NO_SUBSCRIPTION_EVENTS, SERVICE, STATUS
+from dyknow_common.ros.qos import LATCHED, SERVICE, STATUS
 
 LONG_TIMEOUT_S = 15.0
 """The time that a call may take if the node calls others or answers a query, which may take 5 s.
@@ -64,6 +64,7 @@ class NodeAdapter:
         self.destroy_subscription = node.destroy_subscription
         self.create_client = node.create_client
         self.create_subscription = partial(create_guarded_subscription, node)
+        self.hear = partial(self.create_subscription, qos_profile=LATCHED, refusal=only_owner)
         self.destroy_client = node.destroy_client
         self.deadlines = Deadlines(node, self.wall_clock)
         self.heartbeats = Heartbeats.of(node)
@@ -119,7 +120,6 @@ class RemoteNode:
             self._on_status,
             STATUS,
             callback_group=node.heartbeats.group,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
             refusal=only_owner,
         )
 

@@ -1,29 +1,22 @@
-"""Requests, answers and progress as messages of EvaluateFormula and MonitorFormula."""
+"""Requests, answers, progress and plans as messages of the services and actions."""
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
-from dyknow_common import SECOND_NS, Verdict
-from dyknow_common.ros import (
-    constraints_from_message,
-    fill_exit_status,
-    margin_from_message,
-    margin_to_message,
-    nanoseconds_to_time,
-    probability_from_message,
-    time_to_nanoseconds,
-)
+from dyknow_interfaces.action import MonitorPlan
+from dyknow_interfaces.msg import PlanVerdict as PlanVerdictMessage
+
+from dyknow_common import SECOND_NS
+from dyknow_common.ros import fill_exit_status, from_message, time_to_nanoseconds, to_message
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Answer, EvaluationRequest, Progress
 from dyknow_coordinator.grounding.feature_sources import Grounding
+from dyknow_coordinator.plan import FormulaPosition, Holds, Plan, PlanVerdict
 from dyknow_coordinator.ros.reporting.evaluation_messages import (
-    black_box_from_message,
     error_from_status,
-    symbol_grounding_from_message,
-    symbol_grounding_to_message,
     verdicts_from_message,
-    verdicts_to_message,
 )
 
 
@@ -46,16 +39,11 @@ def request_from_message(
     if timeout_s < 0:
         raise CoordinationError(f'the timeout of {timeout_s:g} s is negative')
     timeout_s = timeout_s or default_timeout_s
-    return EvaluationRequest(
-        formula=message.formula,
+    return from_message(
+        EvaluationRequest,
+        message,
         grounding=requested_grounding(message),
-        constraints=constraints_from_message(message.constraints),
         timeout_s=min(timeout_s, max_timeout_s) if max_timeout_s else timeout_s,
-        name=getattr(message, 'name', ''),
-        restart_on_change=getattr(message, 'restart_on_change', False),
-        margin=message.margin,
-        every_state=getattr(message, 'every_state', False),
-        record=black_box_from_message(getattr(message, 'record', ())),
     )
 
 
@@ -75,17 +63,9 @@ def requested_grounding(message: Any) -> Grounding:
 
 def fill_answer(message: Any, answer: Answer) -> None:
     """Write an answer into a response of EvaluateFormula or a result of MonitorFormula."""
-    message.verdict = int(answer.verdict)
-    message.canonical_formula = answer.canonical_formula
-    message.explanation = answer.explanation
-    message.margin = margin_to_message(answer.margin)
-    message.groundings = [symbol_grounding_to_message(each) for each in answer.groundings]
-    if answer.decided_at is not None:
-        message.decided_at = nanoseconds_to_time(answer.decided_at)
+    to_message(answer, message)
     if answer.error is not None:
         fill_exit_status(message.exit_status, answer.error)
-    if answer.episodes is not None:
-        message.episodes = verdicts_to_message(answer.episodes)
 
 
 def answer_from_message(message: Any, *, every_state: bool = False) -> Answer:
@@ -95,30 +75,54 @@ def answer_from_message(message: Any, *, every_state: bool = False) -> Answer:
         message: the response or result.
         every_state: True if the formula was asked at every state.
     """
-    error = error_from_status(message.exit_status)
-    return Answer(
-        verdict=Verdict(message.verdict),
-        decided_at=time_to_nanoseconds(message.decided_at) or None,
-        canonical_formula=message.canonical_formula,
-        explanation=message.explanation,
-        groundings=tuple(symbol_grounding_from_message(each) for each in message.groundings),
-        margin=margin_from_message(message.margin),
-        error=error,
+    return from_message(
+        Answer,
+        message,
+        error=error_from_status(message.exit_status),
         episodes=verdicts_from_message(message.episodes) if every_state else None,
     )
 
 
 def progress_from_message(message: Any, *, every_state: bool = False) -> Progress:
     """Return the progress in the feedback of MonitorFormula."""
-    return Progress(
-        states_progressed=message.states_progressed,
-        latest_valid_time=time_to_nanoseconds(message.latest_valid_time),
-        residual_formula=message.residual_formula,
-        presumably_false=message.presumably_false,
-        streams=tuple(message.streams),
-        events=tuple(message.events),
-        waits_for=message.waits_for,
-        margin=margin_from_message(message.margin),
-        probability=probability_from_message(message.probability),
-        episodes=verdicts_from_message(message.episodes) if every_state else None,
+    episodes = verdicts_from_message(message.episodes) if every_state else None
+    return from_message(Progress, message, episodes=episodes)
+
+
+def plan_to_goal(plan: Plan) -> Any:
+    """Return a goal of MonitorPlan, without grounding and constraints."""
+    return to_message(plan, MonitorPlan.Goal())
+
+
+def plan_from_goal(goal: Any) -> Plan:
+    """Return the plan in a goal of MonitorPlan.
+
+    Raises:
+        CoordinationError: if the period of a formula is unknown.
+    """
+    for each in chain(goal.formulas, *(action.formulas for action in goal.actions)):
+        if each.holds not in set(Holds):
+            known = ', '.join(f'{period.name} ({period.value})' for period in Holds)
+            raise CoordinationError(
+                f"formula '{each.name}' has the unknown value {each.holds} of holds; use {known}"
+            )
+    return from_message(Plan, goal)
+
+
+def verdict_to_message(verdict: PlanVerdict) -> Any:
+    """Return a PlanVerdict message."""
+    place = verdict.position
+    message = PlanVerdictMessage(action=place.action, formula_name=place.formula)
+    if verdict.error is not None:
+        fill_exit_status(message.exit_status, verdict.error)
+    return to_message(verdict, message)
+
+
+def verdict_from_message(message: Any) -> PlanVerdict:
+    """Return the verdict in a PlanVerdict message."""
+    return from_message(
+        PlanVerdict,
+        message,
+        position=FormulaPosition(message.action, message.formula_name),
+        error=error_from_status(message.exit_status),
     )

@@ -32,9 +32,12 @@ from dyknow_coordinator.plan import (
     withdrawal,
 )
 from dyknow_coordinator.ros.actions import CancellingActionServer
-from dyknow_coordinator.ros.answers import requested_grounding
+from dyknow_coordinator.ros.answers import (
+    plan_from_goal,
+    requested_grounding,
+    verdict_to_message,
+)
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
-from dyknow_coordinator.ros.plan_messages import plan_from_goal, verdict_to_message
 
 Start = Callable[[EvaluationRequest], FormulaEvaluation]
 """Starts the evaluation of a formula."""

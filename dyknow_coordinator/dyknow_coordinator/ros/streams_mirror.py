@@ -10,10 +10,8 @@ from rclpy.exceptions import InvalidTopicNameException
 
 from dyknow_common import ExitCode
 from dyknow_common.ros import (
-    LATCHED,
     DyKnowNode,
     constraints_from_message,
-    only_owner,
     time_to_nanoseconds,
 )
 from dyknow_coordinator.errors import CoordinationError
@@ -53,14 +51,7 @@ class StreamsMirror:
         self.heard_at = 0
         """The time of the wall clock at which that was reported, in nanoseconds."""
         self._on_change = on_change
-        node.create_subscription(
-            StreamStatusArray,
-            topic,
-            self._on_report,
-            LATCHED,
-            callback_group=node.reentrant,
-            refusal=only_owner,
-        )
+        node.hear(StreamStatusArray, topic, self._on_report, callback_group=node.reentrant)
 
     async def wait_for(self, name: str) -> None:
         """Wait until a new stream is reported, for at most REPORT_TIMEOUT_S."""

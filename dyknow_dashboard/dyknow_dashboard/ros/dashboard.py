@@ -137,22 +137,22 @@ class NodeThread:
 
 
 class Operations:
-    """Requests to the coordinator and the black box recorder.
+    """Requests of pages to the coordinator and the black box recorder, in the thread of the node.
 
     The formulas that were asked on pages end with this process, as its client does.
 
     Args:
-        adapter: of the node that requests; its methods are called in the thread of its executor.
+        thread: runs the node that requests.
     """
 
-    def __init__(self, adapter: NodeAdapter) -> None:
-        self._adapter = adapter
-        self._client = FormulaClient(adapter.node)
-        self._coordinator = RemoteNode(adapter, COORDINATOR)
+    def __init__(self, thread: NodeThread) -> None:
+        self._thread = thread
+        self._client = FormulaClient(thread.node)
+        self._coordinator = RemoteNode(thread.adapter, COORDINATOR)
         self._monitors: set[Monitor] = set()
 
-    def close(self) -> None:
-        """Cancel all formulas that were asked here."""
+    async def close(self) -> None:
+        """Cancel all formulas that were asked here; to be awaited in the thread of the node."""
         self._client.close()
 
     async def ask(self, asked: AskedFormula) -> None:
@@ -161,6 +161,26 @@ class Operations:
         Raises:
             DyKnowError: if there are too many, or if it could not be started.
         """
+        await self._thread.call(partial(self._ask, asked))
+
+    async def cancel(self, name: str) -> int:
+        """End the evaluations of a name, and return their number.
+
+        Raises:
+            DyKnowError: NOT_FOUND if there is none; UNAVAILABLE without a coordinator.
+        """
+        request = partial(self._coordinator.call, CancelEvaluation, name=name)
+        return int((await self._thread.call(request)).cancelled)
+
+    async def save(self, name: str) -> list[str]:
+        """Save the black boxes of a formula, or of all if the name is empty; return their paths.
+
+        Raises:
+            DyKnowError: NOT_FOUND if there is none; UNAVAILABLE without a recorder.
+        """
+        return list((await self._thread.call(partial(self._save, name))).paths)
+
+    async def _ask(self, asked: AskedFormula) -> None:
         if len(self._monitors) >= MAX_ASKED:
             raise DashboardError(
                 f'{MAX_ASKED} formulas of this page run already; cancel one', ExitCode.UNAVAILABLE
@@ -180,47 +200,12 @@ class Operations:
             if answer.error is not None:
                 raise answer.error
 
-    async def cancel(self, name: str) -> int:
-        """End the evaluations of a name, and return their number.
-
-        Raises:
-            DyKnowError: NOT_FOUND if there is none; UNAVAILABLE without a coordinator.
-        """
-        response = await self._coordinator.call(CancelEvaluation, name=name)
-        return int(response.cancelled)
-
-    async def save(self, name: str) -> list[str]:
-        """Save the black boxes of a formula, or of all if the name is empty; return their paths.
-
-        Raises:
-            DyKnowError: NOT_FOUND if there is none; UNAVAILABLE without a recorder.
-        """
-        recorder = RemoteNode(self._adapter, RECORDER, timeout_s=SAVE_TIMEOUT_S)
+    async def _save(self, name: str) -> Any:
+        recorder = RemoteNode(self._thread.adapter, RECORDER, timeout_s=SAVE_TIMEOUT_S)
         try:
-            response = await recorder.call(SaveBlackBox, name=name)
+            return await recorder.call(SaveBlackBox, name=name)
         finally:
             recorder.release()
-        return list(response.paths)
-
-
-class ThreadedOperator:
-    """Has the node carry out what pages ask for."""
-
-    def __init__(self, thread: NodeThread, operations: Operations) -> None:
-        self._thread = thread
-        self._operations = operations
-
-    async def ask(self, asked: AskedFormula) -> None:
-        """Have a formula monitored."""
-        await self._thread.call(partial(self._operations.ask, asked))
-
-    async def cancel(self, name: str) -> int:
-        """End the evaluations of a name, and return their number."""
-        return int(await self._thread.call(partial(self._operations.cancel, name)))
-
-    async def save(self, name: str) -> list[str]:
-        """Save black boxes, and return the paths of the bags."""
-        return list(await self._thread.call(partial(self._operations.save, name)))
 
 
 def dashboard(options: argparse.Namespace) -> int:
@@ -247,7 +232,7 @@ async def _serve(served: ServerOptions, options: argparse.Namespace, known: Robo
         if options.collector:
             collector = Collector(options.collector, namespace, board.counts)
             board.sinks.append(collector.put)
-        operations = Operations(thread.adapter)
+        operations = Operations(thread)
 
         def attend() -> None:
             topics = frozenset(board.state_topics(server.pages.states))
@@ -255,8 +240,7 @@ async def _serve(served: ServerOptions, options: argparse.Namespace, known: Robo
             thread.run(partial(work, maps=board.map.streams))
 
         reader = SystemReader(thread.adapter, board, thread.deliver, attend)
-        operator = ThreadedOperator(thread, operations)
-        server = DashboardServer(board, operator, served, attend)
+        server = DashboardServer(board, operations, served, attend)
         port = server.start()
         await board.history.open()
         thread.start()
@@ -270,11 +254,7 @@ async def _serve(served: ServerOptions, options: argparse.Namespace, known: Robo
             await asyncio.to_thread(collector.close)
         if thread.fault is not None:
             raise thread.fault
-        await thread.call(partial(_close, operations))
-
-
-async def _close(operations: Operations) -> None:
-    operations.close()
+        await thread.call(operations.close)
 
 
 @contextmanager

@@ -11,11 +11,8 @@ from dyknow_interfaces.srv import SaveBlackBox
 
 from dyknow_common import with_readable_times
 from dyknow_common.ros import (
-    LATCHED,
-    NO_SUBSCRIPTION_EVENTS,
     NodeAdapter,
     RemoteNode,
-    only_owner,
     snake_case,
 )
 from dyknow_coordinator import Level
@@ -60,14 +57,7 @@ class GuardReports:
     def __init__(self, adapter: NodeAdapter, name: str) -> None:
         self._adapter = adapter
         self._latest: Any = None
-        self._subscription = adapter.create_subscription(
-            GuardStatus,
-            f'{name}/status',
-            self._on_status,
-            LATCHED,
-            event_callbacks=NO_SUBSCRIPTION_EVENTS,
-            refusal=only_owner,
-        )
+        self._subscription = adapter.hear(GuardStatus, f'{name}/status', self._on_status)
 
     def applied_to(self, state: NodeState) -> NodeState:
         """Return the state of the node; while it runs, a gate that is not open is an error."""

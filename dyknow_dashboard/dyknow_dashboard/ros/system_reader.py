@@ -16,7 +16,6 @@ from std_msgs.msg import String
 
 from dyknow_common.ros import (
     LATCHED,
-    NO_SUBSCRIPTION_EVENTS,
     NodeAdapter,
     time_to_nanoseconds,
 )
@@ -117,9 +116,7 @@ class SystemReader:
     def _subscribe(
         self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile = LATCHED
     ) -> Any:
-        return self._adapter.create_subscription(
-            kind, topic, callback, qos, event_callbacks=NO_SUBSCRIPTION_EVENTS
-        )
+        return self._adapter.create_subscription(kind, topic, callback, qos)
 
     def _on_evaluations(self, message: Any) -> None:
         statuses = [status_from_message(each) for each in message.evaluations]

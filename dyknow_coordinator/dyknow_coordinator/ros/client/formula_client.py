@@ -33,12 +33,18 @@ from dyknow_common.ros import (
     constraints_to_message,
     nanoseconds_to_duration,
     snake_case,
+    to_message,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import Answer, Progress
+from dyknow_coordinator.evaluation import Answer, EvaluationRequest, Progress
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plan import Plan, PlanOutcome, PlanVerdict
-from dyknow_coordinator.ros.answers import answer_from_message, progress_from_message
+from dyknow_coordinator.ros.answers import (
+    answer_from_message,
+    plan_to_goal,
+    progress_from_message,
+    verdict_from_message,
+)
 from dyknow_coordinator.ros.client.action_call import (
     GRACE_S,
     ActionCall,
@@ -51,11 +57,7 @@ from dyknow_coordinator.ros.client.formula_attempts import (
     notify_listener,
 )
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
-from dyknow_coordinator.ros.plan_messages import plan_to_goal, verdict_from_message
-from dyknow_coordinator.ros.reporting.evaluation_messages import (
-    black_box_to_message,
-    error_from_status,
-)
+from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
 
 COORDINATOR: Final = 'stream_reasoning_coordinator'
 
@@ -179,8 +181,8 @@ class FormulaClient:
         if refusal is not None:
             return Answer(error=refusal)
         try:
-            request = _request(EvaluateFormula.Request, formula, timeout, grounding, constraints)
-            request.margin = margin
+            content = EvaluationRequest(formula, grounding, constraints, margin=margin)
+            request = to_message(content, EvaluateFormula.Request(timeout=_duration(timeout)))
             response = await self._coordinator.request(
                 EvaluateFormula, request, wait, timeout + GRACE_S
             )
@@ -258,9 +260,9 @@ class FormulaClient:
             monitor.accepted.set_result(None)
             self._end(monitor, on_verdict, Answer(error=refusal))
             return monitor
-        goal = _request(MonitorFormula.Goal, formula, timeout, grounding, constraints)
-        goal.name, goal.margin, goal.every_state = name, margin, every_state
-        goal.restart_on_change, goal.record = restart_on_change, black_box_to_message(record)
+        content = EvaluationRequest(formula, grounding, constraints, margin=margin, record=record)
+        goal = to_message(content, MonitorFormula.Goal())
+        goal.name, goal.every_state, goal.restart_on_change = name, every_state, restart_on_change
         call = FormulaAttempts(
             self._adapter,
             timeout,
@@ -285,7 +287,7 @@ class FormulaClient:
         on_end: Callable[[Answer], None],
     ) -> ActionCall:
         every_state = goal.every_state
-        goal.timeout = nanoseconds_to_duration(round(timeout * SECOND_NS))
+        goal.timeout = _duration(timeout)
         return self._goals.send(
             MonitorFormula,
             goal,
@@ -354,19 +356,8 @@ def _closed() -> CoordinationError:
     return CoordinationError('the client is closed; make another one', ExitCode.CANCELLED)
 
 
-def _request(
-    message_type: Any,
-    formula: str,
-    timeout_s: float,
-    grounding: Grounding,
-    constraints: StreamConstraints,
-) -> Any:
-    return message_type(
-        formula=formula,
-        grounding=int(grounding),
-        constraints=constraints_to_message(constraints),
-        timeout=nanoseconds_to_duration(round(timeout_s * SECOND_NS)),
-    )
+def _duration(seconds: float) -> Any:
+    return nanoseconds_to_duration(round(seconds * SECOND_NS))
 
 
 def helper_node(node: Node) -> Node:

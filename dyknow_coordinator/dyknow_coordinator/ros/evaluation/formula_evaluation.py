@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, Final
 
 from dyknow_interfaces.msg import FormulaProgress
+from dyknow_interfaces.msg import SymbolGrounding as SymbolGroundingMessage
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
 
@@ -27,7 +28,12 @@ from dyknow_common import (
     listed,
     one_line,
 )
-from dyknow_common.ros import margin_from_message, probability_from_message, time_to_nanoseconds
+from dyknow_common.ros import (
+    margin_from_message,
+    probability_from_message,
+    time_to_nanoseconds,
+    to_message,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import (
     Answer,
@@ -55,10 +61,7 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import (
     EvaluationGroups,
     find_candidates,
 )
-from dyknow_coordinator.ros.reporting.evaluation_messages import (
-    symbol_grounding_to_message,
-    verdicts_from_message,
-)
+from dyknow_coordinator.ros.reporting.evaluation_messages import verdicts_from_message
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -371,7 +374,7 @@ class FormulaEvaluation(Evaluation):
         return await clients.pushed_down(
             prepared.formula,
             inputs.domains,
-            list(map(symbol_grounding_to_message, groundings)),
+            [to_message(each, SymbolGroundingMessage()) for each in groundings],
             period,
         )
 

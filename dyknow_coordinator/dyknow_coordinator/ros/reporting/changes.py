@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from dyknow_interfaces.msg import SemanticsVersion
 
-from dyknow_common.ros import LATCHED, DyKnowNode, only_owner
+from dyknow_common.ros import DyKnowNode
 
 DELAYS_S: Final = (0.3, 2.0)
 """Times of reactions to a change: soon, and when every node must have received it."""
@@ -51,14 +51,7 @@ class ChangeListener:
     ) -> None:
         self._batches = [ChangeBatch(node, delay_s, on_change) for delay_s in DELAYS_S]
         for topic in topics:
-            node.create_subscription(
-                SemanticsVersion,
-                topic,
-                self._on_version,
-                LATCHED,
-                callback_group=node.reentrant,
-                refusal=only_owner,
-            )
+            node.hear(SemanticsVersion, topic, self._on_version, callback_group=node.reentrant)
 
     def _on_version(self, _version: Any) -> None:
         for each in self._batches:

@@ -17,6 +17,7 @@ from dyknow_common.ros import (
     Throttle,
     fill_exit_status,
     nanoseconds_to_time,
+    to_message,
 )
 from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
@@ -30,8 +31,6 @@ COLLECTION_S: Final = 0.05
 
 WARNING_PERIOD_S: Final = 60.0
 """Time between two warnings that there are too many topics."""
-
-_COMMON_FIELDS: Final = ('name', 'is_violated', 'presumably_false')
 
 
 class VerdictPublishers:
@@ -113,12 +112,8 @@ class VerdictPublishers:
 def verdict_to_message(verdict: NamedVerdict) -> FormulaVerdict:
     """Return a FormulaVerdict message."""
     margin = verdict.margin or Margin(nan, nan)
-    message = FormulaVerdict(
-        **{name: getattr(verdict, name) for name in _COMMON_FIELDS},
-        verdict=int(verdict.verdict),
-        lower_margin=margin.lower,
-        upper_margin=margin.upper,
-    )
+    message = FormulaVerdict(lower_margin=margin.lower, upper_margin=margin.upper)
+    to_message(verdict, message)
     message.header.stamp = nanoseconds_to_time(verdict.stamp)
     if verdict.error is not None:
         fill_exit_status(message.exit_status, verdict.error)

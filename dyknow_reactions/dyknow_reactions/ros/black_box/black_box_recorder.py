@@ -21,11 +21,9 @@ from rclpy.task import Future
 
 from dyknow_common import DyKnowError, ExitCode, listed, read_text, round_duration
 from dyknow_common.ros import (
-    LATCHED,
     DiagnosticsPublisher,
     DyKnowNode,
     nanoseconds_to_time,
-    only_owner,
     run,
     time_to_nanoseconds,
 )
@@ -105,14 +103,8 @@ class BlackBoxRecorder(DyKnowNode):
         self._reported_drops = 0
         self._boxes = self.create_publisher(BlackBoxReport, '~/black_boxes', BOXES)
         self._diagnostics = DiagnosticsPublisher(self)
-        self.create_subscription(
-            EvaluationStatusArray,
-            f'{settings.coordinator}/evaluations',
-            self._on_evaluations,
-            LATCHED,
-            callback_group=self.reentrant,
-            refusal=only_owner,
-        )
+        topic = f'{settings.coordinator}/evaluations'
+        self.hear(EvaluationStatusArray, topic, self._on_evaluations, callback_group=self.reentrant)
         self.create_timer(PERIOD_S, self._update, clock=self.wall_clock)
         self.create_timer(REPORT_PERIOD_S, self._report_health, clock=self.wall_clock)
         self.serve(SaveBlackBox, self._save)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -88,7 +88,7 @@ class GuardNode(DyKnowNode):
         self._passage = self._make_passage()
         self._gate = self._make_gate()
         self._publisher = self.create_publisher(GuardStatus, '~/status', LATCHED)
-        self._diagnostics = GuardDiagnostics(self, self._guard)
+        self._diagnostics = DiagnosticsPublisher(self)
         self._watch_formulas()
         self.create_service(Trigger, '~/reset', self._reset)
         self.create_timer(TICK_S, self._tick, clock=self.wall_clock)
@@ -144,14 +144,17 @@ class GuardNode(DyKnowNode):
                 )
         if not self._states:
             return
-        self.create_subscription(
-            EvaluationStatusArray,
-            'stream_reasoning_coordinator/evaluations',
-            self._on_evaluations,
-            LATCHED,
-            refusal=only_owner,
-        )
-        NodePulses(self, WATCHED, self._on_pulse)
+        topic = 'stream_reasoning_coordinator/evaluations'
+        self.hear(EvaluationStatusArray, topic, self._on_evaluations)
+        for name in WATCHED:
+            self.create_subscription(
+                Heartbeat,
+                f'{name}/_pulse',
+                partial(self._on_pulse, name),
+                HEARTBEAT,
+                refusal=only_owner,
+                callback_group=self.reentrant,
+            )
 
     def _now(self) -> int:
         """Return the monotonic time, after a look whether the process was stopped before."""
@@ -182,8 +185,8 @@ class GuardNode(DyKnowNode):
         except Exception as error:  # noqa: BLE001 - of the decoder
             return f'it cannot be read: {error}'
 
-    def _on_pulse(self, node: str, age: int) -> None:
-        now = self._now()
+    def _on_pulse(self, node: str, _message: object, info: Mapping[str, Any]) -> None:
+        age, now = age_of(info), self._now()
         self._gate.note_node(node, now, age=age)
         self._settle(now)
 
@@ -211,15 +214,10 @@ class GuardNode(DyKnowNode):
         has_changed = self._reported is None or self._reported[0] is not state
         self._reported = state, self._gate.reason
         self._publish_state()
-        if has_changed:
-            self._log_state(state)
-
-    def _log_state(self, state: GateState) -> None:
-        if state is GateState.OPEN:
+        if has_changed and state is GateState.OPEN:
             self.get_logger().info('open')
-        else:
-            reason = with_readable_times(self._gate.reason)
-            self.get_logger().warning(f'{state.name.lower()}: {reason}')
+        elif has_changed:
+            self.get_logger().warning(self._closed_text())
 
     def _send_safe(self, now: int) -> None:
         self._passage.send_safe()
@@ -232,7 +230,7 @@ class GuardNode(DyKnowNode):
         self._gate.block(now, self._passage.obstacle)
         self._settle(now)
         self._publish_state()
-        self._diagnostics.publish(self._gate, self._passed, self._refused, self._passage.bypass)
+        self._publish_diagnostics()
 
     def _publish_state(self) -> None:
         status = GuardStatus(
@@ -245,6 +243,26 @@ class GuardNode(DyKnowNode):
         status.header.stamp = self.get_clock().now().to_msg()
         self._publisher.publish(status)
 
+    def _publish_diagnostics(self) -> None:
+        level, text = DiagnosticStatus.OK, 'open'
+        if self._gate.state is not GateState.OPEN:
+            level, text = DiagnosticStatus.ERROR, self._closed_text()
+        elif self._passage.bypass:  # Who can publish the output beside the guard.
+            level, text = DiagnosticStatus.WARN, self._passage.bypass
+        counts = {
+            'input': self._guard.input,
+            'output': self._guard.output,
+            'passed': str(self._passed),
+            'refused': str(self._refused),
+        }
+        values = [KeyValue(key=key, value=value) for key, value in counts.items()]
+        name = self.get_fully_qualified_name()
+        status = DiagnosticStatus(level=level, name=name, message=text, values=values)
+        self._diagnostics.publish([status])
+
+    def _closed_text(self) -> str:
+        return f'{self._gate.state.name.lower()}: {with_readable_times(self._gate.reason)}'
+
     def _reset(self, _request: Any, response: Any) -> Any:
         now = self._now()
         response.success = self._gate.reset(now)
@@ -256,65 +274,6 @@ class GuardNode(DyKnowNode):
         """Cancel the evaluations, and destroy the node."""
         self._client.close()
         super().destroy_node()
-
-
-class NodePulses:
-    """Subscriptions to the pulses of other nodes.
-
-    Args:
-        node: that subscribes.
-        names: of the other nodes, relative to its namespace.
-        on_pulse: receives the name of the node of each pulse, and the time since its receipt.
-    """
-
-    def __init__(
-        self, node: DyKnowNode, names: Iterable[str], on_pulse: Callable[[str, int], None]
-    ) -> None:
-        def note(name: str, _message: object, info: Mapping[str, Any]) -> None:
-            on_pulse(name, age_of(info))
-
-        for name in names:
-            node.create_subscription(
-                Heartbeat,
-                f'{name}/_pulse',
-                partial(note, name),
-                HEARTBEAT,
-                refusal=only_owner,
-                callback_group=node.reentrant,
-            )
-
-
-class GuardDiagnostics:
-    """Publisher of the state of a guard on `/diagnostics`.
-
-    Args:
-        node: the guard.
-        guard: its description.
-    """
-
-    def __init__(self, node: DyKnowNode, guard: RequestedGuard) -> None:
-        self._node = node
-        self._guard = guard
-        self._diagnostics = DiagnosticsPublisher(node)
-
-    def publish(self, gate: Gate, passed: int, refused: int, bypass: str) -> None:
-        """Publish the state; `bypass` says who can publish the output beside the guard."""
-        level, text = DiagnosticStatus.OK, 'open'
-        if gate.state is not GateState.OPEN:
-            reason = with_readable_times(gate.reason)
-            level, text = DiagnosticStatus.ERROR, f'{gate.state.name.lower()}: {reason}'
-        elif bypass:
-            level, text = DiagnosticStatus.WARN, bypass
-        counts = {
-            'input': self._guard.input,
-            'output': self._guard.output,
-            'passed': str(passed),
-            'refused': str(refused),
-        }
-        values = [KeyValue(key=key, value=value) for key, value in counts.items()]
-        name = self._node.get_fully_qualified_name()
-        status = DiagnosticStatus(level=level, name=name, message=text, values=values)
-        self._diagnostics.publish([status])
 
 
 def chosen_guard(guards: tuple[RequestedGuard, ...], name: str, path: str) -> RequestedGuard:
