@@ -72,7 +72,9 @@ class FormulaMarkers(DyKnowNode):
         self._positions: dict[str, Point] = {}
         self._frame = ''
         self._frame_warning = Throttle(WARNING_PERIOD_S)
-        self.hear(EvaluationStatusArray, f'{coordinator}/evaluations', self._on_evaluations)
+        self.create_report_subscription(
+            EvaluationStatusArray, f'{coordinator}/evaluations', self._on_evaluations
+        )
         self._markers = self.create_publisher(MarkerArray, '~/markers', MARKERS)
         self.create_timer(PERIOD_NS / SECOND_NS, self._publish_markers, clock=self.wall_clock)
 

@@ -153,7 +153,9 @@ class AttachedMonitor(MonitorNode):
         """When the evaluations of the formulas began, by name, nanoseconds."""
         self._decided: set[str] = set()
         self._has_report = False
-        self.hear(EvaluationStatusArray, f'{self.coordinator}/evaluations', self._on_evaluations)
+        self.create_report_subscription(
+            EvaluationStatusArray, f'{self.coordinator}/evaluations', self._on_evaluations
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:

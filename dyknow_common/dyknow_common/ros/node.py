@@ -124,7 +124,9 @@ class DyKnowNode(Node):
         options = {'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
         return super().create_subscription(msg_type, topic, callback, qos_profile, **options)
 
-    def hear(self, report_type: Any, topic: str, callback: Any, **options: Any) -> Any:
+    def create_report_subscription(
+        self, report_type: Any, topic: str, callback: Any, **options: Any
+    ) -> Any:
         """Subscribe to a latched report that the node of its topic alone may send."""
         return self.create_subscription(
             report_type, topic, callback, LATCHED, refusal=only_owner, **options

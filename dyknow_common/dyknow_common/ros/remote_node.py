@@ -64,7 +64,9 @@ class NodeAdapter:
         self.destroy_subscription = node.destroy_subscription
         self.create_client = node.create_client
         self.create_subscription = partial(create_guarded_subscription, node)
-        self.hear = partial(self.create_subscription, qos_profile=LATCHED, refusal=only_owner)
+        self.create_report_subscription = partial(
+            self.create_subscription, qos_profile=LATCHED, refusal=only_owner
+        )
         self.destroy_client = node.destroy_client
         self.deadlines = Deadlines(node, self.wall_clock)
         self.heartbeats = Heartbeats.of(node)

@@ -51,7 +51,9 @@ class StreamsMirror:
         self.heard_at = 0
         """The time of the wall clock at which that was reported, in nanoseconds."""
         self._on_change = on_change
-        node.hear(StreamStatusArray, topic, self._on_report, callback_group=node.reentrant)
+        node.create_report_subscription(
+            StreamStatusArray, topic, self._on_report, callback_group=node.reentrant
+        )
 
     async def wait_for(self, name: str) -> None:
         """Wait until a new stream is reported, for at most REPORT_TIMEOUT_S."""

@@ -57,7 +57,9 @@ class GuardReports:
     def __init__(self, adapter: NodeAdapter, name: str) -> None:
         self._adapter = adapter
         self._latest: Any = None
-        self._subscription = adapter.hear(GuardStatus, f'{name}/status', self._on_status)
+        self._subscription = adapter.create_report_subscription(
+            GuardStatus, f'{name}/status', self._on_status
+        )
 
     def applied_to(self, state: NodeState) -> NodeState:
         """Return the state of the node; while it runs, a gate that is not open is an error."""

@@ -51,7 +51,9 @@ class ChangeListener:
     ) -> None:
         self._batches = [ChangeBatch(node, delay_s, on_change) for delay_s in DELAYS_S]
         for topic in topics:
-            node.hear(SemanticsVersion, topic, self._on_version, callback_group=node.reentrant)
+            node.create_report_subscription(
+                SemanticsVersion, topic, self._on_version, callback_group=node.reentrant
+            )
 
     def _on_version(self, _version: Any) -> None:
         for each in self._batches:

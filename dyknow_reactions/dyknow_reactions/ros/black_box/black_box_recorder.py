@@ -104,7 +104,9 @@ class BlackBoxRecorder(DyKnowNode):
         self._boxes = self.create_publisher(BlackBoxReport, '~/black_boxes', BOXES)
         self._diagnostics = DiagnosticsPublisher(self)
         topic = f'{settings.coordinator}/evaluations'
-        self.hear(EvaluationStatusArray, topic, self._on_evaluations, callback_group=self.reentrant)
+        self.create_report_subscription(
+            EvaluationStatusArray, topic, self._on_evaluations, callback_group=self.reentrant
+        )
         self.create_timer(PERIOD_S, self._update, clock=self.wall_clock)
         self.create_timer(REPORT_PERIOD_S, self._report_health, clock=self.wall_clock)
         self.serve(SaveBlackBox, self._save)

@@ -145,7 +145,7 @@ class GuardNode(DyKnowNode):
         if not self._states:
             return
         topic = 'stream_reasoning_coordinator/evaluations'
-        self.hear(EvaluationStatusArray, topic, self._on_evaluations)
+        self.create_report_subscription(EvaluationStatusArray, topic, self._on_evaluations)
         for name in WATCHED:
             self.create_subscription(
                 Heartbeat,
