@@ -135,7 +135,6 @@ class _InThePlane(ConstantVelocity):
             raise ValueError(f'axis is \'{self.axis}\'; write "x" or "y"')
 
 
-
 class ConstantTurnRate(_InThePlane):
     """A coordinate of a vehicle that keeps its speed and its turn rate in the plane.
 
