@@ -118,11 +118,6 @@ def load_units() -> Mapping[str, Unit]:
 class UnitCall:
     """One use of a computational unit, as a function of the samples of its inputs.
 
-    Args:
-        unit: as it is registered.
-        declaration: of the unit.
-        arguments: its settings.
-
     Raises:
         StreamError: if the unit is a class that cannot be instantiated.
     """

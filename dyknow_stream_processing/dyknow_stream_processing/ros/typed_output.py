@@ -33,8 +33,6 @@ class TypedOutput:
     """Publisher of a stream as messages of another type than `Sample`.
 
     Args:
-        node: the node that publishes.
-        sink_message: the type, the fields and the topic.
         fields: of the stream; `None` if they are not known before samples arrive.
         stream_topic: the absolute topic of the stream.
         sources: the topics that the stream is made of.
@@ -91,7 +89,6 @@ class TypedMessageWriter:
     """Writer of samples as messages of a type.
 
     Args:
-        sink_message: names the type, and the fields.
         fields: of the stream; `None` if they are not known before samples arrive.
 
     Raises:

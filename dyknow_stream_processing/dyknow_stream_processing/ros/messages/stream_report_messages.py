@@ -40,7 +40,6 @@ class StreamReportPublisher:
 
     Args:
         engines: returns the names of the stream processing engines that are alive.
-        reports: returns the report of each stream.
         known_until: returns the time until which all messages of the topics are in the reports, in
             nanoseconds. A node that has not run, or has not yet processed them, knows less.
         on_period_end: is called before each periodic report.
