@@ -69,6 +69,13 @@ class Episode:
         return Outcome.ERROR if self.error is not None else Outcome(self.verdict.name.lower())
 
     @property
+    def reason(self) -> str:
+        """Why it has its outcome, for people."""
+        if self.error is not None:
+            return self.error.message
+        return self.remainder if self.outcome is Outcome.UNDECIDED else self.explanation
+
+    @property
     def remainder(self) -> str:
         """How an undecided formula has ended, and the ends of what remains of it, for people."""
         end = 'nothing broke it'
@@ -149,6 +156,14 @@ class FormulaReport:
         outcome = self.outcome
         found = [each for each in self.episodes if each.outcome is outcome]
         return next((each for each in found if each.presumably_false), found[0] if found else None)
+
+    @property
+    def reason(self) -> str:
+        """Why it has its outcome, for people."""
+        if self.error is not None:
+            return self.error.message
+        decisive = self.decisive
+        return 'no episode has begun' if decisive is None else decisive.reason
 
     @property
     def failure(self) -> Episode | None:

@@ -12,8 +12,8 @@ from pathlib import PurePath
 from typing import Final
 
 from dyknow_common import NANOSECONDS, round_duration, with_readable_times
-from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
-from dyknow_recordings.reporting.judgement import Judgement
+from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
+from dyknow_recordings.reporting.judgement import Judgement, episode_counts, outcome_counts
 from dyknow_recordings.reporting.pictures.figures import PageFigures
 from dyknow_recordings.reporting.pictures.libraries import plotly_script
 from dyknow_recordings.reporting.pictures.maps import map_image
@@ -123,15 +123,13 @@ def _summary(
     reports: Sequence[RecordingReport], unread: Sequence[str], judgement: Judgement
 ) -> str:
     formulas = [formula for report in reports for formula in report.formulas]
-    counts = dict.fromkeys(Outcome, 0)
-    for each in formulas:
-        counts[each.outcome] += 1
-    parts = [f'{number} {outcome}' for outcome, number in counts.items() if number]
     recordings = len(reports) + len(unread)
     passed = sum(map(judgement.passes, formulas))
     texts = [
         f'{recordings} recording{"s" * (recordings != 1)}',
-        f'{passed} of {len(formulas)} formulas pass ({", ".join(parts)})' if formulas else '',
+        f'{passed} of {len(formulas)} formulas pass ({outcome_counts(formulas)})'
+        if formulas
+        else '',
         f'{len(unread)} not checked' if unread else '',
     ]
     return ', '.join(filter(None, texts))
@@ -248,7 +246,7 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     at = ''
     if episode is not None and episode.decided_at is not None:
         at = f' at {whole.text(episode.decided_at)}'
-    text = _text(_reason(formula, episode), whole)
+    text = _text(formula.reason, whole)
     if '\n' in text:  # It shows a place in the text of the formula.
         text = f'<pre>{text}</pre>'
     yield (
@@ -257,33 +255,10 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     )
     facts = [f'{formula.states} states']
     if len(formula.episodes) > 1:
-        facts.append(f'{len(formula.episodes)} episodes: {_counts(formula.episodes)}')
+        facts.append(episode_counts(formula))
     if formula.waits_for:
         facts.append(formula.waits_for)
     yield f'<p class="soft">{escape("; ".join(facts))}</p>'
-
-
-def _reason(formula: FormulaReport, episode: Episode | None) -> str:
-    if formula.error is not None:
-        return formula.error.message
-    if episode is None:
-        return 'no episode has begun'
-    return _episode_reason(episode)
-
-
-def _episode_reason(episode: Episode) -> str:
-    if episode.error is not None:
-        return episode.error.message
-    if episode.outcome is Outcome.UNDECIDED:
-        return episode.remainder
-    return episode.explanation
-
-
-def _counts(episodes: Iterable[Episode]) -> str:
-    counts = dict.fromkeys(Outcome, 0)
-    for each in episodes:
-        counts[each.outcome] += 1
-    return ', '.join(f'{number} {outcome}' for outcome, number in counts.items() if number)
 
 
 def _figures(found: Sequence[Panel], omitted: int, formula: FormulaReport) -> Iterator[str]:
@@ -323,7 +298,7 @@ def _episodes(formula: FormulaReport, whole: Span) -> Iterator[str]:
                 str(len(run.episodes)),
                 f'<span class="word {run.first.outcome}">{run.first.outcome}</span>',
                 _time(run.first.decided_at, whole),
-                _text(_episode_reason(run.first), whole),
+                _text(run.first.reason, whole),
             )
             for run in runs[:_MAX_ROWS]
         ),
