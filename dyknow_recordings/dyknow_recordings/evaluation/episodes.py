@@ -27,7 +27,7 @@ from dyknow_reasoning import (
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
-from dyknow_recordings.evaluation.observation import EvaluationObserver
+from dyknow_recordings.evaluation.observation import SignalRecorder
 from dyknow_recordings.evaluation.results import Episode, StateGap
 from dyknow_recordings.reading.lost_messages import LostMessages
 from dyknow_stream_processing import Violation
@@ -113,7 +113,7 @@ class EpisodeGroup:
         self,
         formulas: Sequence[FormulaEpisodes],
         domains: Mapping[str, tuple[str, ...]],
-        observer: EvaluationObserver | None = None,
+        observer: SignalRecorder | None = None,
         unknown: UnknownFeatures = ALL_KNOWN,
     ) -> None:
         self.formulas = formulas

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from dyknow_common import DyKnowError, ExitCode, replace_file, with_readable_times
 from dyknow_common.executables import ERROR, SUCCESS
@@ -18,16 +19,17 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.timeline import extent
 
 
-class CheckOutput(Protocol):
+class CheckOutput(ABC):
     """A place for results. They come in the order of the recordings on the command line."""
 
+    @abstractmethod
     def add(self, report: RecordingReport) -> None:
         """Add the results of a recording."""
 
-    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
+    def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: B027
         """Add a recording that could not be checked; None if the configuration is wrong."""
 
-    def close(self, unchecked: Sequence[str]) -> None:
+    def close(self, unchecked: Sequence[str]) -> None:  # noqa: B027 - most need not end anything
         """End the output.
 
         Args:
@@ -35,7 +37,7 @@ class CheckOutput(Protocol):
         """
 
 
-class AllOutputs:
+class AllOutputs(CheckOutput):
     """Several outputs as one."""
 
     def __init__(self, outputs: Iterable[CheckOutput]) -> None:
@@ -58,7 +60,7 @@ class AllOutputs:
                 stack.callback(each.close, unchecked)
 
 
-class JsonLines:
+class JsonLines(CheckOutput):
     """A line of JSON for each recording, on the standard output."""
 
     def __init__(self, judgement: Judgement) -> None:
@@ -72,11 +74,8 @@ class JsonLines:
         """Print the line of a recording that could not be checked."""
         print_document(failure_document(recording, error))
 
-    def close(self, unchecked: Sequence[str]) -> None:
-        """Do nothing: each line has been written."""
 
-
-class Messages:
+class Messages(CheckOutput):
     """Errors of recordings and faults that are no errors, on the standard error output.
 
     Args:
@@ -103,7 +102,7 @@ class Messages:
             sys.stderr.write(f'dyknow check: interrupted; not checked: {len(unchecked)}\n')
 
 
-class ExitStatus:
+class ExitStatus(CheckOutput):
     """The exit code of the command, from its worst recording.
 
     Args:
@@ -124,9 +123,6 @@ class ExitStatus:
     def add_failure(self, recording: str | None, error: DyKnowError) -> None:  # noqa: ARG002
         """Regard a recording that could not be checked."""
         self.code = ERROR
-
-    def close(self, unchecked: Sequence[str]) -> None:
-        """Do nothing: an interruption has an exit code of its own."""
 
 
 def print_notes(recording: str, notes: Iterable[object]) -> None:

@@ -6,23 +6,17 @@ The module is imported where tables are printed alone, as rich is slow to import
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_common import (
-    DyKnowError,
-    date_time,
-    round_duration,
-    time_since,
-    with_readable_times,
-)
+from dyknow_common import date_time, round_duration, time_since, with_readable_times
 from dyknow_common.tables import Terminal, figure, fixed, folded, framed_table
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.health.report import print_broken
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement, reasons
+from dyknow_recordings.reporting.outputs import CheckOutput
 from dyknow_recordings.reporting.pictures.timeline import extent
 
 _PLACE = '\n  '
@@ -31,7 +25,7 @@ _PLACE = '\n  '
 _STYLES = {Outcome.TRUE: 'green', Outcome.FALSE: 'red', Outcome.ERROR: 'red'}
 
 
-class Tables:
+class Tables(CheckOutput):
     """A table for each recording, on the standard output; errors go elsewhere."""
 
     def __init__(self, judgement: Judgement) -> None:
@@ -45,12 +39,6 @@ class Tables:
             _print_place(formula)
         print_broken(report.broken)
         sys.stdout.flush()
-
-    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
-        """Do nothing: there is no result."""
-
-    def close(self, unchecked: Sequence[str]) -> None:
-        """Do nothing: each table has been printed."""
 
 
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:

@@ -28,6 +28,7 @@ from dyknow_recordings.markers import (
 from dyknow_recordings.reading.bags.bag_writing import bag_writer
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import in_order
+from dyknow_recordings.reporting.outputs import CheckOutput
 from dyknow_recordings.reporting.verdict_messages import (
     UNDECIDED,
     diagnostic_status,
@@ -208,8 +209,8 @@ def _failure_time(formula: FormulaReport, report: RecordingReport) -> int:
     return min(max(time, report.start_time), report.end_time)
 
 
-class VerdictRecordings:
-    """The recordings of verdicts of a command: an output, see `CheckOutput`.
+class VerdictRecordings(CheckOutput):
+    """The recordings of verdicts of a command.
 
     Args:
         target: a file that ends in `.mcap`, for one recording; otherwise a folder, which gets a
@@ -242,12 +243,6 @@ class VerdictRecordings:
             write_verdicts(report, path)
         except OSError as error:
             raise RecordingError(f'cannot write {path}: {error.strerror}') from None
-
-    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
-        """Do nothing: there is no verdict."""
-
-    def close(self, unchecked: Sequence[str]) -> None:
-        """Do nothing: each recording is complete."""
 
     def _path(self, report: RecordingReport) -> Path:
         if self._is_file:
