@@ -27,7 +27,7 @@ from dyknow_recordings.black_boxes import BlackBoxContent, read_black_box
 from dyknow_recordings.check_inputs import add_input_options, given_robot, read_configuration
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
-from dyknow_recordings.health.measures import health_of
+from dyknow_recordings.health import health_of
 from dyknow_recordings.jobs import (
     JobResult,
     ProgressBar,
@@ -373,7 +373,7 @@ def _print_health(
     expected: Sequence[TopicExpectation],
     options: argparse.Namespace,
 ) -> int:
-    from dyknow_recordings.health.report import health_document, print_health  # noqa: PLC0415
+    from dyknow_recordings.reporting.table import health_document, print_health  # noqa: PLC0415
 
     health = health_of(recording, expected)
     if options.json:

@@ -27,8 +27,7 @@ from dyknow_recordings.cutting import (
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import RecordingReport
-from dyknow_recordings.health.expectations import MAX_MEASURED
-from dyknow_recordings.health.observing import observed_topics
+from dyknow_recordings.health import MAX_MEASURED, observed_topics
 from dyknow_recordings.jobs import RecordingJob
 from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.opening import message_types, open_recording

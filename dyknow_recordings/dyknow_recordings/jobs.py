@@ -21,7 +21,7 @@ from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.recorded_map import recorded_map
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
-from dyknow_recordings.health.expectations import broken_in
+from dyknow_recordings.health import broken_in
 from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
 

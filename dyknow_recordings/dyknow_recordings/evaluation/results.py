@@ -11,7 +11,7 @@ from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict, sho
 from dyknow_coordinator import SymbolGrounding
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.evaluation.recorded_map import RecordedMap
-from dyknow_recordings.health.expectations import BrokenExpectation
+from dyknow_recordings.health import BrokenExpectation
 from dyknow_stream_processing import Violation
 
 MAX_REMAINDER: Final = 300

@@ -6,7 +6,7 @@ from typing import Any
 
 from dyknow_common import DyKnowError
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, RecordingReport
-from dyknow_recordings.health.expectations import BrokenExpectation
+from dyknow_recordings.health import BrokenExpectation
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_stream_processing import Violation

@@ -17,7 +17,7 @@ from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, with_readable_times
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
-from dyknow_recordings.health.expectations import BrokenExpectation
+from dyknow_recordings.health import BrokenExpectation
 from dyknow_recordings.reporting.judgement import Judgement, reasons
 from dyknow_recordings.reporting.outputs import CheckOutput, check_place, write_report
 from dyknow_recordings.reporting.pictures.panels import formula_text
