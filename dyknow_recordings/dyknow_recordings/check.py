@@ -37,7 +37,6 @@ from dyknow_recordings.jobs import (
 )
 from dyknow_recordings.reading.opening import message_types, open_recording
 from dyknow_recordings.reading.recording import RecordingReader
-from dyknow_recordings.reporting.documents import failure_document, topics_document
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.outputs import (
     AllOutputs,
@@ -45,8 +44,10 @@ from dyknow_recordings.reporting.outputs import (
     ExitStatus,
     JsonLines,
     Messages,
+    failure_document,
     print_document,
     print_notes,
+    topics_document,
 )
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 
