@@ -34,6 +34,7 @@ from dyknow_recordings.jobs import (
     RecordingJob,
     run_here,
     run_in_processes,
+    run_on_cluster,
 )
 from dyknow_recordings.reading.opening import message_types, open_recording
 from dyknow_recordings.reading.recording import RecordingReader
@@ -297,8 +298,6 @@ def _results(
 ) -> AbstractContextManager[Iterator[tuple[int, JobResult]]]:
     """Return the indices and results of jobs, as they come; no job runs after the block."""
     if options.cluster is not None:
-        from dyknow_recordings.cluster import run_on_cluster  # noqa: PLC0415
-
         return closing(run_on_cluster(jobs, options.cluster))
     if min(options.jobs, len(jobs)) > 1:
         return run_in_processes(jobs, options.jobs)

@@ -36,10 +36,9 @@ from dyknow_configuration import (
     timing_of,
 )
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.lost_messages import lost_runs
 from dyknow_recordings.reading.messages.definitions import MessageTypes
 from dyknow_recordings.reading.opening import open_recording
-from dyknow_recordings.reading.recording import MISSING, RecordingReader
+from dyknow_recordings.reading.recording import MISSING, RecordingReader, lost_runs
 
 MAX_MEASURED: Final = 20_000_000
 """The number of messages of a topic that are measured: 16 bytes each."""

@@ -29,7 +29,7 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
 from dyknow_recordings.evaluation.observation import SignalRecorder
 from dyknow_recordings.evaluation.results import Episode, StateGap
-from dyknow_recordings.reading.lost_messages import LostMessages
+from dyknow_recordings.reading.recording import LostMessages
 from dyknow_stream_processing import Violation
 
 FIRST_BEGIN: Final = -(1 << 63)

@@ -42,8 +42,9 @@ from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, Vocabulary
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.lost_messages import BEGINNING, LostMessages
 from dyknow_recordings.reading.recording import (
+    BEGINNING,
+    LostMessages,
     RecordingReader,
     batches,
     parts_by_topic,

@@ -30,9 +30,10 @@ from pyulog import ULog
 from dyknow_common import SECOND_NS, ExitCode, ValueType, absence, all_elements, listed_as
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.lost_messages import BEGINNING, END
 from dyknow_recordings.reading.messages.layouts import MAX_TEXT, MAX_VALUES
 from dyknow_recordings.reading.recording import (
+    BEGINNING,
+    END,
     MAX_TIME,
     FaultCounter,
     RecordedTopic,

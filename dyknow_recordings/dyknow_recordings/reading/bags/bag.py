@@ -16,8 +16,12 @@ from numpy.typing import NDArray
 
 from dyknow_common import ExitCode, TypeConstants, ValueType
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.bags.bag_files import open_files
-from dyknow_recordings.reading.bags.bag_metadata import METADATA, BagMetadata, distro_beside
+from dyknow_recordings.reading.bags.bag_files import (
+    METADATA,
+    BagMetadata,
+    distro_beside,
+    open_files,
+)
 from dyknow_recordings.reading.bags.bag_writing import BagPart, LatestMessages, RecordedMessage
 from dyknow_recordings.reading.bags.storage import ZSTD_MAGIC, StoredChannel, decompressed
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
