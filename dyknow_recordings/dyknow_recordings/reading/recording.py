@@ -331,9 +331,12 @@ class RecordingReader(ABC):
         return [*self._opening.losses, *self._reading.losses]
 
     @property
-    @abstractmethod
     def topics(self) -> tuple[RecordedTopic, ...]:
         """The recorded topics, sorted by name."""
+        return tuple(
+            RecordedTopic(name, each.message_type, each.count, None)
+            for name, each in self.contents.items()
+        )
 
     @property
     @abstractmethod
@@ -363,7 +366,6 @@ class RecordingReader(ABC):
         """
         return self._span()[1]
 
-    @abstractmethod
     def fields(self, topic: str) -> Mapping[str, ValueType]:
         """Return the paths of the single values in the messages of a topic, with their types.
 
@@ -372,6 +374,8 @@ class RecordingReader(ABC):
         Raises:
             RecordingError: for a topic that was not recorded, or whose messages cannot be read.
         """
+        self._check_topics([topic])
+        return self.contents[topic].fields or {}
 
     @abstractmethod
     def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:

@@ -36,7 +36,6 @@ from dyknow_recordings.reading.recording import (
     END,
     MAX_TIME,
     FaultCounter,
-    RecordedTopic,
     RecordingReader,
     RecordingSpan,
     count_silences,
@@ -96,14 +95,6 @@ class UlogRecording(RecordingReader):
         self._add_losses(log, ends_early=_ends_early(content))
 
     @property
-    def topics(self) -> tuple[RecordedTopic, ...]:
-        """The recorded topics, sorted by name."""
-        return tuple(
-            RecordedTopic(name, topic.message_type, len(topic.times), None)
-            for name, topic in sorted(self._data.items())
-        )
-
-    @property
     def contents(self) -> Mapping[str, TopicContent]:
         """The contents of the messages of each topic; all are valid at the time of logging."""
         return {
@@ -112,11 +103,6 @@ class UlogRecording(RecordingReader):
             )
             for name, topic in sorted(self._data.items())
         }
-
-    def fields(self, topic: str) -> Mapping[str, ValueType]:
-        """Return the fields of a topic; see `RecordingReader`."""
-        self._check_topics([topic])
-        return self._data[topic].fields
 
     def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
         """Return fields of the messages of some topics; see `RecordingReader`."""
