@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, groupby
+from itertools import chain, count, groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -247,8 +247,7 @@ class VerdictRecordings(CheckOutput):
     def _path(self, report: RecordingReport) -> Path:
         if self._is_file:
             return self._target
-        stem = Path(report.recording).resolve().stem
-        names = (stem if number == 1 else f'{stem}_{number}' for number in count(1))
+        names = _numbered(Path(report.recording).resolve().stem)
         path = next(
             path for name in names if (path := self._target / f'{name}.mcap') not in self._used
         )
@@ -401,12 +400,13 @@ def _topics(names: Sequence[str]) -> list[str]:
     """Return the topics of the numbers of formulas."""
     topics: list[str] = []
     for name in names:
-        word = verdict_token(name)
-        numbered = (word if number == 1 else f'{word}_{number}' for number in count(1))
-        topics.append(
-            next(topic for each in numbered if (topic := f'{VERDICTS}/{each}') not in topics)
-        )
+        numbered = _numbered(f'{VERDICTS}/{verdict_token(name)}')
+        topics.append(next(topic for topic in numbered if topic not in topics))
     return topics
+
+
+def _numbered(name: str) -> Iterator[str]:
+    return chain([name], (f'{name}_{number}' for number in count(2)))
 
 
 @dataclass(frozen=True, slots=True)

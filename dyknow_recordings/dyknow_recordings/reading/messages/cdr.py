@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
+from dyknow_recordings.reading.columns import absent_rows
 from dyknow_recordings.reading.messages.cdr_cursor import (
     HEADER_SIZE,
     WIDE_SIZE,
@@ -92,14 +93,9 @@ class DecodedFields:
         """Return the fields of the messages that are intact, with new numbers."""
         if self.intact.all():
             return self
-        kept = np.flatnonzero(self.intact)
-        numbers = {row: number for number, row in enumerate(kept.tolist())}
-        values = {path: column[kept] for path, column in self.values.items()}
-        absent = {
-            path: {numbers[row]: reason for row, reason in reasons.items() if row in numbers}
-            for path, reasons in self.absent.items()
-        }
-        return DecodedFields(self.intact[kept], values, absent)
+        values = {path: column[self.intact] for path, column in self.values.items()}
+        absent = absent_rows(self.absent, self.intact)
+        return DecodedFields(self.intact[self.intact], values, absent)
 
 
 class _Step(Protocol):

@@ -304,13 +304,13 @@ def _episodes(formula: FormulaReport, whole: Span) -> Iterator[str]:
         ('begin', 'episodes', 'outcome', 'first decided', 'why the first'),
         (
             (
-                _time(run.first.begin, whole),
-                str(len(run.episodes)),
-                f'<span class="word {run.first.outcome}">{run.first.outcome}</span>',
-                _time(run.first.decided_at, whole),
-                _text(run.first.reason, whole),
+                _time(first.begin, whole),
+                str(1 + len(others)),
+                f'<span class="word {first.outcome}">{first.outcome}</span>',
+                _time(first.decided_at, whole),
+                _text(first.reason, whole),
             )
-            for run in runs[:_MAX_ROWS]
+            for first, *others in runs[:_MAX_ROWS]
         ),
         len(runs) - _MAX_ROWS,
     )

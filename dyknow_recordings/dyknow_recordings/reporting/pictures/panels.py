@@ -174,7 +174,7 @@ def marks(formula: FormulaReport, whole: Span) -> Marks:
     """Return what is marked in the panels of a formula."""
     decisive = formula.decisive
     values = {} if formula.signals is None else formula.signals.deciding
-    worst = [run.first for run in episode_runs(formula) if run.first.outcome is formula.outcome]
+    worst = [run[0] for run in episode_runs(formula) if run[0].outcome is formula.outcome]
     deciding = {
         each.decided_at: DecidingState(
             each.decided_at, each.outcome, values.get(each.decided_at, {})
