@@ -144,21 +144,13 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         '--json', action='store_true', help='print a line of JSON for each recording'
     )
     add_utc_option(parser)
-    parser.add_argument(
-        '--junit',
-        type=Path,
-        metavar='FILE',
-        help='write a report of JUnit: a test suite for each recording',
-    )
-    parser.add_argument(
-        '--html', type=Path, metavar='FILE', help='write an interactive page about all recordings'
-    )
-    parser.add_argument(
-        '--png', type=Path, metavar='FILE', help='write an image of all recordings, for documents'
-    )
-    parser.add_argument(
-        '--geojson', type=Path, metavar='FILE', help='write regions with their verdicts, and tracks'
-    )
+    for name, written in (
+        ('junit', 'a report of JUnit: a test suite for each recording'),
+        ('html', 'an interactive page about all recordings'),
+        ('png', 'an image of all recordings, for documents'),
+        ('geojson', 'regions with their verdicts, and tracks'),
+    ):
+        parser.add_argument(f'--{name}', type=Path, metavar='FILE', help=f'write {written}')
     parser.add_argument(
         '--verdicts',
         type=Path,

@@ -16,7 +16,6 @@ receipt, and so is the rate.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -154,7 +153,7 @@ def observe_recording(
     Raises:
         RecordingError: if the recording cannot be read, or lacks the topic.
     """
-    with closing(open_recording(path, types)) as recording:
+    with open_recording(path, types) as recording:
         return observed_topics(recording, fields, (topic,) if topic else ())
 
 

@@ -10,6 +10,7 @@ import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -269,3 +270,18 @@ def _violation(violation: Violation) -> dict[str, Any]:
 
 def _error(error: DyKnowError | None) -> dict[str, str] | None:
     return None if error is None else {'code': error.code.name, 'message': error.message}
+
+
+def optional_library(module: str, option: str, package: str = '') -> Any:
+    """Return a module of a library that only an option needs, installed by the name of a package.
+
+    Raises:
+        RecordingError: naming the mend, if the library is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        library = package or module.partition('.')[0]
+        raise RecordingError(
+            f'{option} needs {library}: {error}; run: pip install {library}', ExitCode.UNAVAILABLE
+        ) from None

@@ -1,18 +1,20 @@
-"""The files of pictures of a check, and the libraries that only some options need."""
+"""The files of pictures of a check."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
-from dyknow_common import DyKnowError, ExitCode
-from dyknow_recordings.errors import RecordingError
+from dyknow_common import DyKnowError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
-from dyknow_recordings.reporting.outputs import CheckOutput, check_place, write_report
+from dyknow_recordings.reporting.outputs import (
+    CheckOutput,
+    check_place,
+    optional_library,
+    write_report,
+)
 
 
 class PictureFiles(CheckOutput):
@@ -85,28 +87,3 @@ class PictureFiles(CheckOutput):
             features = [each for report in self._reports for each in map_features(report)]
             document = {'type': 'FeatureCollection', 'features': features}
             write_report(self._geojson, json.dumps(document, allow_nan=False).encode())
-
-
-def plotly_script() -> str:
-    """Return the JavaScript of plotly.
-
-    Raises:
-        RecordingError: naming the mend, if plotly is not installed.
-    """
-    script: str = optional_library('plotly.offline', '--html').get_plotlyjs()
-    return script
-
-
-def optional_library(module: str, option: str, package: str = '') -> Any:
-    """Return a module of a library that only an option needs, installed by the name of a package.
-
-    Raises:
-        RecordingError: naming the mend, if the library is not installed.
-    """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        library = package or module.partition('.')[0]
-        raise RecordingError(
-            f'{option} needs {library}: {error}; run: pip install {library}', ExitCode.UNAVAILABLE
-        ) from None

@@ -16,7 +16,7 @@ from dyknow_common import NANOSECONDS, round_duration, with_readable_times
 from dyknow_recordings.evaluation.observation import Signal
 from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement, episode_counts, outcome_counts
-from dyknow_recordings.reporting.pictures.files import plotly_script
+from dyknow_recordings.reporting.outputs import optional_library
 from dyknow_recordings.reporting.pictures.maps import map_image
 from dyknow_recordings.reporting.pictures.panels import (
     Marks,
@@ -468,3 +468,13 @@ def lines(signal: Signal, first: int = 0) -> dict[str, list[float | None]]:
 def _number(value: float) -> float | None:
     """Return a number with the digits that can be seen; None for a missing one."""
     return float(f'{value:.7g}') if math.isfinite(value) else None
+
+
+def plotly_script() -> str:
+    """Return the JavaScript of plotly.
+
+    Raises:
+        RecordingError: naming the mend, if plotly is not installed.
+    """
+    script: str = optional_library('plotly.offline', '--html').get_plotlyjs()
+    return script
