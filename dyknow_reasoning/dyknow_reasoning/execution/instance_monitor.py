@@ -27,7 +27,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     UnreadableError,
     batch_key,
 )
-from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME, SamplingRegularity
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, whole_past_atoms
@@ -58,7 +58,6 @@ class InstanceMonitor:
         self.latest: int | None = None
         """The valid time of the latest state, in nanoseconds; None before the first state."""
         self._gap_follows = False
-        self._sampling = SamplingRegularity()
         self._aggregation = VerdictAggregation()
         self._templates: dict[Node, Template] = {}
         # The instances that begin with the next state.
@@ -277,9 +276,8 @@ class InstanceMonitor:
             elif single.wakes_at < wakes_at:
                 wakes_at = single.wakes_at
         self._wakes_at = wakes_at
-        regular = bool(batches) and (elapsed == 0 or self._sampling.observe(elapsed))
         for batch, array in zip(pool.batches, batches, strict=True) if batches else ():
-            verdicts += batch.step(array, now, elapsed, regular=regular)
+            verdicts += batch.step(array, now, elapsed)
         self.latest = now
         outcomes = _NO_OUTCOMES
         if verdicts:

@@ -86,14 +86,14 @@ class InstancePool:
         for key in dict.fromkeys((*new, *singles)):
             found = new[key]
             if key in batches:
-                batches[key] = Batch([*batches[key].states(latest), *found])
+                batches[key] = Batch([*batches[key].states(latest), *found], latest)
             elif (
                 key is not None
                 and abs(latest) <= MAX_VECTOR_TIME
                 and len(found) + len(singles[key]) >= _MIN_BATCH_SIZE
             ):
                 others = (single.state for single in singles.pop(key))
-                batches[key] = Batch([*others, *found])
+                batches[key] = Batch([*others, *found], latest)
             else:
                 singles[key] += map(SingleInstance, found)
         self.singles = list(chain.from_iterable(singles.values()))
