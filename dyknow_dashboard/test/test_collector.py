@@ -159,7 +159,7 @@ def test_the_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> Any:
         raise ImportError(f'No module named {name}')
 
-    monkeypatch.setattr('dyknow_recordings.reporting.pictures.libraries.import_module', missing)
+    monkeypatch.setattr('dyknow_recordings.reporting.outputs.import_module', missing)
     with pytest.raises(
         RecordingError, match=r'--collector needs .*: pip install opentelemetry-exporter-otlp-proto'
     ):

@@ -20,7 +20,7 @@ from dyknow_recordings.evaluation.results import (
 )
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles, Vocabulary
-from dyknow_recordings.health.observing import observe_recording
+from dyknow_recordings.health import observe_recording
 from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.bags.bag_writing import RecordedMessage, bag_writer, offered_profile
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent

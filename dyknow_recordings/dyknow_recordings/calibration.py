@@ -218,9 +218,7 @@ def _read(
     known = recording.fields(topic)
     for path in inputs.values():
         if listed_as(known, path) is None:
-            message_type = next(
-                each.message_type for each in recording.topics if each.name == topic
-            )
+            message_type = recording.contents[topic].message_type
             raise RecordingError(f'{recording.path}: {topic}: {absence(message_type, known, path)}')
     times: list[Times] = []
     values: dict[str, list[NDArray[Any]]] = {name: [] for name in inputs}

@@ -27,17 +27,17 @@ from dyknow_recordings.black_boxes import BlackBoxContent, read_black_box
 from dyknow_recordings.check_inputs import add_input_options, given_robot, read_configuration
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.episodes import Every
-from dyknow_recordings.health.measures import health_of
+from dyknow_recordings.health import health_of
 from dyknow_recordings.jobs import (
     JobResult,
     ProgressBar,
     RecordingJob,
     run_here,
     run_in_processes,
+    run_on_cluster,
 )
 from dyknow_recordings.reading.opening import message_types, open_recording
 from dyknow_recordings.reading.recording import RecordingReader
-from dyknow_recordings.reporting.documents import failure_document, topics_document
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.outputs import (
     AllOutputs,
@@ -45,8 +45,10 @@ from dyknow_recordings.reporting.outputs import (
     ExitStatus,
     JsonLines,
     Messages,
+    failure_document,
     print_document,
     print_notes,
+    topics_document,
 )
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 
@@ -142,21 +144,13 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         '--json', action='store_true', help='print a line of JSON for each recording'
     )
     add_utc_option(parser)
-    parser.add_argument(
-        '--junit',
-        type=Path,
-        metavar='FILE',
-        help='write a report of JUnit: a test suite for each recording',
-    )
-    parser.add_argument(
-        '--html', type=Path, metavar='FILE', help='write an interactive page about all recordings'
-    )
-    parser.add_argument(
-        '--png', type=Path, metavar='FILE', help='write an image of all recordings, for documents'
-    )
-    parser.add_argument(
-        '--geojson', type=Path, metavar='FILE', help='write regions with their verdicts, and tracks'
-    )
+    for name, written in (
+        ('junit', 'a report of JUnit: a test suite for each recording'),
+        ('html', 'an interactive page about all recordings'),
+        ('png', 'an image of all recordings, for documents'),
+        ('geojson', 'regions with their verdicts, and tracks'),
+    ):
+        parser.add_argument(f'--{name}', type=Path, metavar='FILE', help=f'write {written}')
     parser.add_argument(
         '--verdicts',
         type=Path,
@@ -296,8 +290,6 @@ def _results(
 ) -> AbstractContextManager[Iterator[tuple[int, JobResult]]]:
     """Return the indices and results of jobs, as they come; no job runs after the block."""
     if options.cluster is not None:
-        from dyknow_recordings.cluster import run_on_cluster  # noqa: PLC0415
-
         return closing(run_on_cluster(jobs, options.cluster))
     if min(options.jobs, len(jobs)) > 1:
         return run_in_processes(jobs, options.jobs)
@@ -373,7 +365,7 @@ def _print_health(
     expected: Sequence[TopicExpectation],
     options: argparse.Namespace,
 ) -> int:
-    from dyknow_recordings.health.report import health_document, print_health  # noqa: PLC0415
+    from dyknow_recordings.reporting.table import health_document, print_health  # noqa: PLC0415
 
     health = health_of(recording, expected)
     if options.json:

@@ -14,10 +14,9 @@ from small_bags import START, messages, write
 from dyknow_common import SECOND_NS, ExitCode, Verdict
 from dyknow_recordings import Episode, FormulaReport, RecordingError, RecordingReport, StateGap
 from dyknow_recordings.check import main
-from dyknow_recordings.reporting.documents import recording_document
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.junit import JUnitReport
-from dyknow_recordings.reporting.outputs import AllOutputs
+from dyknow_recordings.reporting.outputs import AllOutputs, recording_document
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 from dyknow_recordings.reporting.table import Tables
 from dyknow_stream_processing import Violation

@@ -27,7 +27,7 @@ from running_checks import (
     wait_for,
 )
 
-from dyknow_recordings import cluster as cluster_module
+from dyknow_recordings import jobs
 from dyknow_recordings.check import main
 
 pytestmark = [
@@ -128,8 +128,8 @@ def test_all_workers_die(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     cluster.start_workers(1)
-    monkeypatch.setattr(cluster_module, '_LOOK_PERIOD_S', 0.5)
-    monkeypatch.setattr(cluster_module, '_MAX_LOOKS', 2)
+    monkeypatch.setattr(jobs, '_LOOK_PERIOD_S', 0.5)
+    monkeypatch.setattr(jobs, '_MAX_LOOKS', 2)
     with ThreadPoolExecutor(1) as threads:
         killing = threads.submit(kill_workers, cluster, endless)
         code = main([str(endless.path), '--json', '--cluster', cluster.address, *OPTIONS])
@@ -190,7 +190,7 @@ def test_schedulers_that_cannot_be_reached(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(cluster_module, '_CONNECT_LIMIT_S', 0.5)
+    monkeypatch.setattr(jobs, '_CONNECT_LIMIT_S', 0.5)
     with socket.create_server(('127.0.0.1', 0)) as silent:
         if address == 'silent':
             address = f'tcp://127.0.0.1:{silent.getsockname()[1]}'

@@ -24,7 +24,7 @@ from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import ColumnStates, evaluate_recording
 from dyknow_recordings.evaluation.results import RecordingReport
-from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, NoVocabulary
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, Vocabulary
 
 pytestmark = pytest.mark.long
 
@@ -276,7 +276,7 @@ def test_the_silence_of_a_topic_whose_values_expire_is_no_fault(*, expires: bool
     assert verdicts == [Verdict.FALSE, Verdict.UNDECIDED, Verdict.TRUE]
 
 
-class TwoStreams(NoVocabulary):
+class TwoStreams(Vocabulary):
     """A vocabulary in which two streams carry Power."""
 
     def matching_streams(self, concept: str) -> tuple[str, ...]:
@@ -296,7 +296,7 @@ def test_stand_ins(drawn: Drawn, data: st.DataObject, batch: int) -> None:
         compare(made(drawn), batch, formulas)
 
 
-class ThreeStreams(NoVocabulary):
+class ThreeStreams(Vocabulary):
     """A vocabulary in which three streams carry Power, and two carry Height."""
 
     def matching_streams(self, concept: str) -> tuple[str, ...]:

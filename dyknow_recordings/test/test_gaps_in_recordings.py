@@ -19,7 +19,7 @@ from dyknow_reasoning import FormulaGroup, FormulaResult
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.results import FormulaReport
-from dyknow_recordings.evaluation.vocabulary import NoVocabulary
+from dyknow_recordings.evaluation.vocabulary import Vocabulary
 
 MS = 1_000_000
 FORMULAS = (
@@ -34,7 +34,7 @@ MAIN = 'select p as Power from "/main" with max_delay = 50 ms, sample_period = 1
 MATCHES = (f'stream main = {MAIN}', 'stream spare = select p as Power from "/spare"')
 
 
-class TwoStreams(NoVocabulary):
+class TwoStreams(Vocabulary):
     """A vocabulary in which two streams carry Power."""
 
     def matching_streams(self, concept: str) -> tuple[str, ...]:

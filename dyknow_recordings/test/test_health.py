@@ -17,8 +17,7 @@ from small_bags import START, channel, chunk, mcap, messages, schema, stored, wr
 from dyknow_common import SECOND_NS, StreamConstraints
 from dyknow_configuration import TopicExpectation
 from dyknow_recordings.check import main
-from dyknow_recordings.health.expectations import broken_in
-from dyknow_recordings.health.measures import health_of
+from dyknow_recordings.health import broken_in, health_of
 
 MS = 1_000_000
 

@@ -365,7 +365,7 @@ def test_an_axis_has_the_unit_of_its_feature() -> None:
 
 
 def plotly() -> str:
-    from dyknow_recordings.reporting.pictures.libraries import plotly_script  # noqa: PLC0415
+    from dyknow_recordings.reporting.pictures.page import plotly_script  # noqa: PLC0415
 
     return plotly_script()
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from dyknow_common import SECOND_NS
 from dyknow_recordings.evaluation.observation import SignalRecorder, StateSignals, terms_of
 from dyknow_recordings.evaluation.results import FormulaReport
-from dyknow_recordings.reporting.pictures.panels import marks, panels
-from dyknow_recordings.reporting.pictures.relations import held_spans
+from dyknow_recordings.reporting.pictures.panels import held_spans, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span
 
 DOMAINS = {'Robot': ('r1', 'r2'), 'Zone': ('dock',)}

@@ -30,7 +30,6 @@ class Fault:
     Args:
         constraint: a `ViolationKind`, or the text of one from another node.
         valid_time: of the sample at fault, or the latest valid time of a missing one; nanoseconds.
-        message: the description for users.
         observed: the measured delay or distance in nanoseconds; 0 where nothing is measured.
         allowed: the bound that was exceeded, in nanoseconds; 0 where nothing is measured.
     """

@@ -26,6 +26,20 @@ def place(registry: StreamRegistry, name: str, engine: str) -> None:
     registry.place(name, engine, topic, {})
 
 
+def reported_by(
+    registry: StreamRegistry,
+    engine: str,
+    name: str,
+    text: str,
+    constraints: StreamConstraints,
+    topic: str,
+) -> CreatedStream:
+    report = StreamReport(
+        name, StreamState.FLOWING, topic=topic, specification=text, constraints=constraints
+    )
+    return registry.reported_stream(engine, report)
+
+
 @pytest.fixture
 def registry() -> StreamRegistry:
     """Two streams on engine `/e1`, one on `/e2`, one that waits, and a registered topic."""
@@ -102,8 +116,8 @@ def test_relative_topics_mean_the_same_on_engines_elsewhere() -> None:
         'source (v: float) "/robot1/battery";\n'
         'sink sync("/robot1/battery", "/robot1/gps", "/clock")'
     )
-    reported = registry.reported_stream(
-        FAR, 'y', 'select a from "gps"', NO_CONSTRAINTS, '/far/dyknow/streams/y'
+    reported = reported_by(
+        registry, FAR, 'y', 'select a from "gps"', NO_CONSTRAINTS, '/far/dyknow/streams/y'
     )
     assert reported.specification == 'sink select a from "/far/gps"'
 
@@ -173,7 +187,7 @@ def test_what_a_manager_before_asked_for_is_understood_again() -> None:
     assert '"/dyknow/streams/c"' in text
 
     after = StreamRegistry()
-    reported = after.reported_stream(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
+    reported = reported_by(after, E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
     after.add(reported)
     assert after.made_from('c') == ()  # Nothing is known of `c` yet.
     after.add(created('c'))
@@ -190,18 +204,16 @@ def test_a_copy_is_distinguished_from_another_stream_of_the_name(registry: Strea
     registry.add(created('x', 'select a from a'))
     registry.place('x', E2, '/dyknow/streams/x', {'a': '/dyknow/streams/a'})
     text, _ = registry.text_for(created('x', 'select a from a'), E2)
-    assert registry.is_copy(registry.reported_stream('/e9', 'x', text, NO_CONSTRAINTS, ''))
+    assert registry.is_copy(reported_by(registry, '/e9', 'x', text, NO_CONSTRAINTS, ''))
     assert registry.is_copy(
-        registry.reported_stream('/e9', 'x', 'select a from a', NO_CONSTRAINTS, '')
+        reported_by(registry, '/e9', 'x', 'select a from a', NO_CONSTRAINTS, '')
     )
     assert not registry.is_copy(
-        registry.reported_stream('/e9', 'x', 'select b from a', NO_CONSTRAINTS, '')
+        reported_by(registry, '/e9', 'x', 'select b from a', NO_CONSTRAINTS, '')
     )
     late = StreamConstraints(max_delay=1)
-    assert not registry.is_copy(registry.reported_stream('/e9', 'x', text, late, ''))
-    assert not registry.is_copy(
-        registry.reported_stream('/e9', 'battery', text, NO_CONSTRAINTS, '')
-    )
+    assert not registry.is_copy(reported_by(registry, '/e9', 'x', text, late, ''))
+    assert not registry.is_copy(reported_by(registry, '/e9', 'battery', text, NO_CONSTRAINTS, ''))
 
 
 def test_what_an_engine_makes_already_is_taken_over() -> None:
@@ -210,7 +222,7 @@ def test_what_an_engine_makes_already_is_taken_over() -> None:
     registry.add(created('c'))
     registry.add(created('x', 'select a from c'))
     text = 'stream c = "/odd/place/c";\nsink select a from c'
-    reported = registry.reported_stream(E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
+    reported = reported_by(registry, E2, 'x', text, NO_CONSTRAINTS, '/dyknow/streams/x')
     assert registry.is_copy(reported)
     registry.adopt(reported)
     assert registry.topic('x') == '/dyknow/streams/x'
@@ -236,11 +248,11 @@ def test_a_requested_alias_for_a_stream_of_another_robot_is_kept() -> None:
 def test_a_stream_made_from_that_of_another_robot_is_no_copy() -> None:
     registry = robot2()
     registry.add(created('x', 'select v from speed'))
-    foreign = registry.reported_stream('/compute/e', 'x', FOREIGN, NO_CONSTRAINTS, '/compute/x')
+    foreign = reported_by(registry, '/compute/e', 'x', FOREIGN, NO_CONSTRAINTS, '/compute/x')
     assert not registry.is_copy(foreign)
     own = FOREIGN.replace('robot1', 'robot2/arm')
     assert registry.is_copy(
-        registry.reported_stream('/robot2/e', 'x', own, NO_CONSTRAINTS, '/robot2/x')
+        reported_by(registry, '/robot2/e', 'x', own, NO_CONSTRAINTS, '/robot2/x')
     )
 
 
@@ -258,7 +270,7 @@ def test_what_reads_the_topic_of_a_failed_stream_is_outdated(registry: StreamReg
 
 def test_conflicts_name_both_specifications(registry: StreamRegistry) -> None:
     late = StreamConstraints(max_delay=1_000_000)
-    other = registry.reported_stream(E2, 'a', 'select b from "/t"', late, '/dyknow/streams/a')
+    other = reported_by(registry, E2, 'a', 'select b from "/t"', late, '/dyknow/streams/a')
     used = registry.find('a')
     assert isinstance(used, CreatedStream)
     for error in (name_taken(used, [other]), two_streams(used, other)):

@@ -24,7 +24,7 @@ from dyknow_common.executables import describe
 from dyknow_common.ros import command_main
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings import Judgement, MonitoringFiles, PictureFiles
-from dyknow_recordings.reporting.pictures.libraries import optional_library
+from dyknow_recordings.reporting.outputs import optional_library
 
 SETTLING_NS = SECOND_NS
 """Time after the end of the scenario in which verdicts may still come."""

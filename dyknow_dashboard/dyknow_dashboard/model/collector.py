@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 from dyknow_common import UNIX_TIMES
 from dyknow_dashboard.model.verdict_events import FAILURES, EventCounts, VerdictEvent
-from dyknow_recordings.reporting.pictures.libraries import optional_library
+from dyknow_recordings.reporting.outputs import optional_library
 
 MAX_WAITING: Final = 1000
 """The number of events that wait to be sent."""

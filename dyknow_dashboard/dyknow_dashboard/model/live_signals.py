@@ -20,7 +20,7 @@ from dyknow_recordings.evaluation.observation import (
     StateSignals,
     terms_of,
 )
-from dyknow_recordings.reporting.pictures.figures import PageFigures, lines
+from dyknow_recordings.reporting.pictures.page import PageFigures, lines
 from dyknow_recordings.reporting.pictures.panels import Panel, last_shown, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span
 

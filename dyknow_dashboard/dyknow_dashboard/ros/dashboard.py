@@ -37,7 +37,7 @@ from dyknow_dashboard.ros.nodes_of_system import COORDINATOR, RECORDER
 from dyknow_dashboard.ros.system_reader import SystemReader
 from dyknow_dashboard.server.requests import is_loopback
 from dyknow_dashboard.server.serving import DashboardServer, ServerOptions
-from dyknow_recordings.reporting.pictures.libraries import optional_library
+from dyknow_recordings.reporting.outputs import optional_library
 
 PORT: Final = 8520
 

@@ -39,7 +39,7 @@ from dyknow_dashboard.server.requests import (
     is_own_host,
     is_same_origin,
 )
-from dyknow_recordings.reporting.pictures.libraries import plotly_script
+from dyknow_recordings.reporting.pictures.page import plotly_script
 
 MAX_BODY: Final = 131_072
 MAX_HEADERS: Final = 16_384

@@ -1,18 +1,8 @@
 """Progression of all instances of the formulas of a group, as fast as possible.
 
 `InstanceMonitor` takes the instances and the states, and returns the outcomes of formulas. All
-ways to progress give identical results; the monitor chooses the fastest one:
-
-- `automata`: each step of progression is computed once, and stored in a timed automaton.
-- `single_instance`: individual instances, state by state; those that change nothing are skipped.
-- `vectors`: many instances that are alike, as numpy vectors.
-- `block_progression`: individual instances over many states of a recording.
-- `recorded_symbols`: the atoms of many states at once.
-- `past`: the registers of past operators, whose values are atoms of the states.
-- `kept_values`: formulas about values of earlier states, whose atoms come and go.
-- `probability`: probabilities of formulas over uncertain numbers; they are registers, too.
-- `standing`: formulas that are asked at every state.
-- `unknown`: formulas that have met values that are unknown, or one of several.
+ways to progress give identical results; the monitor chooses the fastest one. The modules are in
+`docs/architecture.md`.
 """
 
 from dyknow_reasoning.execution.aggregation import Outcome, Outcomes

@@ -23,11 +23,10 @@ from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
-    SharedVectors,
     UnreadableError,
     batch_key,
 )
-from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME, SamplingRegularity
+from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, whole_past_atoms
@@ -53,17 +52,15 @@ class InstanceMonitor:
 
     def __init__(self, node_limit: int) -> None:
         self._node_limit = node_limit
-        self._shared_vectors = SharedVectors()
-        self.histories = Histories(node_limit, self._shared_vectors)
+        self.histories = Histories(node_limit)
         self.latest: int | None = None
         """The valid time of the latest state, in nanoseconds; None before the first state."""
         self._gap_follows = False
-        self._sampling = SamplingRegularity()
         self._aggregation = VerdictAggregation()
         self._templates: dict[Node, Template] = {}
         # The instances that begin with the next state.
         self._new: list[InstanceState] = []
-        self._pool = InstancePool(self._shared_vectors)
+        self._pool = InstancePool()
         # The time before which states like earlier ones change nothing.
         self._wakes_at = -inf
         # True if a formula may be near the node limit.
@@ -277,9 +274,8 @@ class InstanceMonitor:
             elif single.wakes_at < wakes_at:
                 wakes_at = single.wakes_at
         self._wakes_at = wakes_at
-        regular = bool(batches) and (elapsed == 0 or self._sampling.observe(elapsed))
         for batch, array in zip(pool.batches, batches, strict=True) if batches else ():
-            verdicts += batch.step(array, now, elapsed, regular=regular)
+            verdicts += batch.step(array, now, elapsed)
         self.latest = now
         outcomes = _NO_OUTCOMES
         if verdicts:
@@ -315,7 +311,7 @@ class InstanceMonitor:
         if remaining == before:
             return _NO_OUTCOMES
         outcomes, _ = self._aggregation.apply(verdicts)
-        self._pool = InstancePool(self._shared_vectors)
+        self._pool = InstancePool()
         self._place([each for each in remaining if each.instance in self._aggregation], gap.after)
         return _by_id(outcomes)
 

@@ -13,11 +13,7 @@ from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
 from dyknow_reasoning.execution.single_instance import SingleInstance
-from dyknow_reasoning.execution.vectors.atom_vectors import (
-    Array,
-    FieldVectors,
-    SharedVectors,
-)
+from dyknow_reasoning.execution.vectors.atom_vectors import Array, FieldVectors
 from dyknow_reasoning.execution.vectors.batch import Batch
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.progression.atoms import Values
@@ -34,16 +30,12 @@ class InstancePool:
 
     The lists `singles` and `batches` are replaced, not changed, if instances come or go. `latest`
     is the valid time of the latest state, in nanoseconds.
-
-    Args:
-        shared: the vectors that others read, too.
     """
 
-    def __init__(self, shared: SharedVectors) -> None:
-        self._shared = shared
+    def __init__(self) -> None:
         self.singles: list[SingleInstance] = []
         self.batches: list[Batch] = []
-        self.fields = FieldVectors(self._shared)
+        self.fields = FieldVectors()
         self.apart = 0
         """The states until batches may form again, after values that fit into no vectors."""
         # How many they will be the next time.
@@ -86,14 +78,14 @@ class InstancePool:
         for key in dict.fromkeys((*new, *singles)):
             found = new[key]
             if key in batches:
-                batches[key] = Batch([*batches[key].states(latest), *found])
+                batches[key] = Batch([*batches[key].states(latest), *found], latest)
             elif (
                 key is not None
                 and abs(latest) <= MAX_VECTOR_TIME
                 and len(found) + len(singles[key]) >= _MIN_BATCH_SIZE
             ):
                 others = (single.state for single in singles.pop(key))
-                batches[key] = Batch([*others, *found])
+                batches[key] = Batch([*others, *found], latest)
             else:
                 singles[key] += map(SingleInstance, found)
         self.singles = list(chain.from_iterable(singles.values()))
@@ -164,7 +156,7 @@ class InstancePool:
         return locations
 
     def _attach(self) -> None:
-        self.fields = FieldVectors(self._shared)
+        self.fields = FieldVectors()
         for batch in self.batches:
             batch.attach(self.fields)
 

@@ -24,7 +24,7 @@ from dyknow_reasoning.progression.nodes import (
     Sides,
     Window,
     constant,
-    descendants,
+    has_windows,
     operands,
     sides,
 )
@@ -150,7 +150,7 @@ def windows_of_known_origin(formula: Node) -> frozenset[Sides]:
         if type(node) is Window and node.end is None:
             known = context is None or _is_known_below(node, context)
             contexts.setdefault(sides(node), set()).add(context if known else '')
-        new = {(part, inner) for part, inner in _parts(node, context) if _has_windows(part)} - seen
+        new = {(part, inner) for part, inner in _parts(node, context) if has_windows(part)} - seen
         seen |= new
         pending.extend(new)
     return frozenset(
@@ -159,7 +159,7 @@ def windows_of_known_origin(formula: Node) -> frozenset[Sides]:
 
 
 def _is_known_below(node: Window, context: _Context) -> bool:
-    if context == '' or node.start is not None or _has_windows(node.left, node.right):
+    if context == '' or node.start is not None or has_windows(node.left, node.right):
         return False
     return context is not node.universal or _is_one_sided(node)
 
@@ -168,7 +168,7 @@ def _parts(node: Node, context: _Context) -> Iterator[tuple[Node, _Context]]:
     match node:
         case Junction():
             is_plain = context is None or node.universal is context
-            alone = sum(map(_has_windows, node.parts)) == 1
+            alone = sum(map(has_windows, node.parts)) == 1
             yield from ((part, context if is_plain or alone else '') for part in node.parts)
         case AtLeast():
             yield from ((part, context if context is None else '') for part in node.parts)
@@ -181,7 +181,3 @@ def _parts(node: Node, context: _Context) -> Iterator[tuple[Node, _Context]]:
 
 def _is_one_sided(node: Window) -> bool:
     return node.left is constant(value=not node.universal)
-
-
-def _has_windows(*nodes: Node) -> bool:
-    return any(type(each) is Window for each in descendants(nodes))

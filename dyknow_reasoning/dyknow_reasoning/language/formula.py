@@ -335,71 +335,62 @@ Formula: TypeAlias = (
 """A formula, which is true or false of a sequence of states."""
 
 
-def parts(  # noqa: C901, PLR0911 - one for each kind
-    node: Formula | Term,
-) -> tuple[Formula | Term, ...]:
+def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     """Return the formulas and terms that a node directly consists of, from left to right."""
+    if isinstance(node, SpatialAtom):
+        return tuple(node.places)
+    found: list[Formula | Term] = []
+    for name in _part_fields(node):
+        part: Any = getattr(node, name)
+        if isinstance(part, tuple):
+            found += part
+        elif part is not None:
+            found.append(part)
+    return tuple(found)
+
+
+def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
+    """Return a node with a function applied to each of its parts."""
+    if isinstance(node, PastAtom):
+        return node
+    names = ('formula',) if isinstance(node, SpatialAtom) else _part_fields(node)
+    if isinstance(node, Spatial):
+        names = (*names, 'links')
+    changed = {name: _changed(getattr(node, name), change) for name in names}
+    return replace(node, **changed) if changed else node
+
+
+def _changed(part: Any, change: Callable[[Any], Any]) -> Any:
+    if isinstance(part, tuple):
+        return tuple(map(change, part))
+    return None if part is None else change(part)
+
+
+def _part_fields(  # noqa: PLR0911 - one for each kind
+    node: Any,
+) -> tuple[str, ...]:
+    """Return the names of the fields that hold the parts of a node, from left to right."""
     match node:
-        case Operation() | Connective() | _BinaryTemporal():
-            return (node.left, node.right)
-        case Over():
-            return (node.links, node.origin, node.body)
-        case Spatial():
-            return (node.right,) if node.left is None else (node.left, node.right)
-        case LinkLength(condition, weight, place):
-            return (*place, condition) if weight is None else (*place, condition, weight)
-        case SpatialAtom():
-            return tuple(node.places)
+        case Operation() | Connective() | _BinaryTemporal() | Spatial():
+            return 'left', 'right'
         case (
             Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm() | Kept()
         ):
-            return (node.body,)
-        case Freeze():
-            return (node.term, node.body)
-        case PastAtom():
-            return (node.formula,)
+            return ('links', 'origin', 'body') if isinstance(node, Over) else ('body',)
         case Feature() | Function():
-            return node.arguments
+            return ('arguments',)
+        case LinkLength():
+            return 'place', 'condition', 'weight'
+        case Freeze():
+            return 'term', 'body'
+        case PastAtom():
+            return ('formula',)
         case Uncertain():
-            return (node.mean, node.deviation, *node.covariances)
+            return 'mean', 'deviation', 'covariances'
         case CountOf():
-            return node.members
+            return ('members',)
         case _:
             return ()
-
-
-def with_changed_parts(  # noqa: C901, PLR0911 - one for each kind
-    node: Any, change: Callable[[Any], Any]
-) -> Any:
-    """Return a node with a function applied to each of its parts."""
-    match node:
-        case Operation() | Connective() | _BinaryTemporal():
-            return replace(node, left=change(node.left), right=change(node.right))
-        case Over(links=links, origin=origin, body=body):
-            return replace(node, links=change(links), origin=change(origin), body=change(body))
-        case Spatial(left=left, right=right, links=links):
-            changed = {'left': left and change(left), 'links': links and change(links)}
-            return replace(node, right=change(right), **changed)
-        case LinkLength(condition, weight, place):
-            place = tuple(map(change, place))
-            return LinkLength(change(condition), weight and change(weight), place)
-        case SpatialAtom(formula):
-            return replace(node, formula=change(formula))
-        case (
-            Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm() | Kept()
-        ):
-            return replace(node, body=change(node.body))
-        case Freeze():
-            return replace(node, term=change(node.term), body=change(node.body))
-        case Feature() | Function():
-            return replace(node, arguments=tuple(map(change, node.arguments)))
-        case Uncertain():
-            found = replace(node, mean=change(node.mean), deviation=change(node.deviation))
-            return replace(found, covariances=tuple(map(change, node.covariances)))
-        case CountOf():
-            return replace(node, members=tuple(map(change, node.members)))
-        case _:
-            return node
 
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:

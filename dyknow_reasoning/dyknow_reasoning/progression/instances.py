@@ -44,7 +44,6 @@ from dyknow_reasoning.language.spatial import Over, Spatial, SpatialAtom
 from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.language.terms import (
     Aggregate,
-    Arithmetic,
     Feature,
     FieldReference,
     Function,
@@ -53,11 +52,10 @@ from dyknow_reasoning.language.terms import (
     Object,
     Operation,
     Probability,
-    StateCount,
+    Quantifier,
     Term,
     Truth,
     Uncertain,
-    ValueBefore,
     Variable,
 )
 from dyknow_reasoning.language.writing import as_written, written_operator
@@ -204,8 +202,8 @@ def ground_atom(atom: StateAtom, binding: Binding, domains: Domains) -> StateAto
     Raises:
         ReasoningError: for a sort without a domain; for an extreme of no objects.
     """
-    ground: StateAtom = _substitute(atom, binding, domains)
-    return ground
+    found: StateAtom = ground(atom, binding, domains)
+    return found
 
 
 def with_origin(formula: Over, binding: Binding) -> Binding:
@@ -373,7 +371,7 @@ class Translator:
                 return any_of((all_of((left, right)), neither))
 
     def _atom(self, formula: Atom, binding: Binding) -> Node:
-        found = _substitute(formula, binding, self._domains)
+        found = ground(formula, binding, self._domains)
         if not isinstance(found, Comparison):
             return self._literal(found, positive=True)
         if compares_past(found):  # At the first state, opposite comparisons are both false.
@@ -480,30 +478,49 @@ def past_operands(formula: PastFormula, store: NodeStore) -> PastOperands:
     return PastOperands(atoms, left, right, value)
 
 
-def ground(formula: Any, binding: Binding, domains: Domains) -> Any:
-    """Return a formula without variables and quantifiers.
+def ground(  # noqa: C901, PLR0911 - one for each kind
+    node: Any, binding: Binding, domains: Domains
+) -> Any:
+    """Return a formula or a term without variables, quantifiers and aggregates.
 
     Raises:
-        ReasoningError: for a sort without a domain.
+        ReasoningError: for a sort without a domain; for an extreme of no objects.
     """
-    match formula:
-        case Forall(variable, sort, body) | Exists(variable, sort, body):
-            names = objects_of(sort, domains)
-            members = [ground(body, {**binding, variable: name}, domains) for name in names]
-            return joined(members, And if isinstance(formula, Forall) else Or)
-        case Count(variable, sort, body, bound, number):
-            names = objects_of(sort, domains)
-            members = [ground(body, {**binding, variable: name}, domains) for name in names]
-            return CountOf(bound, number, tuple(members))
+
+    def grounded(part: Any) -> Any:
+        return ground(part, binding, domains)
+
+    match node:
+        case Variable(name):
+            return Object(binding[name])
+        case Feature(name, arguments):
+            names = (binding.get(each.name, each.name) for each in arguments)
+            return Feature(name, tuple(map(Object, names)))
+        case Operation(operator, left, right):
+            return type(node)(operator, grounded(left), grounded(right))
+        case Function(name, operands):
+            return Function(name, tuple(map(grounded, operands)))
+        case Forall() | Exists():
+            members = _members(node, binding, domains)
+            return joined(members, And if isinstance(node, Forall) else Or)
+        case Count(bound=bound, number=number):
+            return CountOf(bound, number, tuple(_members(node, binding, domains)))
+        case Aggregate(body=body):
+            shown = replace(node, body=with_objects(body, binding))
+            return _aggregated(shown, _members(node, binding, domains))
         case Over():
-            return ground(formula.body, with_origin(formula, binding), domains)
+            return ground(node.body, with_origin(node, binding), domains)
         case Spatial():
-            others = {name: each for name, each in binding.items() if name != formula.place}
-            return spatial_formula(with_objects(formula, others), binding, domains, ground)
-        case Feature() | FieldReference() | Comparison() | Arithmetic() | Function() | Aggregate():
-            return _substitute(formula, binding, domains)
+            others = {name: each for name, each in binding.items() if name != node.place}
+            return spatial_formula(with_objects(node, others), binding, domains, ground)
         case _:
-            return with_changed_parts(formula, lambda part: ground(part, binding, domains))
+            return with_changed_parts(node, grounded)
+
+
+def _members(node: Quantifier, binding: Binding, domains: Domains) -> list[Any]:
+    """Return the body of a quantifier for each object."""
+    names = objects_of(node.sort, domains)
+    return [ground(node.body, {**binding, node.variable: name}, domains) for name in names]
 
 
 def with_kept(node: Any, name: str, value: Term) -> Any:
@@ -521,36 +538,6 @@ def _value_without_state(atom: Comparison) -> bool | None:
         return predicate(atom, {})({})
     except ReasoningError:
         return None  # A division by zero is an error at the first state.
-
-
-def _substitute(  # noqa: PLR0911 - one for each kind
-    node: Any, binding: Binding, domains: Domains
-) -> Any:
-    match node:
-        case Variable(name):
-            return Object(binding[name])
-        case Feature(name, arguments):
-            names = (binding.get(each.name, each.name) for each in arguments)
-            return Feature(name, tuple(map(Object, names)))
-        case Aggregate(variable, sort, body):
-            chosen = ({**binding, variable: name} for name in objects_of(sort, domains))
-            shown = replace(node, body=with_objects(body, binding))
-            return _aggregated(shown, [_substitute(body, each, domains) for each in chosen])
-        case Operation(operator, left, right):
-            sides = (_substitute(each, binding, domains) for each in (left, right))
-            return type(node)(operator, *sides)
-        case Function(name, operands):
-            return Function(name, tuple(_substitute(each, binding, domains) for each in operands))
-        case ValueBefore() | Kept():
-            return with_changed_parts(node, lambda part: _substitute(part, binding, domains))
-        case StateCount(body, interval):
-            return StateCount(ground(body, binding, domains), interval)
-        case Probability(body):
-            return Probability(ground(body, binding, domains))
-        case Uncertain():
-            return with_changed_parts(node, lambda part: _substitute(part, binding, domains))
-        case _:
-            return node
 
 
 def _aggregated(aggregate: Aggregate, operands: Sequence[Any]) -> Term:

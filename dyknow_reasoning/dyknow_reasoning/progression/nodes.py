@@ -233,6 +233,11 @@ def descendants(roots: Iterable[Node]) -> set[Node]:
     return set(reachable(roots, children))
 
 
+def has_windows(*nodes: Node) -> bool:
+    """Return True if there is an operator of the future in a node, or in one of several."""
+    return any(type(each) is Window for each in descendants(nodes))
+
+
 def reachable(
     roots: Iterable[Node], parts_of: Callable[[Node], tuple[Node, ...]]
 ) -> dict[Node, None]:

@@ -27,9 +27,9 @@ from dyknow_reasoning import (
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
-from dyknow_recordings.evaluation.observation import EvaluationObserver
+from dyknow_recordings.evaluation.observation import SignalRecorder
 from dyknow_recordings.evaluation.results import Episode, StateGap
-from dyknow_recordings.reading.lost_messages import LostMessages
+from dyknow_recordings.reading.recording import LostMessages
 from dyknow_stream_processing import Violation
 
 FIRST_BEGIN: Final = -(1 << 63)
@@ -113,7 +113,7 @@ class EpisodeGroup:
         self,
         formulas: Sequence[FormulaEpisodes],
         domains: Mapping[str, tuple[str, ...]],
-        observer: EvaluationObserver | None = None,
+        observer: SignalRecorder | None = None,
         unknown: UnknownFeatures = ALL_KNOWN,
     ) -> None:
         self.formulas = formulas

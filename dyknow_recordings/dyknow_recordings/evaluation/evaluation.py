@@ -35,20 +35,16 @@ from dyknow_recordings.evaluation.episodes import (
     FormulaEpisodes,
 )
 from dyknow_recordings.evaluation.grounding import FormulaGrounder, GroundedFormula
-from dyknow_recordings.evaluation.observation import EvaluationObserver, SignalRecorder, terms_of
+from dyknow_recordings.evaluation.observation import SignalRecorder, terms_of
 from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
 from dyknow_recordings.evaluation.standby import GroupStream
 from dyknow_recordings.evaluation.state_group import StateGroup
 from dyknow_recordings.evaluation.streams import RecordedStreams
-from dyknow_recordings.evaluation.vocabulary import (
-    NO_FILES,
-    MonitoringFiles,
-    NoVocabulary,
-    Vocabulary,
-)
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, Vocabulary
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.lost_messages import BEGINNING, LostMessages
 from dyknow_recordings.reading.recording import (
+    BEGINNING,
+    LostMessages,
     RecordingReader,
     batches,
     parts_by_topic,
@@ -286,7 +282,7 @@ class RecordingEvaluation:
             is_asked_again = self._start.every is Every.FIRST and request.requested.every_state
             every = Every.STATE if is_asked_again else self._start.every
             request.episodes = FormulaEpisodes(grounded, every)
-        observer: EvaluationObserver | None = None
+        observer: SignalRecorder | None = None
         if self._keep_signals:
             texts = (text for _, each in members for text in (each.formula, each.probability))
             observer = SignalRecorder(
@@ -460,7 +456,7 @@ def load_vocabulary(files: MonitoringFiles, topics: Mapping[str, TopicContent]) 
         DyKnowError: naming a file that cannot be read.
     """
     if not (files.ontologies or files.annotations):
-        return NoVocabulary(files.domains)
+        return Vocabulary(files.domains)
     # The libraries for ontologies take a second to load.
     from dyknow_recordings.evaluation.semantics import SemanticVocabulary  # noqa: PLC0415
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -103,27 +103,6 @@ class StateSignals:
     domains: Mapping[str, tuple[str, ...]]
     deciding: Mapping[int, Mapping[str, float]]
     omitted: int
-
-
-class EvaluationObserver(Protocol):
-    """Receives the states that formulas are evaluated over."""
-
-    def states(self, valid_times: Sequence[int] | Times, columns: Mapping[str, Column]) -> None:
-        """Receive states that are about to be progressed.
-
-        Args:
-            valid_times: in nanoseconds, increasing.
-            columns: for each feature, its values at these states; may be numpy arrays.
-        """
-
-    def gap(self) -> None:
-        """Receive that states may be missing before the next one."""
-
-    def decided(self, valid_time: int) -> None:
-        """Receive the time of a deciding state, before the states of a later call."""
-
-    def result(self) -> StateSignals | None:
-        """Return the signals so far, if they are kept."""
 
 
 def features_of(node: Formula | Term | ForecastBand) -> list[Feature | FieldReference]:
@@ -228,7 +207,12 @@ class SignalRecorder:
         return sum(each.lines * (each.lines + 1) // 2 for each in self._signals.values())
 
     def states(self, valid_times: Sequence[int] | Times, columns: Mapping[str, Column]) -> None:
-        """Add states; single ones are collected first."""
+        """Add states that are about to be progressed; single ones are collected first.
+
+        Args:
+            valid_times: in nanoseconds, increasing.
+            columns: for each feature, its values at these states; may be numpy arrays.
+        """
         if len(valid_times) > 1:
             self._flush()
             self._add(np.asarray(valid_times, np.int64), columns)
@@ -251,7 +235,7 @@ class SignalRecorder:
                 track.gap()
 
     def decided(self, valid_time: int) -> None:
-        """Keep the values of a deciding state."""
+        """Keep the values of a deciding state, before the states of a later call."""
         if valid_time in self._deciding or len(self._deciding) >= MAX_DECIDING_STATES:
             return
         self._flush()

@@ -11,7 +11,7 @@ from dyknow_common import DyKnowError, Margin, ProbabilityInterval, Verdict, sho
 from dyknow_coordinator import SymbolGrounding
 from dyknow_recordings.evaluation.observation import StateSignals
 from dyknow_recordings.evaluation.recorded_map import RecordedMap
-from dyknow_recordings.health.expectations import BrokenExpectation
+from dyknow_recordings.health import BrokenExpectation
 from dyknow_stream_processing import Violation
 
 MAX_REMAINDER: Final = 300
@@ -67,6 +67,13 @@ class Episode:
     def outcome(self) -> Outcome:
         """The outcome."""
         return Outcome.ERROR if self.error is not None else Outcome(self.verdict.name.lower())
+
+    @property
+    def reason(self) -> str:
+        """Why it has its outcome, for people."""
+        if self.error is not None:
+            return self.error.message
+        return self.remainder if self.outcome is Outcome.UNDECIDED else self.explanation
 
     @property
     def remainder(self) -> str:
@@ -149,6 +156,14 @@ class FormulaReport:
         outcome = self.outcome
         found = [each for each in self.episodes if each.outcome is outcome]
         return next((each for each in found if each.presumably_false), found[0] if found else None)
+
+    @property
+    def reason(self) -> str:
+        """Why it has its outcome, for people."""
+        if self.error is not None:
+            return self.error.message
+        decisive = self.decisive
+        return 'no episode has begun' if decisive is None else decisive.reason
 
     @property
     def failure(self) -> Episode | None:

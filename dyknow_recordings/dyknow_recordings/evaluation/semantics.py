@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 
 from dyknow_common import ExitCode, InlineText, read_file
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
+from dyknow_recordings.evaluation.vocabulary import MonitoringFiles, Vocabulary
 from dyknow_recordings.reading.columns import TopicContent
 from dyknow_semantics import (
     Annotation,
-    Knowledge,
     Matcher,
     Ontology,
     Origin,
@@ -23,7 +22,7 @@ from dyknow_semantics import (
 )
 
 
-class SemanticVocabulary:
+class SemanticVocabulary(Vocabulary):
     """The objects of ontologies, and the streams that annotations name.
 
     Args:
@@ -44,7 +43,7 @@ class SemanticVocabulary:
             for path in files.bridges
             for bridge in read_file(path, 'bridges', parse_bridges, SemanticsError)
         )
-        self._domains = files.domains
+        super().__init__(files.domains)
         self._ontology = Ontology(bridges=bridges)
         try:
             for source in files.ontologies:
@@ -63,8 +62,8 @@ class SemanticVocabulary:
         }
         knowledge = self._ontology.knowledge
         checks = check_annotations(annotations, fields, knowledge.stated, origins)
-        self.knowledge: Knowledge | None = knowledge
-        self.notes: Sequence[str] = (*self._ontology.bridge_faults, *checks.messages)
+        self.knowledge = knowledge
+        self.notes = (*self._ontology.bridge_faults, *checks.messages)
         self._matcher = Matcher(knowledge)
         self._matcher.set_annotations(annotations, checks.field_faults)
 

@@ -11,7 +11,7 @@ from dyknow_common import DyKnowError
 from dyknow_coordinator import FeatureSource, FormulaInputs, StandbySources
 from dyknow_reasoning import ReadStream, StateLine
 from dyknow_recordings.evaluation.streams import RecordedStreams
-from dyknow_recordings.reading.lost_messages import LostMessages
+from dyknow_recordings.reading.recording import LostMessages
 from dyknow_stream_processing import Sample, SampleBatch, Violation, rows_of
 
 

@@ -29,7 +29,7 @@ from dyknow_reasoning import Breach, StateLine
 from dyknow_recordings.evaluation.episodes import EpisodeGroup
 from dyknow_recordings.evaluation.standby import GroupStream, RecordedStandby, RecordedStates
 from dyknow_recordings.evaluation.streams import RecordedStreams
-from dyknow_recordings.reading.lost_messages import END, LostMessages
+from dyknow_recordings.reading.recording import END, LostMessages
 from dyknow_stream_processing import Sample, SampleBatch, Violation
 
 WAITING_LIMIT_NS: Final = 3 * SECOND_NS

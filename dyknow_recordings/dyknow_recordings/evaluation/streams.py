@@ -23,8 +23,7 @@ from dyknow_coordinator import (
     stream_topic,
 )
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.lost_messages import END
-from dyknow_recordings.reading.recording import RecordedFields, rows_of
+from dyknow_recordings.reading.recording import END, RecordedFields, rows_of
 from dyknow_stream_processing import (
     ALL,
     SAMPLE_TYPE,

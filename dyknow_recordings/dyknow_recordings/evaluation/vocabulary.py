@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from dyknow_common import NO_CONSTRAINTS, ExitCode, StreamConstraints
 from dyknow_configuration import TextSource
@@ -46,45 +46,27 @@ class MonitoringFiles:
 NO_FILES: Final = MonitoringFiles()
 
 
-class Vocabulary(Protocol):
-    """The answers of the semantic nodes. All methods but `close` raise DyKnowError."""
+class Vocabulary:
+    """The answers of the semantic nodes; here, those without an ontology or annotations.
 
-    @property
-    def knowledge(self) -> Knowledge | None:
-        """The ontologies with the bridges between them; None if there are none."""
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Annotations and bridges that are not used, with the reasons."""
-
-    def instances(self, sort: str) -> tuple[str, ...]:
-        """Return the objects of a sort."""
-
-    def query(self, sparql: str) -> Sequence[tuple[str, ...]]:
-        """Return the solutions of a query."""
-
-    def matching_streams(self, concept: str) -> tuple[str, ...]:
-        """Return the specifications of the streams that match a concept, best first."""
-
-    def close(self) -> None:
-        """Free all files."""
-
-
-class NoVocabulary:
-    """The answers without an ontology: formulas name their streams, and sorts have domains.
+    Formulas then name their streams, and sorts have domains. All methods but `close` raise
+    DyKnowError.
 
     Args:
         domains: the objects of each sort.
     """
 
     knowledge: Knowledge | None = None
+    """The ontologies with the bridges between them; None if there are none."""
+
     notes: Sequence[str] = ()
+    """Annotations and bridges that are not used, with the reasons."""
 
     def __init__(self, domains: Mapping[str, tuple[str, ...]]) -> None:
         self._domains = domains
 
     def instances(self, sort: str) -> tuple[str, ...]:
-        """Return the objects of a sort, if they were given."""
+        """Return the objects of a sort."""
         if sort not in self._domains:
             raise RecordingError(
                 f"the objects of the sort '{sort}' are unknown; give an ontology, or the objects: "
@@ -94,11 +76,11 @@ class NoVocabulary:
         return self._domains[sort]
 
     def query(self, sparql: str) -> Sequence[tuple[str, ...]]:  # noqa: ARG002
-        """Return no solution."""
+        """Return the solutions of a query of the ontologies."""
         return ()
 
     def matching_streams(self, concept: str) -> tuple[str, ...]:
-        """Raise an error: there are no annotations."""
+        """Return the specifications of the streams that match a concept, best first."""
         raise RecordingError(
             f'no stream carries {concept}: no annotations are given; name a topic and a field '
             'instead, such as "/uav1/battery".voltage',
@@ -106,4 +88,4 @@ class NoVocabulary:
         )
 
     def close(self) -> None:
-        """Do nothing."""
+        """Free all files."""

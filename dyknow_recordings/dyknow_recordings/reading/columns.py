@@ -40,18 +40,25 @@ class MessageColumns:
 
     def rows(self, found: NDArray[np.bool_]) -> MessageColumns:
         """Return the messages for which a vector of shape (n,) is True."""
-        numbers = {row: number for number, row in enumerate(np.flatnonzero(found).tolist())}
         return replace(
             self,
             log_times=self.log_times[found],
             stamps=None if self.stamps is None else self.stamps[found],
             values={path: column[found] for path, column in self.values.items()},
             positions=self.positions[found],
-            absent={
-                path: {numbers[row]: reason for row, reason in rows.items() if row in numbers}
-                for path, rows in self.absent.items()
-            },
+            absent=absent_rows(self.absent, found),
         )
+
+
+def absent_rows(
+    absent: Mapping[str, Mapping[int, str]], found: NDArray[np.bool_]
+) -> dict[str, dict[int, str]]:
+    """Return the reasons for absent fields, by the new numbers of the messages that are kept."""
+    numbers = {row: number for number, row in enumerate(np.flatnonzero(found).tolist())}
+    return {
+        path: {numbers[row]: reason for row, reason in rows.items() if row in numbers}
+        for path, rows in absent.items()
+    }
 
 
 @dataclass(frozen=True, slots=True)

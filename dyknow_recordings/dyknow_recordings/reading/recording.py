@@ -1,4 +1,4 @@
-"""A recording on disk, whatever its format: topics, faults, and messages as columns."""
+"""A recording on disk, whatever its format: topics, faults, losses, and messages as columns."""
 
 from __future__ import annotations
 
@@ -23,7 +23,15 @@ from dyknow_common import (
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.lost_messages import BEGINNING, END, LostMessages, lost_runs
+
+BEGINNING: Final = -(1 << 63)
+"""A time before all others, in nanoseconds."""
+
+END: Final = (1 << 63) - 1
+"""A time after all others."""
+
+_MAX_RUNS: Final = 16
+"""The most runs of lost messages in a part of a recording that are told apart."""
 
 MAX_SILENCE_NS: Final = 3600 * SECOND_NS
 """The longest time without a message that is no fault."""
@@ -39,6 +47,55 @@ MISSING: Final = 'a message is missing by the sequence numbers'
 
 MAX_TIME: Final = 2**63
 """All times in nanoseconds are below."""
+
+
+@dataclass(frozen=True, slots=True)
+class LostMessages:
+    """Messages that a recording is known to lack.
+
+    Args:
+        topics: the topics that lack messages; None if any may.
+        first: no lost message has an earlier log time, in nanoseconds; BEGINNING if unknown.
+        last: no lost message has a later one; END if unknown.
+        reason: the place and the kind of the damage.
+    """
+
+    topics: frozenset[str] | None
+    first: int
+    last: int
+    reason: str
+
+    def __str__(self) -> str:
+        if self.first == BEGINNING:
+            when = 'at an unknown time' if self.last == END else f'before {format_time(self.last)}'
+        elif self.last == END:
+            when = f'from {format_time(self.first)} on'
+        else:
+            when = f'between {format_time(self.first)} and {format_time(self.last)}'
+        return f'messages that are lost {when}: {self.reason}'
+
+    def concerns(self, topics: Collection[str]) -> bool:
+        """Return True if one of some topics may lack messages."""
+        return self.topics is None or not self.topics.isdisjoint(topics)
+
+    def surrounds(self, topic: str, times: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return True for messages, by their log times, before and after which others are lost."""
+        found: NDArray[np.bool_] = (times >= self.first) & (times <= self.last)
+        return found & self.concerns((topic,))
+
+
+def lost_runs(times: NDArray[np.int64], lost: NDArray[np.bool_]) -> Sequence[tuple[int, int]]:
+    """Return the first and last times of runs of lost messages, or of all if there are many.
+
+    Args:
+        times: the log times of the messages of a topic in nanoseconds, in order; of shape (n,).
+        lost: True for each lost message; of shape (n,).
+    """
+    edges = np.diff(np.concatenate([[False], lost, [False]]).astype(np.int8))
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
+    if len(begins) > _MAX_RUNS:
+        begins, ends = begins[:1], ends[-1:]
+    return list(zip(times[begins].tolist(), times[ends].tolist(), strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,9 +331,12 @@ class RecordingReader(ABC):
         return [*self._opening.losses, *self._reading.losses]
 
     @property
-    @abstractmethod
     def topics(self) -> tuple[RecordedTopic, ...]:
         """The recorded topics, sorted by name."""
+        return tuple(
+            RecordedTopic(name, each.message_type, each.count, None)
+            for name, each in self.contents.items()
+        )
 
     @property
     @abstractmethod
@@ -306,7 +366,6 @@ class RecordingReader(ABC):
         """
         return self._span()[1]
 
-    @abstractmethod
     def fields(self, topic: str) -> Mapping[str, ValueType]:
         """Return the paths of the single values in the messages of a topic, with their types.
 
@@ -315,6 +374,8 @@ class RecordingReader(ABC):
         Raises:
             RecordingError: for a topic that was not recorded, or whose messages cannot be read.
         """
+        self._check_topics([topic])
+        return self.contents[topic].fields or {}
 
     @abstractmethod
     def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:

@@ -18,7 +18,6 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.recording import (
     FaultCounter,
-    RecordedTopic,
     RecordingReader,
     RecordingSpan,
     count_silences,
@@ -56,20 +55,10 @@ class TraceRecording(RecordingReader):
                 self._see(state)
 
     @property
-    def topics(self) -> tuple[RecordedTopic, ...]:
-        """The topic of the rows."""
-        return (RecordedTopic(TRACE_TOPIC, TRACE_TYPE, self._count, None),)
-
-    @property
     def contents(self) -> Mapping[str, TopicContent]:
         """The contents of the rows."""
         content = TopicContent(TRACE_TYPE, self._fields, has_stamp=True, count=self._count)
         return {TRACE_TOPIC: content}
-
-    def fields(self, topic: str) -> Mapping[str, ValueType]:
-        """Return the columns that have values; see `RecordingReader`."""
-        self._check_topics([topic])
-        return self._fields
 
     def states(self) -> Iterator[RecordedState]:
         """Yield the rows up to the first that cannot be read."""

@@ -30,12 +30,12 @@ from pyulog import ULog
 from dyknow_common import SECOND_NS, ExitCode, ValueType, absence, all_elements, listed_as
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
-from dyknow_recordings.reading.lost_messages import BEGINNING, END
 from dyknow_recordings.reading.messages.layouts import MAX_TEXT, MAX_VALUES
 from dyknow_recordings.reading.recording import (
+    BEGINNING,
+    END,
     MAX_TIME,
     FaultCounter,
-    RecordedTopic,
     RecordingReader,
     RecordingSpan,
     count_silences,
@@ -95,14 +95,6 @@ class UlogRecording(RecordingReader):
         self._add_losses(log, ends_early=_ends_early(content))
 
     @property
-    def topics(self) -> tuple[RecordedTopic, ...]:
-        """The recorded topics, sorted by name."""
-        return tuple(
-            RecordedTopic(name, topic.message_type, len(topic.times), None)
-            for name, topic in sorted(self._data.items())
-        )
-
-    @property
     def contents(self) -> Mapping[str, TopicContent]:
         """The contents of the messages of each topic; all are valid at the time of logging."""
         return {
@@ -111,11 +103,6 @@ class UlogRecording(RecordingReader):
             )
             for name, topic in sorted(self._data.items())
         }
-
-    def fields(self, topic: str) -> Mapping[str, ValueType]:
-        """Return the fields of a topic; see `RecordingReader`."""
-        self._check_topics([topic])
-        return self._data[topic].fields
 
     def columns(self, fields: Mapping[str, Collection[str]]) -> Iterator[MessageColumns]:
         """Return fields of the messages of some topics; see `RecordingReader`."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from enum import StrEnum
 
 from dyknow_common.executables import ERROR, FALSE, SUCCESS
-from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
+from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
 
 
 class Judgement(StrEnum):
@@ -39,23 +40,20 @@ class Judgement(StrEnum):
 
 def reasons(report: FormulaReport) -> Iterator[str]:
     """Yield the lines that say why a formula has its outcome."""
-    decisive = report.decisive
     if len(report.episodes) > 1:
-        counts = dict.fromkeys(Outcome, 0)
-        for episode in report.episodes:
-            counts[episode.outcome] += 1
-        listed = ', '.join(f'{count} {outcome}' for outcome, count in counts.items() if count)
-        yield f'{len(report.episodes)} episodes: {listed}'
-    if report.error is not None:
-        yield report.error.message
-    elif decisive is None:
-        yield 'no episode has begun'
-    elif decisive.error is not None:
-        yield decisive.error.message
-    elif report.outcome is Outcome.UNDECIDED:
-        yield decisive.remainder
-        if report.waits_for:
-            yield report.waits_for
-    else:
-        yield decisive.explanation
+        yield episode_counts(report)
+    yield report.reason
+    if report.outcome is Outcome.UNDECIDED and report.episodes and report.waits_for:
+        yield report.waits_for
     yield from report.events
+
+
+def episode_counts(report: FormulaReport) -> str:
+    """Return the numbers of the episodes of a formula, all and by outcome."""
+    return f'{len(report.episodes)} episodes: {outcome_counts(report.episodes)}'
+
+
+def outcome_counts(found: Sequence[Episode | FormulaReport]) -> str:
+    """Return how many have each outcome, the worst first."""
+    counts = Counter(each.outcome for each in found)
+    return ', '.join(f'{counts[each]} {each}' for each in Outcome if counts[each])

@@ -17,9 +17,9 @@ from junitparser import Error, Failure, JUnitXml, TestCase, TestSuite
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, with_readable_times
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
-from dyknow_recordings.health.expectations import BrokenExpectation
+from dyknow_recordings.health import BrokenExpectation
 from dyknow_recordings.reporting.judgement import Judgement, reasons
-from dyknow_recordings.reporting.outputs import check_place, write_report
+from dyknow_recordings.reporting.outputs import CheckOutput, check_place, write_report
 from dyknow_recordings.reporting.pictures.panels import formula_text
 from dyknow_recordings.reporting.pictures.timeline import extent
 
@@ -29,7 +29,7 @@ _INVALID: Final = re.compile('[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 _CONFIGURATION: Final = 'configuration'
 
 
-class JUnitSuites:
+class JUnitSuites(CheckOutput):
     """A test suite for each recording, and in it a test case for each formula.
 
     Args:

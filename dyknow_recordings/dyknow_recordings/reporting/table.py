@@ -1,4 +1,4 @@
-"""Results of a check as tables on a terminal.
+"""Results of a check, and the health of recordings, as tables on a terminal.
 
 The module is imported where tables are printed alone, as rich is slow to import.
 """
@@ -6,23 +6,28 @@ The module is imported where tables are printed alone, as rich is slow to import
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Final
 
 from rich.table import Table
 from rich.text import Text
 
-from dyknow_common import (
-    DyKnowError,
-    date_time,
-    round_duration,
-    time_since,
-    with_readable_times,
+from dyknow_common import date_time, round_duration, round_time, time_since, with_readable_times
+from dyknow_common.tables import (
+    ReportTable,
+    Terminal,
+    figure,
+    fixed,
+    folded,
+    framed_table,
+    json_document,
+    named,
 )
-from dyknow_common.tables import Terminal, figure, fixed, folded, framed_table
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
-from dyknow_recordings.health.report import print_broken
+from dyknow_recordings.health import BrokenExpectation, RecordingHealth, TopicHealth
 from dyknow_recordings.reading.recording import RecordingReader
 from dyknow_recordings.reporting.judgement import Judgement, reasons
+from dyknow_recordings.reporting.outputs import CheckOutput
 from dyknow_recordings.reporting.pictures.timeline import extent
 
 _PLACE = '\n  '
@@ -30,8 +35,14 @@ _PLACE = '\n  '
 
 _STYLES = {Outcome.TRUE: 'green', Outcome.FALSE: 'red', Outcome.ERROR: 'red'}
 
+_TIMES: Final = frozenset({
+    'start', 'end', 'begin', 'gap', 'gap_begin', 'gap_end', 'offset', 'offset_spread', 'duration',
+    'interval', 'least_interval', 'greatest_interval', 'jitter', 'delays', 'lead', 'silence',
+})  # fmt: skip
+"""The fields in nanoseconds."""
 
-class Tables:
+
+class Tables(CheckOutput):
     """A table for each recording, on the standard output; errors go elsewhere."""
 
     def __init__(self, judgement: Judgement) -> None:
@@ -45,12 +56,6 @@ class Tables:
             _print_place(formula)
         print_broken(report.broken)
         sys.stdout.flush()
-
-    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
-        """Do nothing: there is no result."""
-
-    def close(self, unchecked: Sequence[str]) -> None:
-        """Do nothing: each table has been printed."""
 
 
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
@@ -130,3 +135,64 @@ def _probability(report: FormulaReport) -> str:
     if report.probability == report.probability_so_far:
         return str(report.probability)
     return f'{report.probability}; so far {report.probability_so_far.bounds}'
+
+
+def health_document(health: RecordingHealth) -> dict[str, Any]:
+    """Return the health of a recording as a line of JSON."""
+    return {**json_document(health, _TIMES), 'error': None}
+
+
+def print_health(health: RecordingHealth) -> None:
+    """Print a table of the topics, and the expectations that are broken."""
+    duration = round_duration(health.end - health.start)
+    columns = [
+        named('topic'),
+        *map(figure, ('messages', 'rate', 'jitter', 'gap', 'at', 'delay', 'greatest')),
+        folded('type and faults'),
+    ]
+    rows = [_health_row(each, health.start) for each in health.health]
+    title = Text(f'{health.recording} ({duration} from {date_time(health.start)} on)')
+    Terminal(highlight=False).print(title, ReportTable(columns, rows), sep='\n')
+    print_broken(health.broken_expectations)
+    sys.stdout.flush()
+
+
+def print_broken(found: Iterable[BrokenExpectation]) -> None:
+    """Print the expectations that a recording breaks."""
+    for each in found:
+        Terminal(highlight=False).print(Text(str(each), style='red'))
+
+
+def _health_row(topic: TopicHealth, start: int) -> Sequence[str]:
+    timing, text = topic.timing, '; '.join([topic.message_type, *_remarks(topic)])
+    if timing is None or topic.gap is None or topic.gap_begin is None:
+        return (topic.topic, str(topic.messages), *6 * ('',), text)
+    jitter = '' if timing.interval is None else round_duration(timing.jitter)
+    delays = () if timing.delays is None else (timing.delays[0], timing.delays[-1])
+    return (
+        topic.topic,
+        str(topic.messages),
+        '' if timing.rate is None else f'{timing.rate:.3g} Hz',
+        jitter,
+        round_duration(topic.gap),
+        round_time(topic.gap_begin - start),
+        *(map(round_duration, delays) if delays else ('', '')),
+        text,
+    )
+
+
+def _remarks(topic: TopicHealth) -> Iterator[str]:
+    if topic.timing is not None:
+        numbers = {
+            'without a stamp': topic.unstamped or 0,
+            f'stamped ahead by up to {round_duration(topic.timing.lead)}': topic.stamped_ahead,
+            'out of order': topic.timing.disorders,
+            'missing by the sequence numbers': topic.missing,
+        }
+        yield from ('no stamp',) if topic.unstamped is None else ()
+        yield from (f'{number} {text}' for text, number in numbers.items() if number)
+    yield from topic.faults
+    if topic.offset is not None and topic.offset_spread is not None:
+        distance, spread = map(round_duration, (abs(topic.offset), topic.offset_spread))
+        side = 'after' if topic.offset >= 0 else 'before'
+        yield f'{distance} {side} {topic.offset_from}, give or take {spread}'

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, groupby
+from itertools import chain, count, groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -28,6 +28,7 @@ from dyknow_recordings.markers import (
 from dyknow_recordings.reading.bags.bag_writing import bag_writer
 from dyknow_recordings.reading.opening import open_recording
 from dyknow_recordings.reading.recording import in_order
+from dyknow_recordings.reporting.outputs import CheckOutput
 from dyknow_recordings.reporting.verdict_messages import (
     UNDECIDED,
     diagnostic_status,
@@ -208,8 +209,8 @@ def _failure_time(formula: FormulaReport, report: RecordingReport) -> int:
     return min(max(time, report.start_time), report.end_time)
 
 
-class VerdictRecordings:
-    """The recordings of verdicts of a command: an output, see `CheckOutput`.
+class VerdictRecordings(CheckOutput):
+    """The recordings of verdicts of a command.
 
     Args:
         target: a file that ends in `.mcap`, for one recording; otherwise a folder, which gets a
@@ -243,17 +244,10 @@ class VerdictRecordings:
         except OSError as error:
             raise RecordingError(f'cannot write {path}: {error.strerror}') from None
 
-    def add_failure(self, recording: str | None, error: DyKnowError) -> None:
-        """Do nothing: there is no verdict."""
-
-    def close(self, unchecked: Sequence[str]) -> None:
-        """Do nothing: each recording is complete."""
-
     def _path(self, report: RecordingReport) -> Path:
         if self._is_file:
             return self._target
-        stem = Path(report.recording).resolve().stem
-        names = (stem if number == 1 else f'{stem}_{number}' for number in count(1))
+        names = _numbered(Path(report.recording).resolve().stem)
         path = next(
             path for name in names if (path := self._target / f'{name}.mcap') not in self._used
         )
@@ -406,12 +400,13 @@ def _topics(names: Sequence[str]) -> list[str]:
     """Return the topics of the numbers of formulas."""
     topics: list[str] = []
     for name in names:
-        word = verdict_token(name)
-        numbered = (word if number == 1 else f'{word}_{number}' for number in count(1))
-        topics.append(
-            next(topic for each in numbered if (topic := f'{VERDICTS}/{each}') not in topics)
-        )
+        numbered = _numbered(f'{VERDICTS}/{verdict_token(name)}')
+        topics.append(next(topic for topic in numbered if topic not in topics))
     return topics
+
+
+def _numbered(name: str) -> Iterator[str]:
+    return chain([name], (f'{name}_{number}' for number in count(2)))
 
 
 @dataclass(frozen=True, slots=True)

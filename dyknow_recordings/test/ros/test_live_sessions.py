@@ -24,7 +24,7 @@ from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import FormulaReport
-from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, NoVocabulary
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, Vocabulary
 
 MS = 1_000_000
 SPECIFICATIONS = {
@@ -175,7 +175,7 @@ HAND_OVERS = [
 WORLDS = st.builds(World, st.fixed_dictionaries(dict.fromkeys('abcde', PUBLISHED)), EDGES)
 
 
-class Carriers(NoVocabulary):
+class Carriers(Vocabulary):
     """A vocabulary in which several streams carry each feature."""
 
     def matching_streams(self, concept: str) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ Stored annotations are checked anew as the ontology and the types of streams bec
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -191,86 +191,72 @@ def check_fields(
             feature (a float feature may have an int field), and a field that names objects but is
             not a string.
     """
-    type_of = partial(_type_of, annotation, owner, _available(annotation, owner, fields))
+    checker = _FieldChecker(annotation, owner, fields)
     for content in annotation.contents:
-        feature = knowledge.feature(content.feature.name)
+        checker.check_content(content, knowledge.feature(content.feature.name))
+    for key in annotation.keys:
+        checker.check_key(key)
+
+
+class _FieldChecker:
+    """A check of one annotation against the fields of its stream."""
+
+    def __init__(
+        self, annotation: Annotation, owner: str, fields: Mapping[str, ValueType | None]
+    ) -> None:
+        self._text = annotation.text
+        self._owner = owner
+        self._fields = fields
+        if annotation.elements is not None:
+            found = element_fields(fields, annotation.elements)
+            if isinstance(found, str):
+                position = annotation.contents[0].feature.position
+                raise self._error(f'{owner}: {found}', position, ExitCode.NOT_FOUND)
+            self._fields = found
+
+    def check_content(self, content: Content, feature: FeatureSignature) -> None:
+        """Check that a field has values of its feature, and that a condition can be compared."""
         is_number = feature.value_type in {ValueType.INT, ValueType.FLOAT}
         field = number_of(content.field) if is_number else content.field
-        found = type_of(field, content.feature.position)
+        position = content.feature.position
+        found = self._type_of(field, position)
         if not feature.value_type.accepts(found):
-            raise ANNOTATION.error(
-                f"feature '{feature.name}' has values of the type {feature.value_type}, "
-                f"but field '{field}' of {owner} is of the type {found}",
-                annotation.text,
-                content.feature.position,
-            )
-        _check_unless(annotation, owner, content, type_of)
-    for key in annotation.keys:
-        _check_key(annotation, owner, key, type_of)
+            message = f"feature '{feature.name}' has values of the type {feature.value_type}, but "
+            raise self._error(f'{message}{self._typed(field, found)}', position)
+        if content.unless is not None:
+            field, condition = content.unless
+            found, wanted = self._type_of(field, position), ValueType.of(condition.value)
+            if not (found.accepts(wanted) or wanted.accepts(found)):
+                message = f'{self._typed(field, found)}, which cannot be compared with '
+                raise self._error(message + value_text(condition.value), position)
 
-
-def _check_unless(
-    annotation: Annotation,
-    owner: str,
-    content: Content,
-    type_of: Callable[[str, TextPosition], ValueType],
-) -> None:
-    """Check that the field of the condition can be compared."""
-    if content.unless is None:
-        return
-    field, condition = content.unless
-    found, wanted = type_of(field, content.feature.position), ValueType.of(condition.value)
-    if not (found.accepts(wanted) or wanted.accepts(found)):
-        message = (
-            f"field '{field}' of {owner} is of the type {found}, which cannot be compared with "
-        )
-        raise ANNOTATION.error(
-            message + value_text(condition.value), annotation.text, content.feature.position
+    def check_key(self, key: Key) -> None:
+        """Check that a field holds the names of objects, or numbers that are parts of these."""
+        field, *_ = key.parts
+        found = self._type_of(field, key.position)
+        if found is ValueType.STRING or (found is ValueType.INT and field != key.field):
+            return
+        hint = f'; write {key.variable} = "name_%{field}%"' if found is ValueType.INT else ''
+        raise self._error(
+            f"the field that names the object '{key.variable}' must be of the type string, "
+            f"but '{field}' of {self._owner} is of the type {found}{hint}",
+            key.position,
         )
 
+    def _type_of(self, field: str, position: TextPosition) -> ValueType:
+        found = field_type(self._fields, field) if listed_as(self._fields, field) else None
+        if found is None:
+            message = absence(self._owner, self._fields, field)
+            raise self._error(message, position, ExitCode.NOT_FOUND)
+        return found
 
-def _check_key(
-    annotation: Annotation, owner: str, key: Key, type_of: Callable[[str, TextPosition], ValueType]
-) -> None:
-    """Check that a field holds the names of objects, or numbers that are parts of these."""
-    field, *_ = key.parts
-    found = type_of(field, key.position)
-    if found is ValueType.STRING or (found is ValueType.INT and field != key.field):
-        return
-    hint = f'; write {key.variable} = "name_%{field}%"' if found is ValueType.INT else ''
-    raise ANNOTATION.error(
-        f"the field that names the object '{key.variable}' must be of the type string, "
-        f"but '{field}' of {owner} is of the type {found}{hint}",
-        annotation.text,
-        key.position,
-    )
+    def _typed(self, field: str, found: ValueType) -> str:
+        return f"field '{field}' of {self._owner} is of the type {found}"
 
-
-def _available(
-    annotation: Annotation, owner: str, fields: Mapping[str, ValueType]
-) -> Mapping[str, ValueType | None]:
-    """Return the fields of the samples of an annotated stream."""
-    if annotation.elements is None:
-        return fields
-    found = element_fields(fields, annotation.elements)
-    if isinstance(found, str):
-        position = annotation.contents[0].feature.position
-        raise ANNOTATION.error(f'{owner}: {found}', annotation.text, position, ExitCode.NOT_FOUND)
-    return found
-
-
-def _type_of(
-    annotation: Annotation,
-    owner: str,
-    fields: Mapping[str, ValueType | None],
-    field: str,
-    position: TextPosition,
-) -> ValueType:
-    found = field_type(fields, field) if listed_as(fields, field) else None
-    if found is None:
-        message = absence(owner, fields, field)
-        raise ANNOTATION.error(message, annotation.text, position, ExitCode.NOT_FOUND)
-    return found
+    def _error(
+        self, message: str, position: TextPosition, code: ExitCode = ExitCode.INVALID_ARGUMENT
+    ) -> LanguageError:
+        return ANNOTATION.error(message, self._text, position, code)
 
 
 @dataclass(frozen=True, slots=True)

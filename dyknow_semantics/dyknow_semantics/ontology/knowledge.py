@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from functools import cache, partial
 from typing import Final
 
 from dyknow_common import ExitCode
@@ -71,14 +72,13 @@ class Knowledge:
         self._types = index.types_of_instances(self._concepts)
         self.prefixes = Prefixes(index.by_predicate[vocabulary.PREFIX])
         self.concept_names = Names('concept', self._concepts, self.prefixes)
+        self._names_of = cache(partial(_sorted_names, self.concept_names, self._concepts))
         self.instance_names = Names('instance', self._types, self.prefixes)
         self._identities = self._unify(Taxonomy(index.symmetric(vocabulary.SAME_AS)))
         reader = SignatureReader(self._taxonomy, index.by_subject, self.concept_names)
         below = self._taxonomy.below(vocabulary.FEATURE) & self._concepts
         self._features = reader.read(below - {vocabulary.FEATURE, vocabulary.NULLARY_FEATURE})
         self._instances = self._instances_of_concepts()
-        self._subconcepts: dict[str, tuple[str, ...]] = {}
-        self._superconcepts: dict[str, tuple[str, ...]] = {}
         self._identities_of: dict[str, frozenset[str]] = {}
 
     @property
@@ -121,17 +121,11 @@ class Knowledge:
 
     def subconcepts(self, concept: str) -> tuple[str, ...]:
         """Return a concept, those equivalent to it, and all below it."""
-        iri = self.concept_names.iri(concept)
-        if iri not in self._subconcepts:
-            self._subconcepts[iri] = self._names_of(self._taxonomy.below(iri))
-        return self._subconcepts[iri]
+        return self._names_of(self._taxonomy.below(self.concept_names.iri(concept)))
 
     def superconcepts(self, concept: str) -> tuple[str, ...]:
         """Return a concept, those equivalent to it, and all above it."""
-        iri = self.concept_names.iri(concept)
-        if iri not in self._superconcepts:
-            self._superconcepts[iri] = self._names_of(self._taxonomy.above(iri))
-        return self._superconcepts[iri]
+        return self._names_of(self._taxonomy.above(self.concept_names.iri(concept)))
 
     def instances(self, concept: str) -> tuple[str, ...]:
         """Return the instances of a concept and of all concepts below it, each once.
@@ -235,9 +229,6 @@ class Knowledge:
             chosen.setdefault(self.identity(name), name)
         return tuple(sorted(chosen.values()))
 
-    def _names_of(self, concepts: frozenset[str]) -> tuple[str, ...]:
-        return tuple(sorted(map(self.concept_names.name, concepts & self._concepts)))
-
 
 class _TripleIndex:
     """Triples by subject, and pairs of subject and object by predicate."""
@@ -288,6 +279,10 @@ class _TripleIndex:
                 for part in self.by_subject[cell].get(vocabulary.FIRST, []):
                     yield whole, part
                 cell = next(iter(self.by_subject[cell].get(vocabulary.REST, [])), vocabulary.NIL)
+
+
+def _sorted_names(names: Names, known: set[str], concepts: frozenset[str]) -> tuple[str, ...]:
+    return tuple(sorted(map(names.name, concepts & known)))
 
 
 def _is_named(node: str) -> bool:

@@ -1,6 +1,6 @@
 """The store of an ontology: an SQLite file, read and written through owlready2.
 
-Beside this module, only modules that run in worker processes import owlready2.
+Beside this module, only functions that run in worker processes use owlready2.
 """
 
 from __future__ import annotations

@@ -36,28 +36,22 @@ class Taxonomy:
         for child, parent in pairs:
             parents[child].add(parent)
             children[parent].add(child)
-        self._above = cache(partial(_reachable, parents))
-        self._below = cache(partial(_reachable, children))
+        self.above = cache(partial(_reachable, parents))
+        """Returns a concept and all that lie above it."""
+        self.below = cache(partial(_reachable, children))
+        """Returns a concept and all that lie below it."""
         self._check_size({*parents, *children})
 
     def _check_size(self, concepts: Iterable[str]) -> None:
         """Check that the closure is small; a long chain has a large one."""
         size = 0
         for concept in concepts:
-            size += len(self._above(concept))
+            size += len(self.above(concept))
             if size > MAX_PAIRS:
                 raise SemanticsError(
                     f'the ontology has more than {MAX_PAIRS:,} pairs of a concept, or a name of an '
                     'instance, and one above it or the same; make its hierarchy flatter'
                 )
-
-    def above(self, concept: str) -> frozenset[str]:
-        """Return a concept and all that lie above it."""
-        return self._above(concept)
-
-    def below(self, concept: str) -> frozenset[str]:
-        """Return a concept and all that lie below it."""
-        return self._below(concept)
 
     def specific_first(self, concepts: Iterable[str]) -> list[str]:
         """Sort concepts: each before all that lie strictly above it, otherwise by name."""

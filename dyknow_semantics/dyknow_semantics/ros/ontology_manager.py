@@ -132,17 +132,12 @@ class OntologyManager(DyKnowNode):
         response.concepts = list(self._ontology.knowledge.concepts(request.instance_name))
 
     async def _load(self, request: Any, _response: Any) -> None:
-        path_or_iri, content = request.path_or_iri, request.content
-        if bool(path_or_iri) == bool(content):
+        if bool(request.path_or_iri) == bool(request.content):
             raise SemanticsError(
                 'give either path_or_iri, the path or the IRI of an ontology, or its content'
             )
         known = self._ontology.ontologies
-        await self._inference.load(
-            self._work.read_text(content, request.format, known)
-            if content
-            else self._work.read(path_or_iri, known)
-        )
+        await self._inference.load(self._work.read(request, known))
 
     async def _query(self, request: Any, response: Any) -> None:
         if request.sparql == ALL_TRIPLES:
@@ -267,19 +262,19 @@ class OntologyWork:
         except RecursionError:
             raise SemanticsError(f"'{path_or_iri}' nests too deeply; make it flatter") from None
 
-    async def read(self, path_or_iri: str, known: Iterable[str]) -> tuple[Document, ...]:
-        """Return the documents at a path or an address."""
-        return await self._reading.run(
-            self._read, read_documents, path_or_iri, tuple(known), self._limits.access
+    async def read(self, request: Any, known: Iterable[str]) -> tuple[Document, ...]:
+        """Return the document in an OntologyLoad request, or those at its path or address."""
+        place = 'the content' if request.content else f"'{shortened(request.path_or_iri)}'"
+        given = (request.content, request.format) if request.content else (request.path_or_iri,)
+        work = Work(
+            read_text if request.content else read_documents,
+            (*given, tuple(known), self._limits.access),
+            f'reading {place}',
+            self._limits.load_limit_s,
+            'split or simplify it, or increase load_limit or worker_memory',
         )
-
-    async def read_text(
-        self, text: str, format_: str, known: Iterable[str]
-    ) -> tuple[Document, ...]:
-        """Return the document in a text."""
-        return await self._reading.run(
-            self._read, read_text, text, format_, tuple(known), self._limits.access
-        )
+        documents: tuple[Document, ...] = await self._reading.run(work.run, self._readers)
+        return documents
 
     async def answer(
         self, ontology: Ontology, make_copy: Callable[[], Awaitable[Path]], sparql: str
@@ -295,19 +290,6 @@ class OntologyWork:
     @staticmethod
     def _remove(copy: Path) -> None:
         copy.unlink(missing_ok=True)
-
-    def _read(
-        self, function: Callable[..., tuple[Document, ...]], *arguments: Any
-    ) -> tuple[Document, ...]:
-        place = 'the content' if function is read_text else f"'{shortened(arguments[0])}'"
-        documents: tuple[Document, ...] = Work(
-            function,
-            arguments,
-            f'reading {place}',
-            self._limits.load_limit_s,
-            'split or simplify it, or increase load_limit or worker_memory',
-        ).run(self._readers)
-        return documents
 
     def _answer(
         self, ontology: Ontology, copy: Path, sparql: str

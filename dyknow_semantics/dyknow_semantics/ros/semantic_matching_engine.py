@@ -12,8 +12,12 @@ from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.matching import MAX_MATCHES, Matcher
 from dyknow_semantics.ontology.knowledge import Knowledge
-from dyknow_semantics.ros.lengths import check_length, max_characters
-from dyknow_semantics.ros.mirrors import mirror_annotations, mirror_ontologies
+from dyknow_semantics.ros.mirrors import (
+    check_length,
+    max_characters,
+    mirror_annotations,
+    mirror_ontologies,
+)
 
 
 class SemanticMatchingEngine(DyKnowNode):

@@ -15,7 +15,6 @@ from dyknow_interfaces.srv import (
     RemoveSemanticSpecification,
     StreamGetTopic,
 )
-from rclpy.exceptions import InvalidTopicNameException
 
 from dyknow_common import DyKnowError, read_file
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, RemoteNode, only_owner, run
@@ -33,14 +32,18 @@ from dyknow_semantics.annotations.checking import (
 from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Knowledge
-from dyknow_semantics.ros.lengths import check_length, max_characters
-from dyknow_semantics.ros.mirrors import VersionPublisher, mirror_ontologies
-from dyknow_stream_processing.ros import message_class, scalar_fields
+from dyknow_semantics.ros.mirrors import (
+    VersionPublisher,
+    check_length,
+    max_characters,
+    mirror_ontologies,
+)
+from dyknow_stream_processing import SAMPLE_TYPE
+from dyknow_stream_processing.ros import find_publication, message_class, scalar_fields
 
 CHECK_PERIOD_S: Final = 1.0
 """Time between two looks whether the types of more streams are known."""
 
-_SAMPLE: Final = 'dyknow_interfaces/msg/Sample'
 _TIMEOUT_S: Final = 1.0
 """The longest wait for the stream manager; without an answer the fields are not checked."""
 
@@ -220,11 +223,10 @@ class StreamFields:
 
     def _type_of_topic(self, topic: str) -> str:
         try:
-            infos = self._node.get_publishers_info_by_topic(topic)
-        except (ValueError, InvalidTopicNameException):
-            return ''  # Not the name of a topic: nothing is ever published there.
-        types = {info.topic_type for info in infos}
-        return types.pop() if len(types) == 1 else ''
+            found = find_publication(self._node, topic)
+        except DyKnowError:
+            return ''  # It has several types, or the name is invalid.
+        return '' if found is None else found.type_name
 
     async def _request_type(self, stream: str) -> str:
         if not self._manager.alive:
@@ -243,7 +245,7 @@ class StreamFields:
 def fields_of(type_name: str) -> Fields | None:
     """Return a message type and the types of its fields; `None` if they are unknown."""
     # The type of a sample says nothing about its fields.
-    if type_name in {'', _SAMPLE}:
+    if type_name in {'', SAMPLE_TYPE}:
         return None
     try:
         return type_name, scalar_fields(message_class(type_name))

@@ -57,8 +57,7 @@ class Track:
     def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
         """Add a sample after the position, and the promise that it carries."""
         self.waiting.append((valid_time, fields))
-        if watermark > self.settled:
-            self.settled = watermark
+        self.promise(watermark)
 
     def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:
         """Replace the latest sample by another one that is valid at the position."""
@@ -124,9 +123,9 @@ class Track:
 
 
 class LinearTrack(Track):
-    """Numbers of a stream, interpolated between two samples.
+    """Numbers of a stream, floats, interpolated between two samples.
 
-    All numbers become floats; other values keep their latest value.
+    Other values keep their latest value.
     """
 
     _needed_samples: ClassVar = 2
@@ -134,15 +133,6 @@ class LinearTrack(Track):
     def __init__(self, source: Operator) -> None:
         super().__init__(source)
         self.settled = BEGINNING
-
-    def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
-        """Add a sample after the position, and the promise that it carries."""
-        self.waiting.append((valid_time, _as_floats(fields)))
-        self.promise(watermark)
-
-    def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Replace the latest sample by another one that is valid at the position."""
-        self._valid_time, self.latest = valid_time, _as_floats(fields)
 
     def promise(self, watermark: int) -> None:
         """Process a promise; it counts if it covers the last sample."""
@@ -211,10 +201,6 @@ def _float_column(column: NDArray[np.generic]) -> NDArray[np.generic]:
     if column.dtype.kind == 'O' and not all(type(each) is str for each in column):
         refuse(Refusal.FIELDS)
     return column
-
-
-def _as_floats(fields: Mapping[str, Value]) -> Mapping[str, Value]:
-    return {name: float(value) if type(value) is int else value for name, value in fields.items()}
 
 
 def _between(value: Value, following: Value | None, share: float) -> Value:

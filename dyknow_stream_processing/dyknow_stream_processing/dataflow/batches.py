@@ -101,7 +101,6 @@ class Planned:
     """The planned result of an operator for a batch.
 
     Args:
-        output: the samples that it emits.
         watermark: its watermark afterwards.
         adopt: changes its state; the inputs have done so before.
     """

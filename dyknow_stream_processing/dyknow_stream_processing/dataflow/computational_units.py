@@ -118,11 +118,6 @@ def load_units() -> Mapping[str, Unit]:
 class UnitCall:
     """One use of a computational unit, as a function of the samples of its inputs.
 
-    Args:
-        unit: as it is registered.
-        declaration: of the unit.
-        arguments: its settings.
-
     Raises:
         StreamError: if the unit is a class that cannot be instantiated.
     """
@@ -137,7 +132,8 @@ class UnitCall:
         """The fields of each input."""
         self._call: Unit = _instance(unit, declaration.name, named)
         self._is_monotone = unit is units.Convert
-        self._takes_time = _takes_time(self._call)
+        self.takes_time = _takes_time(self._call)
+        """True if it gets the valid time."""
         self.outputs = {each.name: each.type for each in declaration.outputs}
         """The types of the fields of its results."""
         self._plain_types = {_PYTHON_TYPES[each] for each in self.outputs.values()}
@@ -146,7 +142,7 @@ class UnitCall:
         self, valid_time: int, inputs: Sequence[Mapping[str, Value]]
     ) -> Mapping[str, Value] | None:
         """Return the result, if there is one; user code may raise any exception."""
-        timing = {TIME: valid_time} if self._takes_time else {}
+        timing = {TIME: valid_time} if self.takes_time else {}
         value = self._call(*inputs, **timing)
         if value is None:
             return None
@@ -156,11 +152,6 @@ class UnitCall:
         if len(self._plain_types) == 1 and self._plain_types == {*map(type, found.values())}:
             return dict(found)
         return {name: _typed(each, self.outputs[name]) for name, each in found.items()}
-
-    @property
-    def is_timeless(self) -> bool:
-        """True if it does not get the valid time."""
-        return not self._takes_time
 
     @property
     def warning(self) -> str:
@@ -232,9 +223,8 @@ class UnitOperator(SynchronisedOperator):
         self._name = declaration.name
         self.call = UnitCall(unit, declaration, arguments)
         self._is_stateless = unit in STATELESS_UNITS
-        self._keeps_alternatives = self.call.is_timeless and (
-            self._is_stateless or not isclass(unit)
-        )
+        has_memory = isclass(unit) and not self._is_stateless
+        self._keeps_alternatives = not (self.call.takes_time or has_memory)
         self._open: StreamError | None = None
         """Why it computes nothing any more: the times of samples in its memory are open."""
 

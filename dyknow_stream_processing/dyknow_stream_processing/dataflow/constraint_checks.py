@@ -121,8 +121,7 @@ class OrderOperator(LeadOperator):
     counts as sent with the latest one. With times of sending, the clock makes a time certain.
 
     Args:
-        max_lead: the lead in nanoseconds up to which a sample is passed on.
-        is_default: see `LeadOperator`.
+        max_lead, is_default: see `LeadOperator`.
         delays: the delays up to which a sample is passed on.
     """
 
@@ -215,8 +214,7 @@ class ArrivalOperator(LeadOperator):
     does. Samples of another engine come in any order, with the watermarks of that engine.
 
     Args:
-        max_lead: the lead in nanoseconds up to which a sample is passed on.
-        is_default: see `LeadOperator`.
+        max_lead, is_default: see `LeadOperator`.
         reorder: True if samples come in any order, False if in order; `None`: as the source says.
     """
 

@@ -116,17 +116,15 @@ class DistanceOperator(Operator):
     def promise(self, port: int, watermark: int, now: int) -> None:  # noqa: ARG002
         """Report the gap if no sample can be in time any more."""
         if self._latest is not None and watermark > self._latest:
-            self._report_gap(self._latest, watermark)
+            self._miss(watermark)
         self._promise(watermark, now)
         self._plan()
 
     def wake(self, now: int) -> None:
-        """Report the gap once the clock makes it certain that the next sample is not in time."""
-        if self._latest is None:
-            return
-        certain = self.certain_at(self._latest)
+        """Process that a sample is missing, once the clock makes that certain."""
+        certain = self._missing_at()
         if certain is not None and certain <= now:
-            self._report_gap(self._latest, now)
+            self._miss(now)
         else:
             self._plan()
 
@@ -160,17 +158,20 @@ class DistanceOperator(Operator):
         return latest if self._end is None or latest <= self._end else None
 
     def _plan(self) -> None:
-        """Wake when the clock makes a gap certain, if it can."""
-        if self.timed and self._latest is not None:
-            certain = self.certain_at(self._latest)
-            if certain is not None:
-                self._scheduler.wake_at(self, certain)
+        if self.timed and (certain := self._missing_at()) is not None:
+            self._scheduler.wake_at(self, certain)
 
-    def _report_gap(self, latest: int, until: int) -> None:
-        self._latest = None
-        last = latest - self._longest
-        message = f'no sample after the one valid at {round_time(last)}; {self._demand}'
-        self._violate(Fault(self._kind, latest, message, until - last, self._longest))
+    def _missing_at(self) -> int | None:
+        """Return when the clock makes it certain that no sample is in time; None if it does not."""
+        return None if self._latest is None else self.certain_at(self._latest)
+
+    def _miss(self, until: int) -> None:
+        """Report the gap, given the time or the promise that has revealed it."""
+        if self._latest is not None:
+            latest, self._latest = self._latest, None
+            last = latest - self._longest
+            message = f'no sample after the one valid at {round_time(last)}; {self._demand}'
+            self._violate(Fault(self._kind, latest, message, until - last, self._longest))
 
     def _fault(self, valid_time: int, observed: int, allowed: int) -> Fault:
         message = (
@@ -228,16 +229,6 @@ class ExpiryOperator(DistanceOperator):
             self._promise(watermark, now)
         self._plan()
 
-    def wake(self, now: int) -> None:
-        """Let the value expire once the clock makes it certain that no sample is in time."""
-        if self._latest is None or self._latest > self.covered_until():
-            return
-        certain = self.certain_at(self._latest)
-        if certain is not None and certain <= now:
-            self._expire(self._latest, now)
-        else:
-            self._plan()
-
     def step_many(self, inputs: Sequence[SampleBatch], end: int) -> Planned:
         """Plan to pass all samples on, if no value expires."""
         (batch,) = inputs
@@ -247,10 +238,14 @@ class ExpiryOperator(DistanceOperator):
             refuse(Refusal.VALUE)
         return super().step_many([replace(batch, columns=columns)], end)
 
-    def _plan(self) -> None:
-        """Wake when the clock lets the value expire; a promise of another engine comes before."""
-        if self._latest is not None and self._latest <= self.covered_until():
-            super()._plan()
+    def _missing_at(self) -> int | None:
+        """Return when the clock lets the value expire; a promise of another engine comes before."""
+        is_covered = self._latest is not None and self._latest <= self.covered_until()
+        return super()._missing_at() if is_covered else None
+
+    def _miss(self, until: int) -> None:
+        if self._latest is not None:
+            self._expire(self._latest, until)
 
     def _expire(self, watermark: int, now: int) -> None:
         if self._latest is not None:

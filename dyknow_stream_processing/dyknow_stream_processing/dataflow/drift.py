@@ -90,7 +90,6 @@ class DriftTest:
     """Compares values with the forecast of them, at most one in each block of time.
 
     Args:
-        promise: of the calibration.
         horizon: how far ahead the forecast is, in nanoseconds.
         step: between the times of the forecast, in nanoseconds.
     """

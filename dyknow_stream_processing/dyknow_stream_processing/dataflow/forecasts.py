@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -39,6 +40,7 @@ Fields = Mapping[str, Any]
 Floats = NDArray[np.float64]
 
 
+@dataclass(eq=False)
 class Forecast(ABC):
     """A forecast of the field `value`, at multiples of a step until a horizon.
 
@@ -55,7 +57,13 @@ class Forecast(ABC):
         ValueError: naming the argument that is at fault.
     """
 
-    def __init__(self, horizon: int, step: int, bound: str = 'high', widening: str = '') -> None:
+    horizon: int
+    step: int
+    bound: str = 'high'
+    widening: str = ''
+
+    def __post_init__(self) -> None:
+        horizon, step = self.horizon, self.step
         if step <= 0 or horizon < step or horizon % step:
             raise ValueError(
                 f'step is {step} ns and horizon {horizon} ns; write a horizon that is a multiple '
@@ -63,12 +71,11 @@ class Forecast(ABC):
             )
         if horizon // step > MAX_STEPS:
             raise ValueError(f'the horizon has more than {MAX_STEPS} steps; write a longer step')
-        if bound not in _BOUNDS:
-            raise ValueError(f'bound is \'{bound}\'; write "low" or "high"')
+        if self.bound not in _BOUNDS:
+            raise ValueError(f'bound is \'{self.bound}\'; write "low" or "high"')
         self.times: Floats = np.arange(horizon // step + 1, dtype=np.float64) * (step / SECOND_NS)
         """The times of the forecast in seconds from the sample on."""
-        self._is_high = bound == 'high'
-        numbers, _, promise = widening.partition(';')
+        numbers, _, promise = self.widening.partition(';')
         self._widening = np.array([float(each) for each in numbers.split()] or 0.0)
         if self._widening.ndim and len(self._widening) != len(self.times):
             raise ValueError(
@@ -92,9 +99,10 @@ class Forecast(ABC):
         widths = np.maximum(half_widths + self._widening, 0.0)
         if self.drift:
             self.drift.note(valid_time, fields['value'], float(values[-1]), float(widths[-1]))
-        return float((values + widths).max() if self._is_high else (values - widths).min())
+        return float((values + widths).max() if self.bound == 'high' else (values - widths).min())
 
 
+@dataclass(eq=False)
 class ConstantVelocity(Forecast):
     """The value goes on changing at its present rate.
 
@@ -104,38 +112,27 @@ class ConstantVelocity(Forecast):
         horizon, step, bound, widening: as of `Forecast`.
     """
 
-    def __init__(
-        self,
-        horizon: int,
-        step: int,
-        bound: str = 'high',
-        widening: str = '',
-        acceleration: float = 0.0,
-    ) -> None:
-        super().__init__(horizon, step, bound, widening)
-        self._half_widths = _not_negative('acceleration', acceleration) / 2 * self.times**2
+    acceleration: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._half_widths = _not_negative('acceleration', self.acceleration) / 2 * self.times**2
 
     def forecast(self, fields: Fields, valid_time: int) -> tuple[Floats, Floats]:  # noqa: ARG002
         """Extrapolate `value` with `rate`, its change per second."""
         return fields['value'] + fields['rate'] * self.times, self._half_widths
 
 
+@dataclass(eq=False)
 class _InThePlane(ConstantVelocity):
     """A coordinate of a vehicle in the plane: `axis` is `x` or `y`."""
 
-    def __init__(
-        self,
-        horizon: int,
-        step: int,
-        bound: str = 'high',
-        widening: str = '',
-        acceleration: float = 0.0,
-        axis: str = 'x',
-    ) -> None:
-        super().__init__(horizon, step, bound, widening, acceleration)
-        if axis not in {'x', 'y'}:
-            raise ValueError(f'axis is \'{axis}\'; write "x" or "y"')
-        self._is_x = axis == 'x'
+    axis: str = 'x'
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.axis not in {'x', 'y'}:
+            raise ValueError(f'axis is \'{self.axis}\'; write "x" or "y"')
 
 
 class ConstantTurnRate(_InThePlane):
@@ -153,7 +150,7 @@ class ConstantTurnRate(_InThePlane):
         """Follow the arc of `speed` (m/s) and `turn` (rad/s) from the orientation `qx` to `qw`."""
         qx, qy, qz, qw = (fields[name] for name in ('qx', 'qy', 'qz', 'qw'))
         yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-        yaw -= 0.0 if self._is_x else math.pi / 2
+        yaw -= 0.0 if self.axis == 'x' else math.pi / 2
         half_turn = fields['turn'] * self.times / 2
         # The chord of the arc; numpy's sinc(x) is sin(pi x) / (pi x), which is 1 without a turn.
         chord = fields['speed'] * self.times * np.sinc(half_turn / math.pi)
@@ -196,7 +193,7 @@ class PlannedPath(_InThePlane):
         along, points = self._path[:, 2], self._path[:, :2]
         passed = _nearest(points, along, here)
         rate = 1.0 if self._is_timed else abs(fields['speed'])
-        way = np.interp(passed + rate * self.times, along, points[:, 0 if self._is_x else 1])
+        way = np.interp(passed + rate * self.times, along, points[:, 0 if self.axis == 'x' else 1])
         return fields['value'] + (way - way[0]), self._half_widths
 
 
@@ -228,6 +225,7 @@ def _nearest(points: Floats, along: Floats, here: Floats) -> float:
     return float(along[index] + parts[index] * steps[index])
 
 
+@dataclass(eq=False, kw_only=True)
 class Kalman(Forecast):
     """A Kalman filter of a value and its rate, which it estimates from the values alone.
 
@@ -241,18 +239,13 @@ class Kalman(Forecast):
         horizon, step, bound, widening: as of `Forecast`.
     """
 
-    def __init__(
-        self,
-        acceleration: float,
-        noise: float,
-        horizon: int,
-        step: int,
-        bound: str = 'high',
-        widening: str = '',
-    ) -> None:
-        super().__init__(horizon, step, bound, widening)
-        self._acceleration = _not_negative('acceleration', acceleration) ** 2
-        self._noise = _not_negative('noise', noise) ** 2
+    acceleration: float
+    noise: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._acceleration = _not_negative('acceleration', self.acceleration) ** 2
+        self._noise = _not_negative('noise', self.noise) ** 2
         self._time: int | None = None
         self._state = np.zeros(2)
         self._covariance = np.zeros((2, 2))

@@ -78,15 +78,7 @@ class _ArrivalChecks:
 
 
 class OperatorGraph:
-    """The running operators; each is kept as long as an operator or a stream uses its samples.
-
-    Args:
-        scheduler: wakes the operators.
-        units: the computational units by name.
-        source_type: returns the type of a topic.
-        max_lead: of topics for which a stream gives none, in nanoseconds.
-        delays: of topics for which a stream gives no `max_delay`.
-    """
+    """The running operators; each is kept as long as an operator or a stream uses its samples."""
 
     def __init__(
         self,

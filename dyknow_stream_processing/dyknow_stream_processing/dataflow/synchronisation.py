@@ -416,7 +416,10 @@ class LinearSyncOperator(SyncOperator):
     ) -> None:
         """Receive a sample, until the clocks of hosts leave the time of one open."""
         if self._open is None and not Alternatives.are_among(fields.values()):
-            super().receive(port, valid_time, fields, watermark, now)
+            floats = {
+                name: float(each) if type(each) is int else each for name, each in fields.items()
+            }
+            super().receive(port, valid_time, floats, watermark, now)
             return
         self._open = self._open or open_value(fields, 'interpolated')
         self._reject(Fault(ViolationKind.FIELDS, valid_time, self._open.message))

@@ -132,7 +132,6 @@ class BuiltInSource(_Constrained):
     """A built-in source, `tf("map", "base_link")`.
 
     Args:
-        kind: of the source.
         arguments: two frames, an action, or a topic.
         window: in which the messages of a topic are counted, nanoseconds; 0 for other sources.
     """
@@ -164,7 +163,6 @@ class UnitArgument(SyntaxNode):
     """A setting of a computational unit, `window = 5 s`.
 
     Args:
-        name: of the parameter of the unit.
         value: a duration is in nanoseconds.
         is_duration: true if the value was written with a unit of time.
     """
@@ -184,9 +182,7 @@ class Call(_Constrained):
     """A computational unit over streams, `power(select voltage, current from battery)`.
 
     Args:
-        unit: the name of the computational unit.
         inputs: one stream for each of its parameters.
-        arguments: its settings.
         declaration: of the unit; known after the resolution of names.
     """
 
@@ -204,7 +200,6 @@ class Selection(SyntaxNode):
     """One field of a select, `power as "Power[%id%]"`.
 
     Args:
-        field: the field to select.
         renaming: its name in the result, where `%C%` stands for the value of field `C` and `%%` for
             a percent sign; `None` keeps the name.
         unless: the value, a number, is NaN in samples that satisfy this.
@@ -250,8 +245,6 @@ class Select(_Constrained):
     """Some fields of those samples of a stream that satisfy every condition.
 
     Args:
-        selections: the fields.
-        source: the stream.
         conditions: a sample must satisfy all.
         elements: of an array of the messages of the source; each is a sample.
     """

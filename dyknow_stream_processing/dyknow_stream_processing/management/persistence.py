@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Iterable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -43,10 +44,7 @@ class PersistenceFile:
         if not self._path.is_file():
             message = f'cannot read the streams in {self._path}: it is no regular file'
             raise StreamError(message)
-
-        def parse(text: str) -> tuple[Stream, ...]:
-            return streams_from_json(text, self._manager)
-
+        parse = partial(streams_from_json, manager=self._manager)
         return read_file(self._path, 'streams', parse, StreamError)
 
     def write(self, streams: Iterable[Stream]) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
-from dyknow_common import ExitCode, StreamConstraints
+from dyknow_common import ExitCode
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.resolution import free_names
@@ -19,6 +19,7 @@ from dyknow_stream_processing.language.specification import Specification
 from dyknow_stream_processing.management.naming import Namespaces, NamingConvention, namespace_of
 from dyknow_stream_processing.management.relocation import (
     aliases,
+    in_namespace,
     with_absolute_topics,
     with_aliases,
     without,
@@ -275,19 +276,11 @@ class StreamRegistry:
             text = with_absolute_topics(text, self._namespace)
         return str(with_aliases(text, sources)), sources
 
-    def reported_stream(
-        self,
-        engine: str,
-        name: str,
-        specification: str,
-        constraints: StreamConstraints,
-        topic: str,
-    ) -> CreatedStream:
+    def reported_stream(self, engine: str, report: StreamReport) -> CreatedStream:
         """Return a stream as its engine reports it, in whose namespace its relative topics are."""
-        if namespace_of(engine) != self._namespace:
-            moved = with_absolute_topics(parse_specification(specification), namespace_of(engine))
-            specification = str(moved)
-        return CreatedStream(name, specification, constraints, engine, topic, reported=True)
+        text = in_namespace(report.specification, namespace_of(engine), self._namespace)
+        name, constraints, topic = report.name, report.constraints, report.topic
+        return CreatedStream(name, text, constraints, engine, topic, reported=True)
 
     def is_copy(self, reported: CreatedStream) -> bool:
         """Return true if a reported stream is equivalent to the known stream of its name."""

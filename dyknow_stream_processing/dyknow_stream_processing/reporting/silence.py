@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from typing import Final
 
@@ -55,45 +55,37 @@ class ActivityMeter:
         return self._idle >= SILENT_PERIODS
 
 
-@dataclass(frozen=True, slots=True)
-class TopicState:
-    """A topic that a stream is made of, as a node sees it.
-
-    Args:
-        topic: its absolute name.
-        publishers: their number.
-        received: the number of messages that came.
-        is_silent: True if none came lately.
-        is_latched: True if its publishers keep their messages: then silence is normal.
-        fault: why its messages cannot be used.
-    """
-
-    topic: str
-    publishers: int = 0
-    received: int = 0
-    is_silent: bool = True
-    is_latched: bool = False
-    fault: str = ''
-
-
-def topic_reason(state: TopicState, nearest: Sequence[str] = ()) -> str:
+def topic_reason(
+    topic: str,
+    *,
+    is_published: bool = False,
+    has_received: bool = False,
+    is_silent: bool = True,
+    is_latched: bool = False,
+    fault: str = '',
+    nearest: Sequence[str] = (),
+) -> str:
     """Return why no messages of a topic come; empty if they come or none need come.
 
     Args:
-        state: of the topic.
+        topic: its absolute name.
+        is_published: True if it has a publisher.
+        has_received: True if a message has come.
+        is_silent: True if none came lately.
+        is_latched: True if its publishers keep their messages: then silence is normal.
+        fault: why its messages cannot be used.
         nearest: published topics with a similar name.
     """
-    topic, has_received = state.topic, state.received > 0
-    if state.fault:
-        return state.fault
-    if not state.publishers and has_received:
+    if fault:
+        return fault
+    if not is_published and has_received:
         return f'nobody publishes {topic} any more'
-    if not state.publishers:
+    if not is_published:
         hint = f' (did you mean {" or ".join(nearest)}?)' if nearest else ''
         return f'nobody publishes {topic}{hint}'
     if not has_received:
         return f'{topic} has a publisher but no message has come'
-    return f'{topic} has fallen silent' if state.is_silent and not state.is_latched else ''
+    return f'{topic} has fallen silent' if is_silent and not is_latched else ''
 
 
 def nearest_topics(topic: str, others: Iterable[str]) -> tuple[str, ...]:

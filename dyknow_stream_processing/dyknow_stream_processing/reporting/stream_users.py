@@ -33,7 +33,6 @@ class UsedTopic:
     """A topic that streams are made of.
 
     Args:
-        source: its messages.
         streams: the named streams that are made of it.
         formulas: the names of the formulas whose states are made of it.
         reason: why no messages come, if that is known.

@@ -33,8 +33,6 @@ class TypedOutput:
     """Publisher of a stream as messages of another type than `Sample`.
 
     Args:
-        node: the node that publishes.
-        sink_message: the type, the fields and the topic.
         fields: of the stream; `None` if they are not known before samples arrive.
         stream_topic: the absolute topic of the stream.
         sources: the topics that the stream is made of.
@@ -91,7 +89,6 @@ class TypedMessageWriter:
     """Writer of samples as messages of a type.
 
     Args:
-        sink_message: names the type, and the fields.
         fields: of the stream; `None` if they are not known before samples arrive.
 
     Raises:
@@ -106,8 +103,7 @@ class TypedMessageWriter:
         self._known = scalar_fields(self.class_)
         self._is_fixed = fields is not None
         self._layout: Fields | None = None
-        self._constants: Mapping[str, Value] = {}
-        self._sources: Mapping[str, str] = {}
+        self._assignments: tuple[Assignment, ...] = ()
         self._writer = MessageWriter(self.class_)
         header = self.class_.get_fields_and_field_types().get('header')
         given = any(each.path.startswith('header.stamp') for each in sink_message.assignments)
@@ -126,10 +122,11 @@ class TypedMessageWriter:
             raise open_value(sample.fields, 'in a message of another type')
         if not self._is_fixed:
             self._prepare({name: ValueType.of(value) for name, value in sample.fields.items()})
-        values = dict(self._constants)
         try:
-            for path, name in self._sources.items():
-                values[path] = sample.fields[name]
+            values = {
+                each.path: sample.fields[each.field] if each.constant is None else each.constant
+                for each in self._assignments
+            }
         except KeyError as error:
             raise StreamError(f'the sample has {missing_text(error)}') from None
         message = self._writer.paths(values)
@@ -145,11 +142,7 @@ class TypedMessageWriter:
         for each in assignments:
             if each.field:
                 self._check(each, fields)
-        self._constants = {
-            each.path: each.constant for each in assignments if each.constant is not None
-        }
-        self._sources = {each.path: each.field for each in assignments if each.field}
-        self._layout = fields
+        self._assignments, self._layout = assignments, fields
 
     def _by_name(self, fields: Fields) -> tuple[Assignment, ...]:
         values = [path for path in self._known if not path.startswith(_HEADER)]

@@ -10,8 +10,14 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState, Imu
 from std_msgs.msg import Bool, String
 
-from dyknow_common import ExitCode, ValueType
+from dyknow_common import ExitCode, StreamConstraints, ValueType
 from dyknow_stream_processing import ALL, Sample, StreamError
+from dyknow_stream_processing.reporting.stream_report import (
+    Flow,
+    SourceReport,
+    StreamReport,
+    StreamState,
+)
 from dyknow_stream_processing.ros import (
     extractor,
     message_class,
@@ -20,6 +26,10 @@ from dyknow_stream_processing.ros import (
     sample_to_message,
     scalar_fields,
     valid_time_reader,
+)
+from dyknow_stream_processing.ros.messages.stream_report_messages import (
+    report_from_message,
+    report_to_message,
 )
 
 COVARIANCES = ('orientation', 'angular_velocity', 'linear_acceleration')
@@ -86,3 +96,18 @@ def test_a_type_that_is_not_installed(name: str) -> None:
     with pytest.raises(StreamError, match='not installed') as error:
         message_class(name)
     assert error.value.code is ExitCode.NOT_FOUND
+
+
+@pytest.mark.parametrize('latest', [None, 7])
+def test_a_report_comes_back_from_its_message(latest: int | None) -> None:
+    source = SourceReport('/t', 1, latest, -2_000_000_000, 3, 4, 5, 6.5, {'lost': 7})
+    report = StreamReport(
+        *('s', StreamState.WAITING, 'why', '/e', '/s', 1, 'pkg/msg/Type', 'sink s'),
+        constraints=StreamConstraints(max_delay=8),
+        samples=9,
+        violations=10,
+        drops={'fields': 11},
+        sources=(source, SourceReport('/u')),
+        flow=Flow(12.5, -13, 14),
+    )
+    assert report_from_message(report_to_message(report)) == report

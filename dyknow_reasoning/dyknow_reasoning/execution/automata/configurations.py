@@ -73,7 +73,7 @@ class Template:
 
     Attributes:
         found: the configurations that have been reached.
-        uses_configurations: False once there were too many.
+        uses_configurations: False once there were too many, as where steps of time do not repeat.
         opens_windows_later: True if a window without an end may open after the first state.
         safe_size: the most nodes of an instance for which the node limit need not be checked.
     """
@@ -129,8 +129,8 @@ class Template:
         return after
 
     def forget(self, locations: Iterable[Location]) -> None:
-        """Drop all configurations, and the automaton but for some locations if it is full."""
-        self.uses_configurations &= len(self.found) <= _MAX_CONFIGURATIONS
+        """Leave configurations, and drop the automaton but for some locations if it is full."""
+        self.uses_configurations = False
         for configuration in self.found:
             configuration.rows.clear()  # Rows refer to each other.
         self.found, self._numbers, self._entries = [], {}, 0

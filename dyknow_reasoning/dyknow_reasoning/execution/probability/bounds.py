@@ -29,7 +29,7 @@ from dyknow_reasoning.progression.nodes import (
     Junction,
     Node,
     Window,
-    descendants,
+    has_windows,
 )
 
 MAX_STARTS: Final = 100_000
@@ -85,11 +85,6 @@ def operator_of(node: Node, order: Mapping[Node, int], *, first_only: bool) -> C
             return _CountChance(count, operators)
         case _:
             return _StateChance(order[node], first_only=first_only)
-
-
-def has_windows(node: Node) -> bool:
-    """Return True if a formula has a temporal operator."""
-    return any(type(each) is Window for each in descendants([node]))
 
 
 def state_parts(node: Node) -> Iterator[Node]:

@@ -36,7 +36,7 @@ from typing import Final, Protocol
 from dyknow_common import ProbabilityInterval, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
-from dyknow_reasoning.execution.probability.bounds import has_windows, operator_of, state_parts
+from dyknow_reasoning.execution.probability.bounds import operator_of, state_parts
 from dyknow_reasoning.execution.probability.distributions import Cells, Chance, StateDistribution
 from dyknow_reasoning.execution.probability.simulation import RUNS, CountedSamples, SimulatedRuns
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
@@ -47,7 +47,7 @@ from dyknow_reasoning.language.type_checking import Kinds, check_types
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains, ground, past_operands
 from dyknow_reasoning.progression.node_store import NodeStore
-from dyknow_reasoning.progression.nodes import Chronology, Literal, Node
+from dyknow_reasoning.progression.nodes import Chronology, Literal, Node, has_windows
 from dyknow_reasoning.progression.residual import holds_at_the_end
 
 NOTHING_KNOWN: Final = 'assuming nothing about correlation'

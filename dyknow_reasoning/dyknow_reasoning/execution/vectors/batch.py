@@ -27,9 +27,14 @@ from dyknow_reasoning.progression.nodes import Sides, slots
 
 
 class Batch:
-    """Undecided instances with one batch key."""
+    """Undecided instances with one batch key.
 
-    def __init__(self, states: Sequence[InstanceState]) -> None:
+    Args:
+        states: of the instances.
+        latest: the valid time of the latest state, in nanoseconds.
+    """
+
+    def __init__(self, states: Sequence[InstanceState], latest: int) -> None:
         self.key = states[0].instance.batch_key
         self.template: Template = states[0].template
         self._instances: Array = np.empty(len(states), dtype=object)
@@ -37,7 +42,7 @@ class Batch:
         self._formulas = np.array([state.instance.formula_id for state in states])
         mask = self.template.automaton.initial.node.mask
         self._slots = slots(mask)
-        self._vectors = _vectors(self.template, states, width=1 << mask.bit_length())
+        self._vectors = _vectors(self.template, states, latest, width=1 << mask.bit_length())
         self._origins = WindowOrigins(states)
         self._truths: list[tuple[int, Truths]] = []
         # The indices of the instances in the field vectors; None if all are left.
@@ -73,21 +78,17 @@ class Batch:
         """Return the symbols of the instances among those for which values are loaded."""
         return loaded if self._rows is None else loaded[..., self._rows]
 
-    def step(
-        self, symbols: Array, now: int, elapsed: int, *, regular: bool
-    ) -> list[InstanceVerdict]:
+    def step(self, symbols: Array, now: int, elapsed: int) -> list[InstanceVerdict]:
         """Progress the instances over a state; return the verdicts.
 
         Args:
             symbols: the truth of the atoms of each instance, as bits.
             now: the valid time of the state, in nanoseconds.
             elapsed: nanoseconds since the previous state.
-            regular: True if steps of time repeat.
         """
         previous = now - elapsed
-        vectors = self._vectors_for(previous, regular=regular)
-        decided = vectors.step(symbols, now, elapsed)
-        self._origins.update(vectors, now)
+        decided = self._vectors.step(symbols, now, elapsed)
+        self._origins.update(self._vectors, now)
         return [self._verdict(each, int(symbols[each.row]), now, previous) for each in decided]
 
     def remove(self, formulas: Collection[int], instances: Collection[int]) -> None:
@@ -117,19 +118,8 @@ class Batch:
 
     def leave_configurations(self, latest: int) -> set[Location]:
         """Stop using configurations; return the locations of the instances."""
-        vectors = self._vectors_for(latest, regular=False)
-        self._vectors = vectors.clocked(latest)
+        self._vectors = self._vectors.clocked(latest)
         return set(self._vectors.locations)
-
-    def _vectors_for(self, latest: int, *, regular: bool) -> TabulatedVectors | ClockedVectors:
-        """Convert the vectors to the suitable form."""
-        vectors = self._vectors
-        if regular and self.template.uses_configurations:
-            if type(vectors) is ClockedVectors:
-                self._vectors = vectors.tabulated(latest)
-        elif type(vectors) is TabulatedVectors:
-            self._vectors = vectors.clocked(latest)
-        return self._vectors
 
     def _verdict(self, decided: Decided, symbol: int, now: int, previous: int) -> InstanceVerdict:
         instance, location = self._instances[decided.row], decided.location
@@ -140,17 +130,20 @@ class Batch:
 
 
 def _vectors(
-    template: Template, states: Sequence[InstanceState], width: int
+    template: Template, states: Sequence[InstanceState], latest: int, *, width: int
 ) -> TabulatedVectors | ClockedVectors:
-    if all(state.is_fresh for state in states):
-        initial = template.at(template.automaton.initial, ())
-        numbers = np.full(len(states), initial.number)
-        return TabulatedVectors(template, numbers, width)
     positions: dict[tuple[Location, Times], int] = {}
     chosen = [
         positions.setdefault((state.location, state.times), len(positions)) for state in states
     ]
-    return ClockedVectors(template, list(positions), width, np.array(chosen))
+    if not template.uses_configurations:
+        return ClockedVectors(template, list(positions), width, np.array(chosen))
+    found = (
+        template.at(location, tuple(latest - time for time in times))
+        for location, times in positions
+    )
+    numbers = np.array([each.number for each in found], np.intp)
+    return TabulatedVectors(template, numbers[chosen], width)
 
 
 class WindowOrigins:

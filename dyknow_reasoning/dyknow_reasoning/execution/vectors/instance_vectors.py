@@ -1,9 +1,9 @@
 """Vectors of instances of one template: where each instance is in the automaton.
 
 `TabulatedVectors` holds the number of a configuration for each instance, which suits steps of time
-that repeat (`SamplingRegularity`). `ClockedVectors` holds the number of a location for each
-instance, and a row for each clock (a clock vector). Instances at one location that see the same
-truth of the atoms make their step together.
+that repeat. After too many different steps, `ClockedVectors` takes its place: it holds the number
+of a location for each instance, and a row for each clock (a clock vector). Instances at one
+location that see the same truth of the atoms make their step together.
 
 Example, the automaton of `always (p -> eventually[0, 2 s] q)` (see `automaton`) with four instances
 in ClockedVectors, at a state at 6 s; times are in seconds:
@@ -22,7 +22,6 @@ in ClockedVectors, at a state at 6 s; times are in seconds:
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
@@ -215,20 +214,6 @@ class ClockedVectors:
         vectors._clocks = self._clocks
         return vectors
 
-    def tabulated(self, latest: int) -> TabulatedVectors:
-        """Return the same instances with configurations."""
-        rows = np.vstack((self.numbers, latest - self._clocks))
-        for number, location in enumerate(self.locations):
-            rows[1 + location.clocks :, self.numbers == number] = 0
-        found, inverse = np.unique(rows, axis=1, return_inverse=True)
-        numbers = []
-        for number, *ages in found.T.tolist():
-            location = self.locations[number]
-            found_at = self._template.at(location, tuple(ages[: location.clocks]))
-            numbers.append(found_at.number)
-        chosen = np.array(numbers, dtype=np.intp)[inverse.ravel()]
-        return TabulatedVectors(self._template, chosen, self._width)
-
     def _moves(
         self, location: Location, symbol: int, indices: Indices, now: int
     ) -> Iterator[tuple[Move, Indices]]:
@@ -292,29 +277,3 @@ def _chosen(indices: Indices, chosen: Array) -> Array:
         return np.flatnonzero(chosen)
     found: Array = indices[chosen]
     return found
-
-
-_LATEST_STEPS = 16
-_FEW_STEPS, _MANY_STEPS = 4, 12
-
-
-class SamplingRegularity:
-    """Detects if states come at few steps of time that repeat.
-
-    A stream with a period is regular, also if it misses a state now and then. A stream with varying
-    time stamps is not. A change is detected after a few states.
-    """
-
-    def __init__(self) -> None:
-        self._is_regular = True
-        self._latest: deque[int] = deque(maxlen=_LATEST_STEPS)
-
-    def observe(self, elapsed: int) -> bool:
-        """Record a step of time in nanoseconds; return True if steps repeat."""
-        self._latest.append(elapsed)
-        distinct = len(set(self._latest))
-        if self._is_regular:
-            self._is_regular = distinct < _MANY_STEPS
-        elif len(self._latest) == _LATEST_STEPS:
-            self._is_regular = distinct <= _FEW_STEPS
-        return self._is_regular

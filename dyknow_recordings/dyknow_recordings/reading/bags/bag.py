@@ -16,8 +16,12 @@ from numpy.typing import NDArray
 
 from dyknow_common import ExitCode, TypeConstants, ValueType
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.reading.bags.bag_files import open_files
-from dyknow_recordings.reading.bags.bag_metadata import METADATA, BagMetadata, distro_beside
+from dyknow_recordings.reading.bags.bag_files import (
+    METADATA,
+    BagMetadata,
+    distro_beside,
+    open_files,
+)
 from dyknow_recordings.reading.bags.bag_writing import BagPart, LatestMessages, RecordedMessage
 from dyknow_recordings.reading.bags.storage import ZSTD_MAGIC, StoredChannel, decompressed
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
@@ -345,19 +349,12 @@ class _ChannelReader:
         if self._reader is None:
             return DecodedFields(np.ones(len(messages), np.bool_))
         fields, found = self._reader.read(messages)
-        name = self._channel.definition.name
-        topic = self._channel.topic
-        for reason, count in found.items():
-            faults.add(f"topic '{topic}'", f'{reason}, {name}{self._by}', count)
-        if found:
-            reason = next(iter(found))
-            faults.lost_rows(
-                f"topic '{topic}'",
-                f'{reason}, {name}{self._by}',
-                topic,
-                messages.times,
-                ~fields.intact,
-            )
+        topic, of_type = self._channel.topic, f'{self._channel.definition.name}{self._by}'
+        place, reasons = f"topic '{topic}'", [f'{each}, {of_type}' for each in found]
+        for reason, count in zip(reasons, found.values(), strict=True):
+            faults.add(place, reason, count)
+        if reasons:
+            faults.lost_rows(place, reasons[0], topic, messages.times, ~fields.intact)
         return fields
 
     def part(

@@ -21,10 +21,9 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
 
-from dyknow_recordings.reading.bags.bag_metadata import CUT, cut_data
+from dyknow_recordings.reading.bags.bag_files import CUT, cut_data
 from dyknow_recordings.reading.bags.storage import StoredChannel
-from dyknow_recordings.reading.lost_messages import LostMessages
-from dyknow_recordings.reading.recording import RecordedTopic, RecordingSpan
+from dyknow_recordings.reading.recording import LostMessages, RecordedTopic, RecordingSpan
 
 _BAG_VERSION: Final = 9
 _UNLIMITED: Final = QosTime(2147483647, 4294967295)

@@ -43,7 +43,6 @@ from dyknow_recordings.reading.bags.mcap_records import (
 )
 from dyknow_recordings.reading.bags.sequence_numbers import SequenceNumbers
 from dyknow_recordings.reading.bags.storage import StoredChannel, offered_quality
-from dyknow_recordings.reading.lost_messages import BEGINNING
 from dyknow_recordings.reading.messages.cdr_cursor import SerialisedMessages
 from dyknow_recordings.reading.messages.definitions import LATEST, TypeDefinition
 from dyknow_recordings.reading.messages.stored_messages import (
@@ -51,7 +50,7 @@ from dyknow_recordings.reading.messages.stored_messages import (
     StoredBlock,
     StoredMessages,
 )
-from dyknow_recordings.reading.recording import MAX_TIME, FaultCounter, count_steps_back
+from dyknow_recordings.reading.recording import BEGINNING, MAX_TIME, FaultCounter, count_steps_back
 
 _LARGEST_BLOCK: Final = 1 << 22
 _FORGOTTEN_BYTES: Final = 1 << 26

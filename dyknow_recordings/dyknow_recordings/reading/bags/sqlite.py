@@ -19,10 +19,15 @@ from dyknow_recordings.reading.bags.storage import (
     StoredChannel,
     offered_quality,
 )
-from dyknow_recordings.reading.lost_messages import BEGINNING, END
 from dyknow_recordings.reading.messages.definitions import LATEST, TypeDefinition
 from dyknow_recordings.reading.messages.stored_messages import StoredBlock, StoredMessages
-from dyknow_recordings.reading.recording import MAX_TIME, FaultCounter, count_steps_back
+from dyknow_recordings.reading.recording import (
+    BEGINNING,
+    END,
+    MAX_TIME,
+    FaultCounter,
+    count_steps_back,
+)
 
 SQLITE_MAGIC: Final = b'SQLite format 3\0'
 

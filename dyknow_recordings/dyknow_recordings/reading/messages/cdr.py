@@ -21,14 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
+from dyknow_recordings.reading.columns import absent_rows
 from dyknow_recordings.reading.messages.cdr_cursor import (
     HEADER_SIZE,
+    WIDE_SIZE,
     CdrCursor,
     SerialisedMessages,
     SizeTables,
     followed_by,
     primitive_sizes,
-    wide_text,
+    text_of,
 )
 from dyknow_recordings.reading.messages.computed_columns import ComputedColumns, is_computed
 from dyknow_recordings.reading.messages.definitions import CHARACTER
@@ -41,12 +43,6 @@ _MAX_PADDING: Final = 3
 
 _ORDERS: Final = {0: '>', 1: '<'}
 _CHARACTERS: Final = np.array([*map(chr, range(256))], np.object_)
-_BYTES: Final = dict.fromkeys(('bool', 'byte', 'char', CHARACTER), 'u1')
-_CODES: Final = {**_BYTES, 'float32': 'f4', 'float64': 'f8'} | {
-    f'{sign}int{8 * size}': f'{code}{size}'
-    for sign, code in (('', 'i'), ('u', 'u'))
-    for size in (1, 2, 4, 8)
-}
 _STEP: Final = re.compile(r'\w+', re.ASCII)
 _MIN_TEXT: Final = 4
 
@@ -59,6 +55,9 @@ CODES: Final = {'bool': '?', 'byte': 'B', 'char': 'B', 'float32': 'f', 'float64'
     for power, code in enumerate(codes)
 }
 """The codes of the primitive types of messages, in `struct` and in numpy."""
+
+_COLUMN_CODES: Final = CODES | dict.fromkeys(('bool', CHARACTER), 'B')
+"""The codes of the primitive types as they are in columns before their conversion."""
 
 _Read = Callable[[bytes, int], tuple[Any, int]]
 """Reads a value at a position of a message; returns the value, and the position after it."""
@@ -94,14 +93,9 @@ class DecodedFields:
         """Return the fields of the messages that are intact, with new numbers."""
         if self.intact.all():
             return self
-        kept = np.flatnonzero(self.intact)
-        numbers = {row: number for number, row in enumerate(kept.tolist())}
-        values = {path: column[kept] for path, column in self.values.items()}
-        absent = {
-            path: {numbers[row]: reason for row, reason in reasons.items() if row in numbers}
-            for path, reasons in self.absent.items()
-        }
-        return DecodedFields(self.intact[kept], values, absent)
+        values = {path: column[self.intact] for path, column in self.values.items()}
+        absent = absent_rows(self.absent, self.intact)
+        return DecodedFields(self.intact[self.intact], values, absent)
 
 
 class _Step(Protocol):
@@ -246,8 +240,10 @@ def _primitive(name: str, wanted: str | Wanted) -> _Step:
         return _Text(path, wide=name == 'wstring')
     if name == LONG_DOUBLE:
         return _Skip(primitive_sizes(8, 2))
-    code = _CODES[name]
-    return _Skip(primitive_sizes(int(code[1]))) if path is None else _Value(path, name, code)
+    code = _COLUMN_CODES[name]
+    if path is None:
+        return _Skip(primitive_sizes(np.dtype(code).itemsize))
+    return _Value(path, name, code)
 
 
 def _repeated(element: list[_Step], count: int) -> list[_Step]:
@@ -287,7 +283,7 @@ class _Value:
     code: str
 
     def run(self, cursor: CdrCursor, rows: NDArray[np.int64], fields: DecodedFields) -> None:
-        values = cursor.value(self.code, int(self.code[1]))
+        values = cursor.value(self.code)
         if self.kind in {'bool', CHARACTER}:
             values = values != 0 if self.kind == 'bool' else _CHARACTERS[values]
         fields.set(self.path, rows, values)
@@ -308,28 +304,6 @@ class _Text:
             fields.set(self.path, rows, column)
 
 
-class _Elements:
-    """Moves over elements of an array that nobody asked for."""
-
-    def __init__(self, element: Sequence[_Step]) -> None:
-        self._element = element
-        self._fixed = None
-        if len(element) == 1 and isinstance(element[0], _Skip):
-            self._fixed = SizeTables(element[0].sizes)
-
-    def skip(self, cursor: CdrCursor, count: NDArray[np.int64], fields: DecodedFields) -> None:
-        """Move over a number of elements in each message."""
-        if self._fixed is not None:
-            cursor.move(self._fixed.after(cursor.position, count))
-            return
-        for done in range(int(np.max(count, initial=0))):
-            rows = np.flatnonzero((count > done) & cursor.intact)
-            part = cursor.part(rows)
-            for step in self._element:
-                step.run(part, rows, fields)
-            cursor.follow(part, rows)
-
-
 class _Sequence:
     """Reads elements of an array whose number of elements differs between messages."""
 
@@ -338,14 +312,17 @@ class _Sequence:
     ) -> None:
         self._path = path
         self.members = members
-        self._other = _Elements(other)
+        self._other = other
+        self._fixed = None
+        if len(other) == 1 and isinstance(other[0], _Skip):
+            self._fixed = SizeTables(other[0].sizes)
         self._smallest = sum(_smallest(step) for step in other)
 
     def run(self, cursor: CdrCursor, rows: NDArray[np.int64], fields: DecodedFields) -> None:
         counts = cursor.limit(cursor.length(), self._smallest)
         done = np.zeros(len(rows), np.int64)
         for index, steps in self.members.items():
-            self._other.skip(cursor, np.minimum(counts, index) - done, fields)
+            self._skip(cursor, np.minimum(counts, index) - done, fields)
             having = np.flatnonzero(counts > index)
             part = cursor.part(having)
             for step in steps:
@@ -353,7 +330,19 @@ class _Sequence:
             cursor.follow(part, having)
             self._report(index, steps, rows, counts, fields)
             done = np.minimum(counts, index + 1)
-        self._other.skip(cursor, counts - done, fields)
+        self._skip(cursor, counts - done, fields)
+
+    def _skip(self, cursor: CdrCursor, count: NDArray[np.int64], fields: DecodedFields) -> None:
+        """Move over a number of elements in each message that nobody asked for."""
+        if self._fixed is not None:
+            cursor.move(self._fixed.after(cursor.position, count))
+            return
+        for done in range(int(np.max(count, initial=0))):
+            rows = np.flatnonzero((count > done) & cursor.intact)
+            part = cursor.part(rows)
+            for step in self._other:
+                step.run(part, rows, fields)
+            cursor.follow(part, rows)
 
     def _report(
         self,
@@ -444,15 +433,12 @@ class _FunctionMaker:
             return self._character()
         if name == LONG_DOUBLE:
             return self._numbers('u8', 2)  # Nobody reads it.
-        size = 4 if name == 'wstring' else 1
+        wide = name == 'wstring'
 
         def read(data: bytes, position: int) -> tuple[Any, int]:
             length, position = self._length(data, position)
-            end = position + length * size
-            piece = data[position:end]
-            if size > 1:
-                return wide_text(piece, self._order), end
-            return str(piece.removesuffix(b'\0'), 'utf-8', 'replace'), end
+            end = position + length * (WIDE_SIZE if wide else 1)
+            return text_of(data[position:end], self._order, wide=wide), end
 
         return read
 

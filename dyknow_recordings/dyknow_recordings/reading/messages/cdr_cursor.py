@@ -20,8 +20,8 @@ HEADER_SIZE: Final = 4
 """The bytes of the encapsulation header: the byte order, and options."""
 
 _RESIDUES: Final = np.arange(ALIGNMENT)
-_LENGTH_SIZE: Final = 4
-_WIDE_SIZE: Final = 4
+WIDE_SIZE: Final = 4
+"""The bytes of a code unit of a wide string."""
 
 
 def primitive_sizes(size: int, count: int = 1) -> NDArray[np.int64]:
@@ -29,9 +29,9 @@ def primitive_sizes(size: int, count: int = 1) -> NDArray[np.int64]:
 
     Args:
         size: of a value, which is also its alignment.
-        count: the number of values.
+        count: the number of values, at least one.
     """
-    return -_RESIDUES % size * (count > 0) + size * count
+    return -_RESIDUES % size + size * count
 
 
 def followed_by(first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -119,15 +119,16 @@ class CdrCursor:
         self.position += int(added) if isinstance(self.position, int) else added
         self._check(self.position)
 
-    def value(self, code: str, size: int) -> NDArray[np.generic]:
-        """Return the values of a primitive field, and move over it."""
+    def value(self, code: str) -> NDArray[np.generic]:
+        """Return the values of a primitive field of a numpy type, and move over it."""
+        size = np.dtype(code).itemsize
         start = self.position + -self.position % size
         self.position = start + size
         return self._messages.values(code, self._checked(start, size))
 
     def length(self) -> NDArray[np.int64]:
         """Return the lengths of a string or sequence, and move to its first element."""
-        return self.value('u4', _LENGTH_SIZE).astype(np.int64)
+        return self.value('u4').astype(np.int64)
 
     def text(self, *, wide: bool, wanted: bool) -> Sequence[str]:
         """Return the texts of a string field, and move over it.
@@ -136,16 +137,14 @@ class CdrCursor:
             wide: True for a string of UTF-16 code units, each in 4 bytes.
             wanted: False to move only.
         """
-        sizes = self.length() * (_WIDE_SIZE if wide else 1)
+        sizes = self.length() * (WIDE_SIZE if wide else 1)
         start = self._checked(self.position, sizes)
         self.move(self.position + sizes)
         if not wanted:
             return ()
         data, ends = self._messages.data, (start + sizes * self.intact).tolist()
         pieces = [data[each:end] for each, end in zip(start.tolist(), ends, strict=True)]
-        if wide:
-            return [wide_text(piece, self._messages.order) for piece in pieces]
-        return [str(piece.removesuffix(b'\0'), 'utf-8', 'replace') for piece in pieces]
+        return [text_of(piece, self._messages.order, wide=wide) for piece in pieces]
 
     def move(self, position: Offset) -> None:
         """Move forward to a position."""
@@ -190,7 +189,9 @@ class CdrCursor:
         return positions if self.intact.all() else np.where(self.intact, positions, 0)
 
 
-def wide_text(piece: bytes, order: str) -> str:
-    """Return a text of UTF-16 code units, each in 4 bytes of an order, `<` or `>`."""
+def text_of(piece: bytes, order: str, *, wide: bool) -> str:
+    """Return a text in UTF-8; a wide one of UTF-16 code units, each in 4 bytes of an order."""
+    if not wide:
+        return str(piece.removesuffix(b'\0'), 'utf-8', 'replace')
     units = np.frombuffer(piece, f'{order}u4')
     return units.astype('<u2').tobytes().decode('utf-16-le', 'replace')

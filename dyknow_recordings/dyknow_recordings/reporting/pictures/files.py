@@ -9,11 +9,15 @@ from pathlib import Path
 from dyknow_common import DyKnowError
 from dyknow_recordings.evaluation.results import RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
-from dyknow_recordings.reporting.outputs import check_place, write_report
-from dyknow_recordings.reporting.pictures.libraries import optional_library
+from dyknow_recordings.reporting.outputs import (
+    CheckOutput,
+    check_place,
+    optional_library,
+    write_report,
+)
 
 
-class PictureFiles:
+class PictureFiles(CheckOutput):
     """A page, an image and maps with the results of recordings. They are written at the end.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 from dyknow_common import NANOSECONDS
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
-from dyknow_recordings.reporting.pictures.libraries import optional_library
+from dyknow_recordings.reporting.outputs import optional_library
 from dyknow_recordings.reporting.pictures.panels import Marks, Panel, last_shown, marks, panels
 from dyknow_recordings.reporting.pictures.timeline import Span, extent, gaps, segments
 

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
 from importlib import resources
 from itertools import count
 from pathlib import PurePath
-from typing import Final
+from typing import Any, Final
 
 from dyknow_common import NANOSECONDS, round_duration, with_readable_times
-from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
-from dyknow_recordings.reporting.judgement import Judgement
-from dyknow_recordings.reporting.pictures.figures import PageFigures
-from dyknow_recordings.reporting.pictures.libraries import plotly_script
+from dyknow_recordings.evaluation.observation import Signal
+from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
+from dyknow_recordings.reporting.judgement import Judgement, episode_counts, outcome_counts
+from dyknow_recordings.reporting.outputs import optional_library
 from dyknow_recordings.reporting.pictures.maps import map_image
-from dyknow_recordings.reporting.pictures.panels import Panel, formula_text, marks, panels
+from dyknow_recordings.reporting.pictures.panels import (
+    Marks,
+    Panel,
+    formula_text,
+    last_shown,
+    marks,
+    panels,
+)
 from dyknow_recordings.reporting.pictures.timeline import (
     OutcomeSegment,
     Span,
@@ -39,38 +47,6 @@ _LABELLED: Final = 0.2
 _MAX_ROWS: Final = 20
 _FEW: Final = 2
 """The number of panels that have the whole width each."""
-
-
-def report_page(
-    reports: Sequence[RecordingReport], unread: Sequence[str], judgement: Judgement
-) -> str:
-    """Return the page.
-
-    Args:
-        reports: of the recordings.
-        unread: why the other recordings were not checked.
-        judgement: of undecided formulas.
-    """
-    figures = PageFigures()
-    numbers = count()
-    sections = [''.join(_section(each, judgement, figures, numbers)) for each in reports]
-    errors = ''.join(
-        f'<p class="why is-error"><span class="word error">error</span> {escape(each)}</p>'
-        for each in unread
-    )
-    # A "<" in a text must not end the element.
-    data = json.dumps(figures.document(), allow_nan=False).replace('<', '\\u003c')
-    return _PAGE.format(
-        title=escape(_title(reports, judgement)),
-        style=_resource('page.css'),
-        summary=escape(_summary(reports, unread, judgement)),
-        errors=errors,
-        sections='\n'.join(sections),
-        plotly=plotly_script(),
-        data=data,
-        script=_resource('drawing.js') + _resource('page.js'),
-    )
-
 
 _PAGE: Final = """\
 <!DOCTYPE html>
@@ -104,6 +80,40 @@ _PAGE: Final = """\
 </html>
 """
 
+_MARGIN: Final = 0.01
+"""The share of the time that is left free at both sides."""
+
+
+def report_page(
+    reports: Sequence[RecordingReport], unread: Sequence[str], judgement: Judgement
+) -> str:
+    """Return the page.
+
+    Args:
+        reports: of the recordings.
+        unread: why the other recordings were not checked.
+        judgement: of undecided formulas.
+    """
+    figures = PageFigures()
+    numbers = count()
+    sections = [''.join(_section(each, judgement, figures, numbers)) for each in reports]
+    errors = ''.join(
+        f'<p class="why is-error"><span class="word error">error</span> {escape(each)}</p>'
+        for each in unread
+    )
+    # A "<" in a text must not end the element.
+    data = json.dumps(figures.document(), allow_nan=False).replace('<', '\\u003c')
+    return _PAGE.format(
+        title=escape(_title(reports, judgement)),
+        style=_resource('page.css'),
+        summary=escape(_summary(reports, unread, judgement)),
+        errors=errors,
+        sections='\n'.join(sections),
+        plotly=plotly_script(),
+        data=data,
+        script=_resource('drawing.js') + _resource('page.js'),
+    )
+
 
 def _title(reports: Sequence[RecordingReport], judgement: Judgement) -> str:
     """Return the title of the tab: the number of formulas that fail, and the recordings."""
@@ -123,15 +133,13 @@ def _summary(
     reports: Sequence[RecordingReport], unread: Sequence[str], judgement: Judgement
 ) -> str:
     formulas = [formula for report in reports for formula in report.formulas]
-    counts = dict.fromkeys(Outcome, 0)
-    for each in formulas:
-        counts[each.outcome] += 1
-    parts = [f'{number} {outcome}' for outcome, number in counts.items() if number]
     recordings = len(reports) + len(unread)
     passed = sum(map(judgement.passes, formulas))
     texts = [
         f'{recordings} recording{"s" * (recordings != 1)}',
-        f'{passed} of {len(formulas)} formulas pass ({", ".join(parts)})' if formulas else '',
+        f'{passed} of {len(formulas)} formulas pass ({outcome_counts(formulas)})'
+        if formulas
+        else '',
         f'{len(unread)} not checked' if unread else '',
     ]
     return ', '.join(filter(None, texts))
@@ -248,7 +256,7 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     at = ''
     if episode is not None and episode.decided_at is not None:
         at = f' at {whole.text(episode.decided_at)}'
-    text = _text(_reason(formula, episode), whole)
+    text = _text(formula.reason, whole)
     if '\n' in text:  # It shows a place in the text of the formula.
         text = f'<pre>{text}</pre>'
     yield (
@@ -257,33 +265,10 @@ def _reasons(formula: FormulaReport, whole: Span, judgement: Judgement) -> Itera
     )
     facts = [f'{formula.states} states']
     if len(formula.episodes) > 1:
-        facts.append(f'{len(formula.episodes)} episodes: {_counts(formula.episodes)}')
+        facts.append(episode_counts(formula))
     if formula.waits_for:
         facts.append(formula.waits_for)
     yield f'<p class="soft">{escape("; ".join(facts))}</p>'
-
-
-def _reason(formula: FormulaReport, episode: Episode | None) -> str:
-    if formula.error is not None:
-        return formula.error.message
-    if episode is None:
-        return 'no episode has begun'
-    return _episode_reason(episode)
-
-
-def _episode_reason(episode: Episode) -> str:
-    if episode.error is not None:
-        return episode.error.message
-    if episode.outcome is Outcome.UNDECIDED:
-        return episode.remainder
-    return episode.explanation
-
-
-def _counts(episodes: Iterable[Episode]) -> str:
-    counts = dict.fromkeys(Outcome, 0)
-    for each in episodes:
-        counts[each.outcome] += 1
-    return ', '.join(f'{number} {outcome}' for outcome, number in counts.items() if number)
 
 
 def _figures(found: Sequence[Panel], omitted: int, formula: FormulaReport) -> Iterator[str]:
@@ -319,13 +304,13 @@ def _episodes(formula: FormulaReport, whole: Span) -> Iterator[str]:
         ('begin', 'episodes', 'outcome', 'first decided', 'why the first'),
         (
             (
-                _time(run.first.begin, whole),
-                str(len(run.episodes)),
-                f'<span class="word {run.first.outcome}">{run.first.outcome}</span>',
-                _time(run.first.decided_at, whole),
-                _text(_episode_reason(run.first), whole),
+                _time(first.begin, whole),
+                str(1 + len(others)),
+                f'<span class="word {first.outcome}">{first.outcome}</span>',
+                _time(first.decided_at, whole),
+                _text(first.reason, whole),
             )
-            for run in runs[:_MAX_ROWS]
+            for first, *others in runs[:_MAX_ROWS]
         ),
         len(runs) - _MAX_ROWS,
     )
@@ -381,3 +366,115 @@ def _text(text: str, whole: Span) -> str:
 
 def _time(time: int | None, whole: Span) -> str:
     return '' if time is None else f'<span class="time">{whole.text(time)}</span>'
+
+
+class PageFigures:
+    """Collects the panels of all formulas; signals of several formulas are stored once."""
+
+    def __init__(self) -> None:
+        self._signals: list[dict[str, Any]] = []
+        # The signals are kept, so that their ids stay theirs.
+        self._indices: dict[int, tuple[int, Signal]] = {}
+        self._formulas: list[dict[str, Any]] = []
+        self._units: list[str] = []
+        self._whole = Span(0, 1)
+        self._is_any_open = False
+
+    def open_once(self) -> str:
+        """Return the attribute that opens the details of a formula, for the first call alone."""
+        is_first, self._is_any_open = not self._is_any_open, True
+        return ' open' if is_first else ''
+
+    def begin_recording(self, whole: Span) -> None:
+        """Begin the formulas of another recording."""
+        self._whole = whole
+        self._units.append(whole.unit)
+
+    def add(self, panels: list[Panel], marks: Marks) -> None:
+        """Add a formula."""
+        end = self._time(last_shown(self._whole, marks))
+        self._formulas.append(
+            {
+                'recording': len(self._units) - 1,
+                'range': [-_MARGIN * end, (1 + _MARGIN) * end],
+                'panels': [self._panel(each) for each in panels],
+                'marks': self._marks(marks),
+            }
+        )
+
+    def document(self) -> dict[str, Any]:
+        """Return all data."""
+        return {'signals': self._signals, 'formulas': self._formulas, 'unit': self._units}
+
+    def _panel(self, panel: Panel) -> dict[str, Any]:
+        return {
+            'is_decisive': panel.is_decisive,
+            'unit': escape(panel.unit),
+            'signals': [self._signal(each) for each in panel.signals],
+            'relations': [escape(each) for each in panel.relations],
+            'thresholds': [
+                {'value': each.value, 'text': escape(each.text)} for each in panel.thresholds
+            ],
+        }
+
+    def _marks(self, marks: Marks) -> dict[str, Any]:
+        return {
+            'deciding': [
+                {
+                    'time': self._time(each.time),
+                    'verdict': each.verdict,
+                    'values': {escape(name): _number(value) for name, value in each.values.items()},
+                }
+                for each in marks.deciding
+            ],
+            'windows': [self._span(each) for each in marks.windows],
+            'pending': [self._span(each) for each in marks.pending],
+            'gaps': [self._span(each) for each in marks.gaps],
+            'unknown': self._named(marks.unknown),
+            'held': self._named(marks.held),
+            'violations': [self._time(each) for each in marks.violations],
+        }
+
+    def _signal(self, signal: Signal) -> int:
+        if id(signal) not in self._indices:
+            self._indices[id(signal)] = len(self._signals), signal
+            self._signals.append(
+                {
+                    'name': escape(signal.name),
+                    't': [self._time(int(each)) for each in signal.times],
+                    **lines(signal),
+                    'words': [escape(each) for each in signal.words],
+                }
+            )
+        return self._indices[id(signal)][0]
+
+    def _named(self, spans: Mapping[str, Sequence[Span]]) -> dict[str, list[list[float]]]:
+        return {escape(name): [*map(self._span, found)] for name, found in spans.items() if found}
+
+    def _span(self, span: Span) -> list[float]:
+        return [self._time(span.start), self._time(span.end)]
+
+    def _time(self, time: int) -> float:
+        return round(self._whole.since_start(time), 6)
+
+
+def lines(signal: Signal, first: int = 0) -> dict[str, list[float | None]]:
+    """Return the values of a signal and the ends of its band from a point on, for scripts."""
+    low, high = signal.band or ((), ())
+    named = {'v': signal.values, 'low': low, 'high': high}
+    return {name: [_number(float(each)) for each in line[first:]] for name, line in named.items()}
+
+
+def _number(value: float) -> float | None:
+    """Return a number with the digits that can be seen; None for a missing one."""
+    return float(f'{value:.7g}') if math.isfinite(value) else None
+
+
+def plotly_script() -> str:
+    """Return the JavaScript of plotly.
+
+    Raises:
+        RecordingError: naming the mend, if plotly is not installed.
+    """
+    script: str = optional_library('plotly.offline', '--html').get_plotlyjs()
+    return script

@@ -119,25 +119,10 @@ def segments(formula: FormulaReport, whole: Span) -> list[OutcomeSegment]:
     return _merged(_seen(found, whole))
 
 
-@dataclass(frozen=True, slots=True)
-class EpisodeRun:
-    """Some episodes one after another with the same outcome."""
-
-    episodes: tuple[Episode, ...]
-
-    @property
-    def first(self) -> Episode:
-        """The first one."""
-        return self.episodes[0]
-
-
-def episode_runs(formula: FormulaReport) -> list[EpisodeRun]:
-    """Return the episodes of a formula in runs, those with the worst outcome first."""
-    runs = [
-        EpisodeRun(tuple(each))
-        for _, each in groupby(formula.episodes, lambda episode: episode.outcome)
-    ]
-    return sorted(runs, key=lambda run: _SEVERITY[run.first.outcome])
+def episode_runs(formula: FormulaReport) -> list[Sequence[Episode]]:
+    """Return runs of episodes with the same outcome, those with the worst outcome first."""
+    runs = [[*each] for _, each in groupby(formula.episodes, lambda episode: episode.outcome)]
+    return sorted(runs, key=lambda run: _SEVERITY[run[0].outcome])
 
 
 def gaps(formula: FormulaReport, whole: Span) -> tuple[Span, ...]:

@@ -19,9 +19,11 @@ from owlready2.base import OwlReadyError, owl_imports
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.documents.access import Access
 from dyknow_semantics.ontology.documents.serialisations import (
+    MAX_REASON,
     OntologyText,
     fault_in_ntriples,
     normalise,
+    unreadable,
 )
 from dyknow_semantics.ontology.documents.sources import (
     OntologySource,
@@ -43,9 +45,6 @@ del owlready2.namespace._cache[1024:]  # noqa: SLF001 - it has no option
 
 _UNKNOWN: Final = 'http://unknown/'
 """The IRI of an ontology before its text has been read."""
-
-_MAX_REASON: Final = 400
-"""The number of characters of the error of a parser that a message has."""
 
 _IMPORTS: Final = """
     SELECT ifnull(iri, 'a blank node') FROM objs LEFT JOIN resources ON storid = o
@@ -186,12 +185,11 @@ def parse(ontology: Any, text: OntologyText) -> str:
         reason = str(words[0] if isinstance(words, tuple) else words).replace('???', text.location)
         if text.format == 'ntriples':
             reason = f'{text.location}: {fault_in_ntriples(text.content) or reason}'
-        raise SemanticsError(f'cannot read an ontology: {reason[:_MAX_REASON]}') from None
+        raise SemanticsError(f'cannot read an ontology: {reason[:MAX_REASON]}') from None
     except (sqlite3.Error, SemanticsError):
         raise
     except Exception as error:  # noqa: BLE001 - owlready2 raises any, at malformed texts
-        reason = f'{text.location}: {type(error).__name__}: {error}'
-        raise SemanticsError(f'cannot read an ontology: {reason[:_MAX_REASON]}') from None
+        raise unreadable(text.location, f'{type(error).__name__}: {error}') from None
     if not iri:
         raise SemanticsError(
             f'{text.location} declares no ontology; it needs an owl:Ontology with its IRI'

@@ -33,7 +33,7 @@ _BASE: Final = '{http://www.w3.org/XML/1998/namespace}base'
 _TURTLE_EXTENSIONS: Final = ('.ttl', '.turtle')
 _DIRECTIVE: Final = re.compile(rb'(?:\s|#[^\n]*\n)*@?(?:prefix|base)\s', re.IGNORECASE)
 _TURTLE_PREFIX: Final = r'(?im)^[^\S\n]*@?prefix\s+([\w.-]*):\s*<([^>\s]*)>'
-_MAX_REASON: Final = 400
+MAX_REASON: Final = 400
 """The number of characters of the error of a parser that a message has."""
 
 _REASON: Final = re.compile(r'Bad syntax \((.*)\) at \^', re.DOTALL)
@@ -99,10 +99,11 @@ def _normalise_xml(source: OntologySource) -> OntologyText:
     try:
         root, base, declarations = _xml_head(source.text)
     except ParseError as error:
-        raise _unreadable(source, f'parsing error: {error}') from None
+        raise unreadable(source.location, f'parsing error: {error}') from None
     if root not in _FORMAT_OF_ROOT:
-        raise _unreadable(
-            source, f'its root is {root}; write it as RDF/XML, OWL/XML, N-Triples or Turtle'
+        raise unreadable(
+            source.location,
+            f'its root is {root}; write it as RDF/XML, OWL/XML, N-Triples or Turtle',
         )
     prefixes = _usable_prefixes(declarations)
     if '#' in base:
@@ -137,17 +138,17 @@ def _translate(source: OntologySource, rdflib_format: Literal['turtle', 'xml'], 
         graph.parse(data=source.text, format=rdflib_format, publicID=base)
     except BadSyntax as error:
         reason = _REASON.search(str(error))
-        raise _unreadable(
-            source, f'line {error.lines + 1}: {reason[1] if reason else error}'
+        raise unreadable(
+            source.location, f'line {error.lines + 1}: {reason[1] if reason else error}'
         ) from None
     except (SAXParseException, ParserError) as error:
-        raise _unreadable(source, f'parsing error: {error}') from None
+        raise unreadable(source.location, f'parsing error: {error}') from None
     except UnicodeDecodeError:
-        raise _unreadable(source, 'it is not in UTF-8') from None
+        raise unreadable(source.location, 'it is not in UTF-8') from None
     except (MemoryError, RecursionError):
         raise
     except Exception as error:  # noqa: BLE001 - rdflib raises any, at malformed texts
-        raise _unreadable(source, f'{type(error).__name__}: {error}') from None
+        raise unreadable(source.location, f'{type(error).__name__}: {error}') from None
     return graph.serialize(format='nt', encoding='utf-8')
 
 
@@ -162,6 +163,6 @@ def _usable_prefixes(declarations: Iterable[tuple[str, str]]) -> frozenset[tuple
     )
 
 
-def _unreadable(source: OntologySource, reason: str) -> SemanticsError:
-    text = f'cannot read an ontology: {source.location}: {reason[:_MAX_REASON]}'
-    return SemanticsError(text)
+def unreadable(location: str, reason: str) -> SemanticsError:
+    """Return the error for a text that is malformed or in another format."""
+    return SemanticsError(f'cannot read an ontology: {location}: {reason[:MAX_REASON]}')

@@ -48,7 +48,6 @@ class Engines:
     after the other, and a stream manager offers an engine's services, too.
 
     Args:
-        namespaces: of the engines.
         discovery_period_s: seconds between two searches for new engines.
         on_report: is called with the name of an engine that has reported its streams.
         on_lost: is called with the name of an engine that is gone.

@@ -252,9 +252,7 @@ class Placement:
         """Decide about a stream that an engine makes: register, keep or destroy it."""
         key = engine, report.name
         known = self._registry.get(report.name)
-        found = self._registry.reported_stream(
-            engine, report.name, report.specification, report.constraints, report.topic
-        )
+        found = self._registry.reported_stream(engine, report)
         is_unwanted = key in self._unwanted
         if known is None and not is_unwanted:
             self._registry.add(found)
@@ -394,9 +392,7 @@ class Placement:
                 continue
             # The report may be older than the destruction of the stream.
             if await self._engines.may_make(engine, stream.name):
-                others[engine] = self._registry.reported_stream(
-                    engine, stream.name, report.specification, report.constraints, report.topic
-                )
+                others[engine] = self._registry.reported_stream(engine, report)
         return others
 
     async def _make_on(self, stream: CreatedStream, engine: str, chosen: Mapping[str, int]) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from math import isfinite
 from typing import Any, Final
 
@@ -31,19 +32,6 @@ REPORT_PERIOD_S: Final = 1.0
 _REST: Final = 4
 """The least time between two reports, in multiples of the time that a report takes."""
 
-_COMMON_FIELDS: Final = (
-    'name',
-    'message',
-    'engine',
-    'topic',
-    'stream_id',
-    'message_type',
-    'specification',
-    'samples',
-    'violations',
-)
-"""The fields that a report and its message have in common."""
-
 
 class StreamReportPublisher:
     """Publisher of `~/streams`, each second and soon after a change.
@@ -52,7 +40,6 @@ class StreamReportPublisher:
 
     Args:
         engines: returns the names of the stream processing engines that are alive.
-        reports: returns the report of each stream.
         known_until: returns the time until which all messages of the topics are in the reports, in
             nanoseconds. A node that has not run, or has not yet processed them, knows less.
         on_period_end: is called before each periodic report.
@@ -104,29 +91,7 @@ class StreamReportPublisher:
 
 def report_to_message(report: StreamReport) -> Any:
     """Return a StreamStatus message."""
-    return StreamStatus(
-        **{name: getattr(report, name) for name in _COMMON_FIELDS},
-        state=int(report.state),
-        constraints=constraints_to_message(report.constraints),
-        drops=_drops_to_messages(report.drops),
-        sources=[
-            StreamSource(
-                topic=source.topic,
-                stream_id=source.stream_id,
-                samples=source.samples,
-                latest=nanoseconds_to_time(source.latest or 0),
-                delay=nanoseconds_to_duration(source.delay),
-                before_sending=nanoseconds_to_duration(source.before_sending),
-                transport=nanoseconds_to_duration(source.transport),
-                rate=source.rate,
-                drops=_drops_to_messages(source.drops),
-            )
-            for source in report.sources
-        ],
-        rate=report.flow.rate,
-        mean_delay=nanoseconds_to_duration(report.flow.mean_delay),
-        max_delay=nanoseconds_to_duration(report.flow.max_delay),
-    )
+    return StreamStatus(**_written(report), **_written(report.flow))
 
 
 def report_from_message(message: Any) -> StreamReport:
@@ -136,39 +101,48 @@ def report_from_message(message: Any) -> StreamReport:
         ValueError: for a state that does not exist, or a rate that is no number.
         DyKnowError: for constraints that contradict each other.
     """
-    for rate in (message.rate, *(source.rate for source in message.sources)):
-        if not isfinite(rate):
-            raise ValueError(f'its rate is {rate}')
-    return StreamReport(
-        **{name: getattr(message, name) for name in _COMMON_FIELDS},
-        state=StreamState(message.state),
-        constraints=constraints_from_message(message.constraints),
-        drops=_drops_from_messages(message.drops),
-        sources=tuple(
-            SourceReport(
-                source.topic,
-                source.samples,
-                time_to_nanoseconds(source.latest) or None,
-                time_to_nanoseconds(source.delay),
-                time_to_nanoseconds(source.before_sending),
-                time_to_nanoseconds(source.transport),
-                source.stream_id,
-                source.rate,
-                _drops_from_messages(source.drops),
-            )
-            for source in message.sources
-        ),
-        flow=Flow(
-            message.rate,
-            time_to_nanoseconds(message.mean_delay),
-            time_to_nanoseconds(message.max_delay),
-        ),
-    )
+    return StreamReport(**_read(StreamReport, message), flow=Flow(**_read(Flow, message)))
 
 
-def _drops_to_messages(drops: Mapping[str, int]) -> list[Any]:
-    return [StreamDrop(reason=reason, count=count) for reason, count in drops.items()]
+def _written(part: StreamReport | SourceReport | Flow) -> dict[str, Any]:
+    """Return the fields of a report, but its flow, as those of messages."""
+    names = [each.name for each in fields(part) if each.name != 'flow']
+    return {name: _CONVERSIONS.get(name, _SAME)[0](getattr(part, name)) for name in names}
 
 
-def _drops_from_messages(drops: Iterable[Any]) -> dict[str, int]:
-    return {drop.reason: drop.count for drop in drops}
+def _read(class_: Any, message: Any) -> dict[str, Any]:
+    """Return the fields of a message as those of a report, but its flow."""
+    names = [each.name for each in fields(class_) if each.name != 'flow']
+    return {name: _CONVERSIONS.get(name, _SAME)[1](getattr(message, name)) for name in names}
+
+
+def _finite(rate: float) -> float:
+    if not isfinite(rate):
+        raise ValueError(f'its rate is {rate}')
+    return rate
+
+
+_Conversion = tuple[Callable[[Any], Any], Callable[[Any], Any]]
+"""From a field of a report to a field of a message, and back."""
+
+_SAME: Final[_Conversion] = (lambda value: value, lambda value: value)
+_DURATION: Final[_Conversion] = (nanoseconds_to_duration, time_to_nanoseconds)
+_CONVERSIONS: Final[Mapping[str, _Conversion]] = {
+    'state': (int, StreamState),
+    'constraints': (constraints_to_message, constraints_from_message),
+    'drops': (
+        lambda drops: [StreamDrop(reason=reason, count=drops[reason]) for reason in drops],
+        lambda messages: {each.reason: each.count for each in messages},
+    ),
+    'sources': (
+        lambda sources: [StreamSource(**_written(each)) for each in sources],
+        lambda messages: tuple(SourceReport(**_read(SourceReport, each)) for each in messages),
+    ),
+    'latest': (
+        lambda time_ns: nanoseconds_to_time(time_ns or 0),
+        lambda message: time_to_nanoseconds(message) or None,
+    ),
+    'rate': (float, _finite),
+    **dict.fromkeys(('delay', 'before_sending', 'transport', 'mean_delay', 'max_delay'), _DURATION),
+}
+"""The fields of reports that messages have otherwise."""

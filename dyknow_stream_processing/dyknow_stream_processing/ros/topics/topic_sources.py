@@ -20,7 +20,7 @@ from dyknow_stream_processing.dataflow.operators import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.required_fields import WHOLE, Demand
 from dyknow_stream_processing.reporting.sender_clock import CLOCK_TOLERANCE_NS, SenderClock
-from dyknow_stream_processing.reporting.silence import TopicState, topic_reason
+from dyknow_stream_processing.reporting.silence import topic_reason
 from dyknow_stream_processing.reporting.stream_report import SourceReport
 from dyknow_stream_processing.ros.messages.conversions import extractor
 from dyknow_stream_processing.ros.messages.message_types import (
@@ -175,19 +175,16 @@ class TopicSources:
             publication = find_publication(self._node, topic)
         except StreamError as error:
             return error.message
-        state = TopicState(
-            name,
-            received=source.received,
-            is_silent=since is not None and (source.latest or 0) <= since,
-            fault=self._topics.fault(name),
-        )
-        if publication is None:
-            # What was wrong with the messages of publishers has gone with them.
-            return topic_reason(state, self._names.nearest(name))
-        publishers, is_latched = len(publication.publishers), publication.latched
-        fault = source.fault or state.fault
+        # What was wrong with the messages of publishers has gone with them.
+        fault = (publication and source.fault) or self._topics.fault(name)
         return topic_reason(
-            replace(state, publishers=publishers, is_latched=is_latched, fault=fault)
+            name,
+            is_published=publication is not None,
+            has_received=source.received > 0,
+            is_silent=since is not None and (source.latest or 0) <= since,
+            is_latched=publication is not None and publication.latched,
+            fault=fault,
+            nearest=() if publication else self._names.nearest(name),
         )
 
     def destroy(self) -> None:

@@ -44,7 +44,6 @@ class ViolationRelay:
     Args:
         topic: the topic of the samples.
         heartbeats: that the node receives.
-        on_violation: receives each violation.
     """
 
     def __init__(

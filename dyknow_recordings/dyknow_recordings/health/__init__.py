@@ -1,1 +1,0 @@
-"""The health of recordings: the timing, stamps and losses of their topics."""
