@@ -7,6 +7,7 @@ The types of both fields say how a value is converted:
     int | None                      Time; zero for None
     an IntEnum                      uint8
     tuple[Dataclass, ...]           Message[]
+    Mapping[key, value]             Message[] of two fields
     Dataclass | None                Message[<=1]
     StreamConstraints, Margin       of the same name
 """
@@ -19,7 +20,7 @@ from dataclasses import fields, is_dataclass
 from enum import IntEnum
 from functools import cache
 from types import NoneType
-from typing import Any, Final, NamedTuple, TypeVar, get_args, get_type_hints
+from typing import Any, Final, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from dyknow_interfaces import msg
 
@@ -98,6 +99,8 @@ def _conversion(hint: Any, type_name: str) -> _FieldConversion:
     parts = get_args(hint)
     is_optional = NoneType in parts
     if found := _SEQUENCE.fullmatch(type_name):
+        if get_origin(hint) is Mapping:
+            return _of_pairs(_message_type(found['element']))
         each = _conversion(parts[0], found['element'])
         if is_optional and found['bound'] == '1':
             return _FieldConversion(
@@ -114,13 +117,26 @@ def _conversion(hint: Any, type_name: str) -> _FieldConversion:
         is_time = is_optional and type_name == 'builtin_interfaces/Time'
         return leaf._replace(read=lambda value: leaf.read(value) or None) if is_time else leaf
     if isinstance(kind, type) and is_dataclass(kind):
-        message_type = getattr(msg, type_name.rpartition('/')[2])
+        message_type = _message_type(type_name)
         return _FieldConversion(
             lambda value: to_message(value, message_type()),
             lambda message: from_message(kind, message),
         )
     is_number = isinstance(kind, type) and issubclass(kind, IntEnum)
     return _FieldConversion(int, kind) if is_number else _FieldConversion(_same, _same)
+
+
+def _of_pairs(message_type: Any) -> _FieldConversion:
+    """Return the conversion of a mapping to messages of a key and a value."""
+    key, value = message_type.get_fields_and_field_types()
+    return _FieldConversion(
+        lambda mapping: [message_type(**{key: each, value: mapping[each]}) for each in mapping],
+        lambda messages: {getattr(each, key): getattr(each, value) for each in messages},
+    )
+
+
+def _message_type(name: str) -> Any:
+    return getattr(msg, name.rpartition('/')[2])
 
 
 def _same(value: Any) -> Any:

@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields
+from collections.abc import Callable, Iterable
 from math import isfinite
 from typing import Any, Final
 
-from dyknow_interfaces.msg import StreamDrop, StreamSource, StreamStatus, StreamStatusArray
+from dyknow_interfaces.msg import StreamStatus, StreamStatusArray
 
 from dyknow_common.ros import (
     LATCHED,
     TICK_PERIOD_S,
     DyKnowNode,
-    constraints_from_message,
-    constraints_to_message,
-    nanoseconds_to_duration,
+    from_message,
     nanoseconds_to_time,
-    time_to_nanoseconds,
+    to_message,
 )
 from dyknow_stream_processing.reporting.stream_report import (
     Flow,
-    SourceReport,
     StreamReport,
-    StreamState,
 )
 
 REPORT_PERIOD_S: Final = 1.0
@@ -91,7 +86,7 @@ class StreamReportPublisher:
 
 def report_to_message(report: StreamReport) -> Any:
     """Return a StreamStatus message."""
-    return StreamStatus(**_written(report), **_written(report.flow))
+    return to_message(report.flow, to_message(report, StreamStatus()))
 
 
 def report_from_message(message: Any) -> StreamReport:
@@ -101,48 +96,7 @@ def report_from_message(message: Any) -> StreamReport:
         ValueError: for a state that does not exist, or a rate that is no number.
         DyKnowError: for constraints that contradict each other.
     """
-    return StreamReport(**_read(StreamReport, message), flow=Flow(**_read(Flow, message)))
-
-
-def _written(part: StreamReport | SourceReport | Flow) -> dict[str, Any]:
-    """Return the fields of a report, but its flow, as those of messages."""
-    names = [each.name for each in fields(part) if each.name != 'flow']
-    return {name: _CONVERSIONS.get(name, _SAME)[0](getattr(part, name)) for name in names}
-
-
-def _read(class_: Any, message: Any) -> dict[str, Any]:
-    """Return the fields of a message as those of a report, but its flow."""
-    names = [each.name for each in fields(class_) if each.name != 'flow']
-    return {name: _CONVERSIONS.get(name, _SAME)[1](getattr(message, name)) for name in names}
-
-
-def _finite(rate: float) -> float:
-    if not isfinite(rate):
-        raise ValueError(f'its rate is {rate}')
-    return rate
-
-
-_Conversion = tuple[Callable[[Any], Any], Callable[[Any], Any]]
-"""From a field of a report to a field of a message, and back."""
-
-_SAME: Final[_Conversion] = (lambda value: value, lambda value: value)
-_DURATION: Final[_Conversion] = (nanoseconds_to_duration, time_to_nanoseconds)
-_CONVERSIONS: Final[Mapping[str, _Conversion]] = {
-    'state': (int, StreamState),
-    'constraints': (constraints_to_message, constraints_from_message),
-    'drops': (
-        lambda drops: [StreamDrop(reason=reason, count=drops[reason]) for reason in drops],
-        lambda messages: {each.reason: each.count for each in messages},
-    ),
-    'sources': (
-        lambda sources: [StreamSource(**_written(each)) for each in sources],
-        lambda messages: tuple(SourceReport(**_read(SourceReport, each)) for each in messages),
-    ),
-    'latest': (
-        lambda time_ns: nanoseconds_to_time(time_ns or 0),
-        lambda message: time_to_nanoseconds(message) or None,
-    ),
-    'rate': (float, _finite),
-    **dict.fromkeys(('delay', 'before_sending', 'transport', 'mean_delay', 'max_delay'), _DURATION),
-}
-"""The fields of reports that messages have otherwise."""
+    for rate in (message.rate, *(source.rate for source in message.sources)):
+        if not isfinite(rate):
+            raise ValueError(f'its rate is {rate}')
+    return from_message(StreamReport, message, flow=from_message(Flow, message))
