@@ -109,6 +109,7 @@ from dyknow_common.symbol import (
     SSL_WORDS,
     Symbol,
     SymbolKind,
+    numbered_names,
 )
 from dyknow_common.text_files import (
     InlineText,
@@ -237,6 +238,7 @@ __all__ = [
     'message_path',
     'number_of',
     'number_value',
+    'numbered_names',
     'one_line',
     'open_text',
     'parse_duration',

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import chain, count
 from typing import Final
 
 FORMULA_WORDS: Final = frozenset(
@@ -29,6 +31,11 @@ _REFERENCE: Final = re.compile(
     rf"""(?P<function>\w+\((?!"[^"]+"[,)]))?(?P<stream>{_BUILT_IN}|"[^"]+"|[\w']+)\.(?P<path>.+)""",
     re.ASCII | re.DOTALL,
 )
+
+
+def numbered_names(name: str) -> Iterator[str]:
+    """Yield a name, then `name_2`, `name_3` and so on, for one that may be taken."""
+    return chain([name], (f'{name}_{number}' for number in count(2)))
 
 
 class SymbolKind(IntEnum):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, count
 
-from dyknow_common import StreamConstraints, Symbol
+from dyknow_common import StreamConstraints, Symbol, numbered_names
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource, Grounding
 from dyknow_stream_processing import Selection
 
@@ -71,7 +70,7 @@ def _with_distinct_names(sources: Iterable[FeatureSource]) -> Sequence[FeatureSo
     declared: dict[str, str] = {}
     result = []
     for source in sources:
-        names = chain([source.stream], (f'{source.stream}_{number}' for number in count(2)))
+        names = numbered_names(source.stream)
         name = next(each for each in names if declared.get(each, str(source)) == str(source))
         declared[name] = str(source)
         result.append(replace(source, stream=name, declaration=f'stream {name} = {source}'))

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain, count
 from typing import Final, Self
 
-from dyknow_common import DyKnowError, Margin, Verdict
+from dyknow_common import DyKnowError, Margin, Verdict, numbered_names
 from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 
@@ -120,7 +119,7 @@ class VerdictTopicNames:
             status = evaluations[owner]
             return status.name == name and status.phase is EvaluationPhase.ENDED
 
-        return next(filter(is_free, _numbered(verdict_token(name))))
+        return next(filter(is_free, numbered_names(verdict_token(name))))
 
     def _make_room(self, evaluations: Mapping[str, EvaluationStatus]) -> bool:
         """Return True if there may be one more topic; one of an ended evaluation makes room."""
@@ -137,7 +136,3 @@ class VerdictTopicNames:
         if token in self._owners:
             self._tokens[self._owners[token]] = ''
         self._owners[token], self._tokens[key] = key, token
-
-
-def _numbered(token: str) -> Iterator[str]:
-    return chain([token], (f'{token}_{number}' for number in count(2)))

@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
-from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +18,7 @@ from rosbags.rosbag2 import WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, sourced_prefixes
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, numbered_names, sourced_prefixes
 from dyknow_reactions.black_box.message_ring import SerialisedMessage
 from dyknow_recordings import BLACK_BOX, BlackBoxContent, bag_writer, offered_profile
 
@@ -150,8 +149,8 @@ class BoxFolder:
     def _path(self, name: str, time: int) -> Path:
         moment = datetime.fromtimestamp(max(time, 0) // SECOND_NS, UTC)
         stem = f'{moment:%Y-%m-%dT%H-%M-%S}_{_word(name)}'
-        names = (stem if number == 1 else f'{stem}_{number}' for number in count(1))
-        return next(path for each in names if not (path := self._folder / each).exists())
+        paths = (self._folder / each for each in numbered_names(stem))
+        return next(each for each in paths if not each.exists())
 
 
 def _write_bag(

@@ -7,12 +7,12 @@ import os
 import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, count, groupby
+from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from dyknow_common import SECOND_NS, DyKnowError
+from dyknow_common import SECOND_NS, DyKnowError, numbered_names
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, verdict_token
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
@@ -247,7 +247,7 @@ class VerdictRecordings(CheckOutput):
     def _path(self, report: RecordingReport) -> Path:
         if self._is_file:
             return self._target
-        names = _numbered(Path(report.recording).resolve().stem)
+        names = numbered_names(Path(report.recording).resolve().stem)
         path = next(
             path for name in names if (path := self._target / f'{name}.mcap') not in self._used
         )
@@ -400,13 +400,9 @@ def _topics(names: Sequence[str]) -> list[str]:
     """Return the topics of the numbers of formulas."""
     topics: list[str] = []
     for name in names:
-        numbered = _numbered(f'{VERDICTS}/{verdict_token(name)}')
+        numbered = numbered_names(f'{VERDICTS}/{verdict_token(name)}')
         topics.append(next(topic for topic in numbered if topic not in topics))
     return topics
-
-
-def _numbered(name: str) -> Iterator[str]:
-    return chain([name], (f'{name}_{number}' for number in count(2)))
 
 
 @dataclass(frozen=True, slots=True)

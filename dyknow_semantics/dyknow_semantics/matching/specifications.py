@@ -10,7 +10,6 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, count
 from math import inf
 from operator import attrgetter
 from typing import Final, NamedTuple
@@ -20,6 +19,7 @@ from dyknow_common import (
     StreamConstraints,
     ValueType,
     number_of,
+    numbered_names,
     parse_field,
     unit_conversion,
 )
@@ -205,8 +205,7 @@ def in_order(matches: Iterable[Match]) -> tuple[Match, ...]:
         return tuple(result)
     used: set[str] = set()
     for index, each in enumerate(result):
-        names = chain([each.stream_name], (f'{each.stream_name}_{n}' for n in count(2)))
-        name = next(name for name in names if name not in used)
+        name = next(name for name in numbered_names(each.stream_name) if name not in used)
         used.add(name)
         if name != each.stream_name:
             result[index] = replace(each, declaration=replace(each.declaration, name=name))
