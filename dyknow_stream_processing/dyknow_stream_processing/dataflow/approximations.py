@@ -57,7 +57,8 @@ class Track:
     def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
         """Add a sample after the position, and the promise that it carries."""
         self.waiting.append((valid_time, fields))
-        self.promise(watermark)
+        if watermark > self.settled:
+            self.settled = watermark
 
     def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:
         """Replace the latest sample by another one that is valid at the position."""
@@ -133,6 +134,11 @@ class LinearTrack(Track):
     def __init__(self, source: Operator) -> None:
         super().__init__(source)
         self.settled = BEGINNING
+
+    def put(self, valid_time: int, fields: Mapping[str, Value], watermark: int) -> None:
+        """Add a sample after the position, and the promise that it carries."""
+        self.waiting.append((valid_time, fields))
+        self.promise(watermark)
 
     def promise(self, watermark: int) -> None:
         """Process a promise; it counts if it covers the last sample."""
