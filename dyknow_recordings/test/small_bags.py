@@ -87,6 +87,22 @@ def write(path: Path, storage: str, mode: str, recorded: Iterable[Message]) -> N
             writer.write(connections[topic], time, data)
 
 
+def header(time: int, frame: str) -> Any:
+    stamp = STORE.types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
+    return STORE.types['std_msgs/msg/Header'](stamp, frame)
+
+
+def write_messages(path: Path, timed: Iterable[tuple[int, str, Any]], store: Any = STORE) -> None:
+    """Write a bag of messages, each with its time and topic."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics: dict[str, Any] = {}
+        for time, topic, each in timed:
+            kind = each.__msgtype__
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(topics[topic], time, store.serialize_cdr(each, kind))
+
+
 def read_by_rosbags(path: Path) -> list[Message]:
     with Reader(path) as reader:
         return [(time, each.topic, bytes(data)) for each, time, data in reader.messages()]
