@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import START, STORE
+from small_bags import START, STORE, header
 
 from dyknow_common import Verdict
 from dyknow_recordings import MonitoringFiles, RequestedFormula, evaluate_recording, open_recording
@@ -31,12 +31,11 @@ def time(seconds: float) -> Any:
 
 
 def link(parent: str, child: str, at: float, x: float) -> Any:
-    make = {name.rpartition('/')[2]: each for name, each in TYPES.items()}
     position = TYPES['geometry_msgs/msg/Vector3'](x, 0.0, 0.0)
     rotation = TYPES['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
-    return make['TransformStamped'](
-        make['Header'](time(at), parent), child, make['Transform'](position, rotation)
-    )
+    moved = TYPES['geometry_msgs/msg/Transform'](position, rotation)
+    stamped = header(START + round(at * 1e9), parent)
+    return TYPES['geometry_msgs/msg/TransformStamped'](stamped, child, moved)
 
 
 def transforms(topic: str, at: float, *links: Any) -> Recorded:
