@@ -1,6 +1,5 @@
 """Evaluations on a terminal."""
 
-import io
 import json
 from dataclasses import replace
 
@@ -51,10 +50,10 @@ FAILED = replace(
 
 def shown(what: RenderableType) -> list[str]:
     """The lines without the space between columns."""
-    console = Console(file=io.StringIO(), width=160)
-    console.print(what)
-    assert isinstance(console.file, io.StringIO)
-    return [' '.join(line.split()) for line in console.file.getvalue().splitlines()]
+    console = Console(width=160)
+    with console.capture() as captured:
+        console.print(what)
+    return [' '.join(line.split()) for line in captured.get().splitlines()]
 
 
 def test_a_line_for_each_evaluation() -> None:

@@ -66,9 +66,7 @@ def test_each_formula_is_as_in_a_group_of_its_own(
 
 
 def test_a_formula_that_comes_later() -> None:
-    group = FormulaGroup()
-    first = group.add_formula('first', 'forall x in S: always P[x]')
-    group.begin({'S': ['a', 'b']})
+    group, first = begun('forall x in S: always P[x]', {'S': ['a', 'b']})
     assert group.progress(0, {'P[a]': True, 'P[b]': True}) == []
     second = group.add_formula('second', 'exists x in S: eventually[0, 5 ns] Q[x]')
     assert {str(symbol) for symbol in group.symbols()} == {'P[a]', 'P[b]', 'Q[a]', 'Q[b]'}

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import pytest
 from reasoning_reference import begun
+from test_formula_group import POWER
 
 from dyknow_common import Value
 from dyknow_reasoning import FormulaResult, ground_atoms, objects_text, parse_formula
-
-POWER = (
-    'forall u in UAV: always (Power[u] > 150 -> '
-    'Power[u] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[u] <= 150)'
-)
 
 
 def decided(
@@ -389,23 +385,27 @@ def test_no_claim_is_untrue(
 
 
 @pytest.mark.parametrize(
-    ('text', 'values', 'objects', 'windows'),
+    ('text', 'values', 'objects', 'windows', 'decided_at'),
     [
         # The whole window of the obligation, though a state within it decided.
-        (POWER, [140.0, 180.0, 190.0, 231.4], 'u = uav2', [(10.1, 15.1)]),
-        (POWER, [160.0] * 60, 'u = uav2', [(10.0, 15.0)]),
-        ('eventually[200 ms, 500 ms] Power[uav2] > 5', [1, 9, 1, 9], '', [(10.2, 10.5)]),
+        (POWER, [140.0, 180.0, 190.0, 231.4], 'u = uav2', [(10.1, 15.1)], 10.3),
+        (POWER, [160.0] * 60, 'u = uav2', [(10.0, 15.0)], 15.0),
+        ('eventually[200 ms, 500 ms] Power[uav2] > 5', [1, 9, 1, 9], '', [(10.2, 10.5)], 10.3),
         # Without an end, to the deciding state.
-        ('always Power[uav2] < 5', [1, 2, 9], '', [(10.0, 10.2)]),
-        ('Power[uav2] < 5', [9], '', []),
+        ('always Power[uav2] < 5', [1, 2, 9], '', [(10.0, 10.2)], 10.2),
+        ('Power[uav2] < 5', [9], '', [], 10.0),
     ],
 )
 def test_the_windows_and_objects_of_a_verdict(
-    text: str, values: list[Value], objects: str, windows: list[tuple[float, float]]
+    text: str,
+    values: list[Value],
+    objects: str,
+    windows: list[tuple[float, float]],
+    decided_at: float,
 ) -> None:
     result = decided(text, {'Power[uav1]': [140.0], 'Power[uav2]': values})
     assert result is not None
-    assert result.objects == objects
+    assert (result.objects, result.decided_at) == (objects, round(decided_at * 1e9))
     assert [(start / 1e9, end / 1e9) for start, end in result.windows] == windows
 
 

@@ -448,9 +448,7 @@ def test_noise_that_changes_nothing_is_skipped_while_a_clock_runs(
         return step(single, symbol, now, elapsed)
 
     monkeypatch.setattr(SingleInstance, 'step', counted)
-    group = FormulaGroup()
-    group.add_formula('it', 'always[0 s, 1 s] (p -> eventually[0 ns, 9 ns] q)')
-    group.begin({})
+    group, _ = begun('always[0 s, 1 s] (p -> eventually[0 ns, 9 ns] q)')
     noise = np.random.default_rng(1).random(2000) < 0.5
     assert not group.progress_many(range(2000), {'p': np.zeros(2000, bool), 'q': noise})
     assert steps < 10
@@ -458,9 +456,8 @@ def test_noise_that_changes_nothing_is_skipped_while_a_clock_runs(
 
 def test_batches_form_again_after_values_that_fit_into_no_vectors() -> None:
     names = [f'o{number}' for number in range(40)]
-    group = FormulaGroup()
-    group.add_formula('it', 'forall x in S: always (v[x] > 0 -> eventually[0 ns, 9 ns] v[x] < 5)')
-    group.begin({'S': names})
+    text = 'forall x in S: always (v[x] > 0 -> eventually[0 ns, 9 ns] v[x] < 5)'
+    group, _ = begun(text, {'S': names})
     assert group._monitor is not None
     sizes = []
     for time, odd in enumerate([1.0, 1, 1.0, 1.0, 1, 1.0, 1.0, 1.0]):

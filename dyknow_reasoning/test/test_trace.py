@@ -96,6 +96,16 @@ def test_a_header_that_numpy_has_written() -> None:
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
+        ('', 'line 1: a trace has one column of times, .*: time_s, time_ms, .* columns: none'),
+        ('p,q\ntrue,true', 'this trace has the columns: p, q'),
+        ('time_s,time_ns,p', 'one column of times'),
+        ('time_s,p,p', "there are two columns 'p'"),
+        ('time_s,D[a,b]', r"the column 'D\[a' is not a ground feature"),
+        ('time_s,p\n1', 'line 2: 1 values for 2 columns'),
+        ('time_s,p\n0,true\nsoon,true', "line 3, column 'time_s': 'soon' is not a whole number"),
+        ('time_s,p\n0.0000000001,true', 'not a whole number'),
+        ('time_ns,p\ninf,true', 'not a whole number'),
+        ('time_ns,p\nnan,true', 'not a whole number'),
         ('time_s,p,q\n0,true', "line 2: 2 values for 3 columns, none for 'q'"),
         ('time_s,p\n1,true\n1,true', "line 3, column 'time_s': the time is not later"),
         ('time_s,p\n1,true\n\n0.5,true', "line 4, column 'time_s': the time is not later"),

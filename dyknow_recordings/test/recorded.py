@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 
-from dyknow_common import SECOND_NS, Value, ValueType
+from dyknow_common import SECOND_NS, ExitCode, Value, ValueType
+from dyknow_recordings.errors import RecordingError
+from dyknow_recordings.evaluation import evaluation
+from dyknow_recordings.evaluation.vocabulary import Vocabulary
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.recording import RecordedTopic, RecordingReader
 
@@ -125,6 +130,26 @@ def recording(
 ) -> ListedSamples:
     """A recording of some messages, in the order of their log times."""
     return ListedSamples(sorted(messages, key=lambda each: each.log_time), batch, publishers)
+
+
+class Carriers(Vocabulary):
+    """A vocabulary in which some streams carry each feature."""
+
+    def __init__(self, streams: Mapping[str, tuple[str, ...]]) -> None:
+        super().__init__({})
+        self._streams = streams
+
+    def matching_streams(self, concept: str) -> tuple[str, ...]:
+        if concept not in self._streams:
+            raise RecordingError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
+        return self._streams[concept]
+
+
+@contextmanager
+def carried(streams: Mapping[str, tuple[str, ...]]) -> Iterator[None]:
+    """Evaluate with the streams that carry features."""
+    with mock.patch.object(evaluation, 'load_vocabulary', return_value=Carriers(streams)):
+        yield
 
 
 def _types(fields: Mapping[str, Value | None]) -> Iterator[tuple[str, ValueType]]:

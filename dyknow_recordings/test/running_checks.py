@@ -9,16 +9,51 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from small_bags import channel, chunk, mcap, schema, stored
+
+from dyknow_recordings.check import main
 
 LIMIT_S = 180
 CODE = 'import sys; from dyknow_recordings.check import main; sys.exit(main(sys.argv[1:]))'
 FORMULAS = ('always "/odom".pose.pose.position.z < 58', 'always x.y = 1', 'always "/armed".data')
 OPTIONS = [word for each in FORMULAS for word in ('--formula', each)]
+
+
+class CheckOutput(NamedTuple):
+    """The exit code of a check, and what it printed."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> Any:
+        """The only line of JSON."""
+        (line,) = self.out.splitlines()
+        return json.loads(line)
+
+    @property
+    def formulas(self) -> list[Any]:
+        found: list[Any] = self.document['formulas']
+        return found
+
+    @property
+    def by_name(self) -> dict[str, Any]:
+        """The results of formulas by their names."""
+        return {each['name']: each for each in self.formulas}
+
+
+def run_check(*arguments: object) -> CheckOutput:
+    """Run a check in this process."""
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = main(list(map(str, arguments)))
+    return CheckOutput(code, out.getvalue(), err.getvalue())
 
 
 class EndlessRecording:

@@ -42,8 +42,7 @@ def message(number: int) -> Message:
     """Return a message on one of the topics, with values that depend on its number."""
     types = STORE.types
     time = START + number * 10_000_000
-    stamp = types['builtin_interfaces/msg/Time'](*divmod(time - 5_000_000, 10**9))
-    header = types['std_msgs/msg/Header'](stamp, 'map' * (number % 3))
+    stamped = header(time - 5_000_000, 'map' * (number % 3))
     topic = list(TOPICS)[number % 3]
     made: Any
     if topic == '/odom':
@@ -54,7 +53,7 @@ def message(number: int) -> Message:
         )
         matrix = np.arange(36.0) + number
         made = types[ODOMETRY](
-            header,
+            stamped,
             'base',
             types['geometry_msgs/msg/PoseWithCovariance'](pose, matrix),
             types['geometry_msgs/msg/TwistWithCovariance'](
@@ -65,7 +64,7 @@ def message(number: int) -> Message:
         made = types[BOOL](number % 2 == 0)
     else:
         ranges = np.arange(number % 7, dtype=np.float32)
-        made = types[SCAN](header, 0.0, 1.0, 0.5, 0.0, 0.1, 0.1, 30.0 + number, ranges, ranges)
+        made = types[SCAN](stamped, 0.0, 1.0, 0.5, 0.0, 0.1, 0.1, 30.0 + number, ranges, ranges)
     return time, topic, bytes(STORE.serialize_cdr(made, TOPICS[topic]))
 
 
@@ -85,6 +84,22 @@ def write(path: Path, storage: str, mode: str, recorded: Iterable[Message]) -> N
         }
         for time, topic, data in recorded:
             writer.write(connections[topic], time, data)
+
+
+def header(time: int, frame: str) -> Any:
+    stamp = STORE.types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
+    return STORE.types['std_msgs/msg/Header'](stamp, frame)
+
+
+def write_messages(path: Path, timed: Iterable[tuple[int, str, Any]], store: Any = STORE) -> None:
+    """Write a bag of messages, each with its time and topic."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics: dict[str, Any] = {}
+        for time, topic, each in timed:
+            kind = each.__msgtype__
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(topics[topic], time, store.serialize_cdr(each, kind))
 
 
 def read_by_rosbags(path: Path) -> list[Message]:

@@ -319,7 +319,7 @@ POINTER = b'version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsiz
         ('a.csv', b'\xff\xfe\0', 'it is not in UTF-8'),
         ('a.db3', b'SQLite format 3\0', 'not a readable bag'),
         ('a.bag', b'#ROSBAG V2.0', 'a bag of ROS 1; convert it with: rosbags-convert --src'),
-        ('a.bin', b'\xa3\x95', 'not a recording; DyKnow reads'),
+        ('a.bin', b'\xa3\x95', 'not a recording; DyKnow reads folders of rosbag2'),
         ('a.mcap', POINTER, 'a pointer file of Git LFS, not the recording; run: git lfs pull'),
         ('a.csv', POINTER, 'a pointer file of Git LFS'),
     ],

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from base64 import b64encode
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from running_checks import run_check
 
 from dyknow_common import SECOND_NS
 from dyknow_recordings import BLACK_BOX, BlackBoxContent, RecordingError, read_black_box
-from dyknow_recordings.check import main
 
 S = SECOND_NS
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -41,9 +41,8 @@ def content(formula: str, **more: object) -> BlackBoxContent:
     return BlackBoxContent('f', formula, states=STATES, **more)  # type: ignore[arg-type]
 
 
-def checked(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
-    main([str(path), '--json'])
-    (found,) = json.loads(capsys.readouterr().out)['formulas']
+def checked(path: Path) -> dict[str, Any]:
+    (found,) = run_check(path, '--json').formulas
     return dict(found)
 
 
@@ -71,50 +70,40 @@ VALUES = [True, True, True, False, True, True, True]
     ],
 )
 def test_verdicts_of_a_black_box(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    formula: str,
-    more: dict[str, object],
-    outcome: str,
+    tmp_path: Path, formula: str, more: dict[str, object], outcome: str
 ) -> None:
     path = write(tmp_path, content(formula, **more), VALUES)
-    assert checked(path, capsys)['outcome'] == outcome
+    assert checked(path)['outcome'] == outcome
 
 
-def test_the_error_names_the_mend(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_error_names_the_mend(tmp_path: Path) -> None:
     path = write(tmp_path, content('eventually[0 s, 2 s] not P'), VALUES)
-    assert checked(path, capsys)['error'] == {
+    assert checked(path)['error'] == {
         'code': 'NOT_FOUND',
         'message': 'the black box begins after the first state of the formula, whose verdict '
         "depends on its first state; record more with a longer 'before'",
     }
 
 
-def test_another_verdict_than_that_of_the_system_is_noted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_verdict_than_that_of_the_system_is_noted(tmp_path: Path) -> None:
     box = content('always P', verdict='false', decided_at=15 * S)
-    main([str(write(tmp_path, box, VALUES)), '--json'])
-    notes = json.loads(capsys.readouterr().out)['notes']
-    assert notes == ["the running system decided that 'f' is false at 15.000 s"]
+    found = run_check(write(tmp_path, box, VALUES), '--json')
+    assert found.document['notes'] == ["the running system decided that 'f' is false at 15.000 s"]
 
 
-def test_states_keep_their_period(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_states_keep_their_period(tmp_path: Path) -> None:
     constraints = 'start_time = 9500 ms, sample_period = 1 s'
     box = content('always P', constraints=constraints)
-    found = checked(write(tmp_path, box, VALUES), capsys)
-    assert found['episodes'][0]['decided_at_ns'] == 13_500_000_000  # type: ignore[index]
+    found = checked(write(tmp_path, box, VALUES))
+    assert found['episodes'][0]['decided_at_ns'] == 13_500_000_000
 
 
-def test_options_take_the_place_of_the_content(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_take_the_place_of_the_content(tmp_path: Path) -> None:
     path = write(tmp_path, content('always P'), VALUES)
-    assert main([str(path), '--formula', 'eventually not "/p".data']) == 0
-    assert main([str(path), '--every', 'state']) == 2
-    assert (
-        'the black box says from which states its formula is evaluated' in capsys.readouterr().err
-    )
+    assert run_check(path, '--formula', 'eventually not "/p".data').code == 0
+    refused = run_check(path, '--every', 'state')
+    assert refused.code == 2
+    assert 'the black box says from which states its formula is evaluated' in refused.err
 
 
 def test_the_file_of_a_black_box_is_one(tmp_path: Path) -> None:
@@ -140,7 +129,7 @@ def test_a_damaged_content_is_an_error(tmp_path: Path, damaged: str) -> None:
     path = write(tmp_path, damaged, VALUES)
     with pytest.raises(RecordingError, match=r'black box in metadata\.yaml is damaged'):
         read_black_box(path)
-    assert main([str(path)]) == 2
+    assert run_check(path).code == 2
 
 
 def test_a_long_content_survives_its_metadata(tmp_path: Path) -> None:
@@ -151,11 +140,9 @@ def test_a_long_content_survives_its_metadata(tmp_path: Path) -> None:
     assert tuple(found.streams) == texts
 
 
-def test_a_bag_that_is_no_black_box_needs_a_formula(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_that_is_no_black_box_needs_a_formula(tmp_path: Path) -> None:
     path = write(tmp_path, content('always P'), VALUES)
     metadata = path / 'metadata.yaml'
     metadata.write_text(metadata.read_text().replace(BLACK_BOX, 'other'))
-    assert main([str(path)]) == 2
-    assert 'there is no formula to check' in capsys.readouterr().err
+    found = run_check(path)
+    assert (found.code, 'there is no formula to check' in found.err) == (2, True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 
@@ -11,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from running_checks import run_check
 
 from dyknow_common.executables import run_main
 from dyknow_configuration import read_robot
 from dyknow_recordings.calibrate import add_calibrate_options, calibrate
 from dyknow_recordings.calibration import block_quantile, least_blocks
-from dyknow_recordings.check import main as check
 from dyknow_recordings.errors import RecordingError
 
 DATA = Path(__file__).parents[3] / 'shared' / 'data'
@@ -138,21 +137,16 @@ def test_simulated_runs_are_covered(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert 'Height_high_1s > 1.5 m: ' in output
 
 
-def test_answers_say_whether_forecasts_are_calibrated(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_answers_say_whether_forecasts_are_calibrated(tmp_path: Path) -> None:
     run = tmp_path / 'run.csv'
     write_run(run, 1)
     (tmp_path / 'robot.yaml').write_text(ROBOT)
-    options = [str(run), '--config', str(tmp_path / 'robot.yaml'), '--json']
-    check(options)
-    before = capsys.readouterr().out
+    options = (run, '--config', tmp_path / 'robot.yaml', '--json')
+    before = run_check(*options).out
     assert 'Height_high_1s = ' in before
     assert '(not calibrated: Height_high_1s)' in before
     assert calibrated(tmp_path, str(run)) == 0
-    capsys.readouterr()
-    check(options)
-    after = capsys.readouterr().out
+    after = run_check(*options).out
     assert 'Height_high_1s = ' in after
     assert 'not calibrated' not in after
 
@@ -216,17 +210,14 @@ def test_runs_that_are_too_short_to_test_with_show_nothing(tmp_path: Path) -> No
     assert calibrated(tmp_path, str(tmp_path / 'run.csv'), *held_out) == 1
 
 
-def test_drift_is_a_note_of_a_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_drift_is_a_note_of_a_check(tmp_path: Path) -> None:
     like, wild = tmp_path / 'like.csv', tmp_path / 'wild.csv'
     for seed, path in enumerate((tmp_path / 'run.csv', like)):
         write_run(path, seed)
     write_run(wild, 2, push=3.0)
     assert calibrated(tmp_path, str(tmp_path / 'run.csv')) == 0
-    capsys.readouterr()
-    found = []
-    for path in (like, wild):
-        check([str(path), '--config', str(tmp_path / 'robot.yaml'), '--json'])
-        found.append(json.loads(capsys.readouterr().out)['notes'])
+    options = ('--config', tmp_path / 'robot.yaml', '--json')
+    found = [run_check(path, *options).document['notes'] for path in (like, wild)]
     assert found[0] == []
     (note,) = found[1]
     assert note.startswith("stream 'forecast_Height_high_1s': ")

@@ -15,16 +15,14 @@ from unittest import mock
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
+from recorded import TYPE, ListedSamples, RecordedSample, at, carried, recording, sample
 
-from dyknow_common import SECOND_NS, ExitCode, InlineText, Verdict
+from dyknow_common import SECOND_NS, InlineText, Verdict
 from dyknow_configuration import RequestedFormula
-from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
 from dyknow_recordings.evaluation.evaluation import ColumnStates, evaluate_recording
 from dyknow_recordings.evaluation.results import RecordingReport
-from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, Vocabulary
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
 
 pytestmark = pytest.mark.long
 
@@ -218,10 +216,7 @@ def test_recordings_with_faults(
     start: EpisodeStart,
     publishers: int | None,
 ) -> None:
-    for _ in range(data.draw(st.integers(1, 3))):
-        row = data.draw(st.integers(0, len(drawn) - 1))
-        drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
-    compare(made(drawn), batch, formulas, start, FILES, publishers)
+    compare(with_faults(drawn, data, 1), batch, formulas, start, FILES, publishers)
 
 
 EXPIRING = """
@@ -244,13 +239,11 @@ EXPIRING_FORMULAS = (
 def test_values_that_expire(
     drawn: Drawn, data: st.DataObject, batch: int, start: EpisodeStart, publishers: int | None
 ) -> None:
-    for _ in range(data.draw(st.integers(0, 3))):
-        row = data.draw(st.integers(0, len(drawn) - 1))
-        drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
+    messages = with_faults(drawn, data)
     texts = (InlineText('e.streams', EXPIRING),)
     is_unknown = data.draw(st.booleans())
     files = MonitoringFiles(streams=texts, missing_is_unknown=is_unknown)
-    compare(made(drawn), batch, EXPIRING_FORMULAS, start, files, publishers)
+    compare(messages, batch, EXPIRING_FORMULAS, start, files, publishers)
 
 
 @pytest.mark.parametrize('expires', [True, False])
@@ -276,44 +269,34 @@ def test_the_silence_of_a_topic_whose_values_expire_is_no_fault(*, expires: bool
     assert verdicts == [Verdict.FALSE, Verdict.UNDECIDED, Verdict.TRUE]
 
 
-class TwoStreams(Vocabulary):
-    """A vocabulary in which two streams carry Power."""
+TWO_STREAMS = {'Power': tuple(f'stream {name} = select v as Power from "/{name}"' for name in 'ac')}
+THREE_STREAMS = {
+    'Power': (
+        'stream p = select v as Power from "/a" with max_gap = 300 ms, max_delay = 60 ms',
+        'stream q = select v as Power from "/c" with max_gap = 500 ms',
+        'stream r = select v as Power from "/d"',
+    ),
+    'Height': (
+        'stream s = select v as Height from "/b" with max_gap = 400 ms',
+        'stream t = select v as Height from "/e"',
+    ),
+}
 
-    def matching_streams(self, concept: str) -> tuple[str, ...]:
-        if concept != 'Power':
-            raise RecordingError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
-        return tuple(f'stream {name} = select v as Power from "/{name}"' for name in 'ac')
+
+def with_faults(drawn: Drawn, data: st.DataObject, least: int = 0) -> list[RecordedSample]:
+    """The messages, some of which are odd."""
+    for _ in range(data.draw(st.integers(least, 3))):
+        row = data.draw(st.integers(0, len(drawn) - 1))
+        drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
+    return made(drawn)
 
 
 @settings(max_examples=min(20, settings.default.max_examples))
 @given(MESSAGES, st.data(), BATCHES)
 def test_stand_ins(drawn: Drawn, data: st.DataObject, batch: int) -> None:
-    for _ in range(data.draw(st.integers(0, 3))):
-        row = data.draw(st.integers(0, len(drawn) - 1))
-        drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
     formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + "/b".v > 4']
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=TwoStreams({})):
-        compare(made(drawn), batch, formulas)
-
-
-class ThreeStreams(Vocabulary):
-    """A vocabulary in which three streams carry Power, and two carry Height."""
-
-    def matching_streams(self, concept: str) -> tuple[str, ...]:
-        texts = {
-            'Power': (
-                'stream p = select v as Power from "/a" with max_gap = 300 ms, max_delay = 60 ms',
-                'stream q = select v as Power from "/c" with max_gap = 500 ms',
-                'stream r = select v as Power from "/d"',
-            ),
-            'Height': (
-                'stream s = select v as Height from "/b" with max_gap = 400 ms',
-                'stream t = select v as Height from "/e"',
-            ),
-        }
-        if concept not in texts:
-            raise RecordingError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
-        return texts[concept]
+    with carried(TWO_STREAMS):
+        compare(with_faults(drawn, data), batch, formulas)
 
 
 @settings(max_examples=min(25, settings.default.max_examples))
@@ -321,12 +304,9 @@ class ThreeStreams(Vocabulary):
 def test_stand_ins_of_several_features(
     drawn: Drawn, data: st.DataObject, batch: int, start: EpisodeStart
 ) -> None:
-    for _ in range(data.draw(st.integers(0, 3))):
-        row = data.draw(st.integers(0, len(drawn) - 1))
-        drawn[row] = (*drawn[row][:4], data.draw(st.sampled_from(ODD)))
     formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
-        compare(made(drawn), batch, formulas, start)
+    with carried(THREE_STREAMS):
+        compare(with_faults(drawn, data), batch, formulas, start)
 
 
 @pytest.mark.parametrize('start', STARTS[:3])
@@ -340,7 +320,7 @@ def test_a_stand_in_that_waits_for_a_topic_of_another_group(start: EpisodeStart)
         ('e', 1, 0, 0.0, ''),
     ]
     formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+    with carried(THREE_STREAMS):
         compare(made(drawn), 1, formulas, start)
         messages = recording(made(drawn), 1)
         report = evaluate_recording(messages, [RequestedFormula(each) for each in formulas])
@@ -393,7 +373,7 @@ def test_a_stand_in_that_waits_for_a_topic_of_another_group(start: EpisodeStart)
 )
 def test_other_sources(drawn: Drawn, start: EpisodeStart) -> None:
     formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + Height > 7']
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+    with carried(THREE_STREAMS):
         compare(made(drawn), 1, formulas, start)
 
 
@@ -410,7 +390,7 @@ def test_a_stand_in_after_states_as_columns(batch: int) -> None:
         key=lambda each: each.log_time,
     )
     formulas = ['always[0 s, 9 s] Power < 4', 'always[0 s, 9 s] Power + Height < 4']
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=ThreeStreams({})):
+    with carried(THREE_STREAMS):
         taken = compare(messages, batch, formulas)
         report = evaluate_recording(recording(messages), [RequestedFormula(formulas[1])])
     assert taken > (10 if batch < 100 else 2)
@@ -425,7 +405,7 @@ def test_a_stand_in_after_states_as_columns(batch: int) -> None:
 
 def test_a_silent_topic_is_replaced() -> None:
     messages = [*regular('/a', 100, 10 * MS), *regular('/c', 1000, 10 * MS)]
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=TwoStreams({})):
+    with carried(TWO_STREAMS):
         taken = compare(messages, 64, ['always Power < 4'])
         report = evaluate_recording(recording(messages), [RequestedFormula('always Power < 4')])
     assert taken > 3
@@ -601,5 +581,5 @@ def test_a_formula_that_ends_leaves_the_messages_of_others(batch: int) -> None:
     drawn = [('a', 7, 3, 2.0, ''), ('c', 20, 0, 1.0, ''), ('a', 7, 0, 5.0, '')]
     drawn += [('b', 1, 3, 1.0, ''), ('a', 1, 0, 0.0, ''), ('b', 60, 0, 3.0, '')]
     formulas = ['always Power < 4', 'eventually[1 s, 8 s] Power + "/b".v > 4']
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=TwoStreams({})):
+    with carried(TWO_STREAMS):
         compare(made(drawn), batch, formulas)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import START, STORE, channel, chunk, mcap, schema, stored
+from small_bags import START, STORE, channel, chunk, header, mcap, schema, stored
 from small_logs import log
 
 from dyknow_configuration import RequestedFormula
@@ -60,11 +60,9 @@ def float_message(value: float) -> bytes:
 
 
 def stamped_message(stamp: int, value: float) -> bytes:
-    types = STORE.types
-    time = types['builtin_interfaces/msg/Time'](*divmod(stamp, S))
-    header = types['std_msgs/msg/Header'](time, '')
-    point = types['geometry_msgs/msg/Point'](float(value), 0.0, 0.0)
-    return bytes(STORE.serialize_cdr(types[STAMPED](header, point), STAMPED))
+    point = STORE.types['geometry_msgs/msg/Point'](float(value), 0.0, 0.0)
+    message = STORE.types[STAMPED](header(stamp, ''), point)
+    return bytes(STORE.serialize_cdr(message, STAMPED))
 
 
 def write_bag(path: Path, drawn: tuple[Drawn, Drawn, Drawn]) -> None:

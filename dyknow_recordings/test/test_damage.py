@@ -73,12 +73,16 @@ def test_a_file_that_ends_early(recording: Path, folder: Path, part: float, unit
 def test_a_file_with_other_bytes(
     recording: Path, folder: Path, changes: list[tuple[float, int]]
 ) -> None:
-    data = bytearray(recording.read_bytes())
-    for part, value in changes:
-        data[int(part * (len(data) - 1))] = value
     path = folder / recording.name
-    path.write_bytes(data)
+    path.write_bytes(changed(recording.read_bytes(), changes))
     messages_of(path)
+
+
+def changed(data: bytes, changes: list[tuple[float, int]]) -> bytes:
+    found = bytearray(data)
+    for part, value in changes:
+        found[int(part * (len(data) - 1))] = value
+    return bytes(found)
 
 
 @given(cuts(), st.binary(min_size=1, max_size=20))
@@ -168,11 +172,8 @@ def test_a_log_of_px4_that_ends_early(folder: Path, part: float) -> None:
 
 @given(st.lists(st.tuples(cuts(), st.integers(0, 255)), min_size=1, max_size=8))
 def test_a_log_of_px4_with_other_bytes(folder: Path, changes: list[tuple[float, int]]) -> None:
-    data = bytearray(log(range(50)))
-    for part, value in changes:
-        data[int(part * (len(data) - 1))] = value
     path = folder / 'log.ulg'
-    path.write_bytes(data)
+    path.write_bytes(changed(log(range(50)), changes))
     logged_numbers(path)
 
 

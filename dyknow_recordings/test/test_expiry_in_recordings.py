@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import pytest
+from running_checks import run_check
 
-from dyknow_recordings.check import main
 from dyknow_recordings.evaluation.evaluation import ColumnStates
 
 ROBOT = """\
@@ -42,7 +40,7 @@ LOW = {3, 12}
 """The seconds in which r2 has little left."""
 
 
-def reports(folder: Path, capsys: pytest.CaptureFixture[str], expires: str) -> dict[str, Any]:
+def reports(folder: Path, expires: str) -> dict[str, Any]:
     trace, robot = folder / 'trace.csv', folder / 'robot.yaml'
     rows = []
     for second in range(27):
@@ -51,14 +49,11 @@ def reports(folder: Path, capsys: pytest.CaptureFixture[str], expires: str) -> d
         rows.append(f'{second}.5,r2,{0.25 if second in LOW else 0.6}')
     trace.write_text('\n'.join(['time_s,robot: string,charge: float', *rows]))
     robot.write_text(ROBOT.replace('EXPIRES', expires))
-    main([str(trace), '--config', str(robot), '--json'])
-    return {each['name']: each for each in json.loads(capsys.readouterr().out)['formulas']}
+    return run_check(trace, '--config', robot, '--json').by_name
 
 
-def test_silence_is_unknown_from_the_last_value_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = reports(tmp_path, capsys, 'true')
+def test_silence_is_unknown_from_the_last_value_on(tmp_path: Path) -> None:
+    found = reports(tmp_path, 'true')
     episodes = {name: each['episodes'] for name, each in found.items()}
     decided = {
         name: (each[0]['verdict'], each[0].get('decided_at_ns')) for name, each in episodes.items()
@@ -74,16 +69,12 @@ def test_silence_is_unknown_from_the_last_value_on(
     assert standing == {**dict.fromkeys(CHARGES, 'true'), 5: 'undecided', 23: 'undecided'}
 
 
-def test_columns_and_single_messages_are_the_same(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = reports(tmp_path, capsys, 'true')
+def test_columns_and_single_messages_are_the_same(tmp_path: Path) -> None:
+    found = reports(tmp_path, 'true')
     with mock.patch.object(ColumnStates, 'progress', return_value=False):
-        assert reports(tmp_path, capsys, 'true') == found
+        assert reports(tmp_path, 'true') == found
 
 
-def test_without_expires_silence_ends_the_formulas(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = reports(tmp_path, capsys, 'false')
+def test_without_expires_silence_ends_the_formulas(tmp_path: Path) -> None:
+    found = reports(tmp_path, 'false')
     assert 'max_gap is 2 s' in found['kept']['error']['message']

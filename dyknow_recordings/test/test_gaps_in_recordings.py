@@ -5,21 +5,17 @@ There is a gap unless the stand-in has a state that is as early as the last one 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from unittest import mock
+from collections.abc import Sequence
 
 from hypothesis import given
 from hypothesis import strategies as st
-from recorded import TYPE, RecordedSample, at, recording
+from recorded import TYPE, RecordedSample, at, carried, recording
 
-from dyknow_common import ExitCode, Verdict
+from dyknow_common import Verdict
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import FormulaGroup, FormulaResult
-from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.results import FormulaReport
-from dyknow_recordings.evaluation.vocabulary import Vocabulary
 
 MS = 1_000_000
 FORMULAS = (
@@ -32,21 +28,6 @@ FORMULAS = (
 )
 MAIN = 'select p as Power from "/main" with max_delay = 50 ms, sample_period = 100 ms'
 MATCHES = (f'stream main = {MAIN}', 'stream spare = select p as Power from "/spare"')
-
-
-class TwoStreams(Vocabulary):
-    """A vocabulary in which two streams carry Power."""
-
-    def matching_streams(self, concept: str) -> tuple[str, ...]:
-        if concept != 'Power':
-            raise RecordingError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
-        return MATCHES
-
-
-@contextmanager
-def two_streams() -> Iterator[None]:
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=TwoStreams({})):
-        yield
 
 
 def series(topic: str, values: Sequence[int], first: int, period: int) -> list[RecordedSample]:
@@ -92,7 +73,7 @@ def test_a_stand_in(first: list[int], second: list[int], begin: int, formula: st
     spare = series('/spare', [5, *second], max(100 * len(main) - 100 + begin, 1), 170)
     messages = sorted([*main, *spare], key=lambda each: each.log_time)
     end = RecordedSample(at(9), '/end', TYPE, None, {'p': 0})
-    with two_streams():
+    with carried({'Power': MATCHES}):
         report = evaluation.evaluate_recording(
             recording([*messages, end]), [RequestedFormula(formula)]
         )

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import START, STORE
+from running_checks import run_check
+from small_bags import START, STORE, header, write_messages
 
 from dyknow_configuration import ConfigurationError, read_robot
-from dyknow_recordings.check import main
 
 FIX = 'sensor_msgs/msg/NavSatFix'
 FENCE = """\
@@ -35,31 +33,22 @@ formulas:
 
 def write_flight(path: Path, longitudes: list[float]) -> None:
     types: Any = STORE.types
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topic = writer.add_connection('/uav1/fix', FIX, typestore=STORE)
-        for number, longitude in enumerate(longitudes):
-            time = START + number * 10**9
-            stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
-            fix = types[FIX](
-                types['std_msgs/msg/Header'](stamp, 'gps'),
-                types['sensor_msgs/msg/NavSatStatus'](0, 1),
-                58.399,
-                longitude,
-                100.0,
-                np.zeros(9),
-                0,
-            )
-            writer.write(topic, time, bytes(STORE.serialize_cdr(fix, FIX)))
+    status, found = types['sensor_msgs/msg/NavSatStatus'](0, 1), []
+    for number, longitude in enumerate(longitudes):
+        time = START + number * 10**9
+        place = (58.399, longitude, 100.0)
+        fix = types[FIX](header(time, 'gps'), status, *place, np.zeros(9), 0)
+        found.append((time, '/uav1/fix', fix))
+    write_messages(path, found)
 
 
-def test_a_flight_that_leaves_its_fence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_flight_that_leaves_its_fence(tmp_path: Path) -> None:
     (tmp_path / 'fence.json').write_text(FENCE)
     (tmp_path / 'robot.yaml').write_text(ROBOT)
     write_flight(tmp_path / 'flight', [15.575, 15.579, 15.5801])
     page = tmp_path / 'page.html'
-    options = ['--config', str(tmp_path / 'robot.yaml'), '--html', str(page)]
-    main([str(tmp_path / 'flight'), *options, '--json'])
-    inside, clear = json.loads(capsys.readouterr().out)['formulas']
+    options = ('--config', tmp_path / 'robot.yaml', '--html', page)
+    inside, clear = run_check(tmp_path / 'flight', *options, '--json').formulas
     assert (inside['outcome'], clear['outcome']) == ('false', 'undecided')
     # 0.0001 degrees are 5.84 m there.
     assert inside['episodes'][0]['margin']['upper'] == pytest.approx(-5.84, abs=0.01)

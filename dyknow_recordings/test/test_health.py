@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any
 
-import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from recorded import RecordedSample, at, recording, sample
+from running_checks import run_check
 from small_bags import START, channel, chunk, mcap, messages, schema, stored, write
 
 from dyknow_common import SECOND_NS, StreamConstraints
 from dyknow_configuration import TopicExpectation
-from dyknow_recordings.check import main
 from dyknow_recordings.health import broken_in, health_of
 
 MS = 1_000_000
@@ -131,38 +128,35 @@ def test_sensors_that_go_together() -> None:
     }
 
 
-def document(capsys: pytest.CaptureFixture[str]) -> Any:
-    return json.loads(capsys.readouterr().out)
-
-
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path: Path) -> None:
     bag, robot = tmp_path / 'bag', tmp_path / 'robot.yaml'
     write(bag, 'mcap', 'none', messages(300))
     robot.write_text('topics: {/odom: {max_gap: 50 ms, stamped: true}, /scan: {max_delay: 6 ms}}\n')
-    options = [str(bag), '--config', str(robot)]
-    assert main([*options, '--health']) == 0
-    assert main(options) == 0
-    capsys.readouterr()
+    options = [bag, '--config', robot]
+    assert run_check(*options, '--health').code == 0
+    assert run_check(*options).code == 0
     robot.write_text('topics: {/odom: {max_gap: 20 ms}, /gone: }\n')
-    assert main([*options, '--health', '--json']) == 1
-    health = document(capsys)
-    assert main([*options, '--json', '--junit', str(tmp_path / 'report.xml')]) == 1
-    assert document(capsys)['broken_expectations'] == health['broken_expectations']
-    assert [each['rule'] for each in health['broken_expectations']] == ['max_gap', 'topic']
+    health = run_check(*options, '--health', '--json')
+    found = run_check(*options, '--json', '--junit', tmp_path / 'report.xml')
+    assert health.code == found.code == 1
+    broken = found.document['broken_expectations']
+    assert broken == health.document['broken_expectations']
+    assert [each['rule'] for each in broken] == ['max_gap', 'topic']
     report = (tmp_path / 'report.xml').read_text()
     assert 'failures="2"' in report
-    assert main([*options, '--formula', 'always "/odom".pose.pose.position.z >= 0']) == 1
-    assert '/gone: it is not recorded' in capsys.readouterr().out
+    found = run_check(*options, '--formula', 'always "/odom".pose.pose.position.z >= 0')
+    assert (found.code, '/gone: it is not recorded' in found.out) == (1, True)
 
 
-def test_losses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_losses(tmp_path: Path) -> None:
     path = tmp_path / 'lost.mcap'
     numbers = [n for n in range(1, 40) if n not in {7, 8}]
     records = [stored(1, START + n * 10 * MS, b'\0\1\0\0\1', n) for n in numbers]
     definition = schema(1, 'std_msgs/msg/Bool', 'bool data') + channel(1, 1, '/armed')
     path.write_bytes(mcap(definition, chunk(records, (START + 10 * MS, START + 390 * MS))))
-    assert main([str(path), '--health', '--json']) == 0
-    (topic,) = document(capsys)['health']
+    found = run_check(path, '--health', '--json')
+    assert found.code == 0
+    (topic,) = found.document['health']
     assert (topic['missing'], topic['gap_ns'], topic['unstamped']) == (2, 30 * MS, None)
-    assert main([str(path), '--health', '--strict']) == 2
-    assert '2 missing by the sequence numbers' in capsys.readouterr().out
+    strict = run_check(path, '--health', '--strict')
+    assert (strict.code, '2 missing by the sequence numbers' in strict.out) == (2, True)

@@ -1,15 +1,14 @@
-import json
 import math
 import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running_checks import run_check
 from small_logs import PERIOD_US, START_US, data, log, record, start
 
 from dyknow_common import ExitCode, ValueType
 from dyknow_recordings import RecordedTopic, RecordingError, in_order, open_recording
-from dyknow_recordings.check import main
 
 COUNT = 20_000
 
@@ -91,9 +90,7 @@ def test_faults_of_a_log(path: Path) -> None:
         ('damage', 'parts of the file are damaged: they are left out'),
     ],
 )
-def test_no_verdict_depends_on_lost_messages(
-    path: Path, change: str, reason: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_verdict_depends_on_lost_messages(path: Path, change: str, reason: str) -> None:
     """Earlier verdicts stay, unless it is unknown which messages are lost."""
     content = log(range(20))
     later = b''.join(data(0, START_US + n * PERIOD_US, n) for n in range(30, 40))
@@ -102,9 +99,9 @@ def test_no_verdict_depends_on_lost_messages(
     path.write_bytes((content + middle + later)[: -1 if change == 'cut' else None])
     early = 2 if change == 'damage' else 1
     for formula, code in (('always "/number".x < 50', 2), ('always "/number".x < 5', early)):
-        assert main([str(path), '--json', '--formula', formula]) == code
-        (found,) = json.loads(capsys.readouterr().out)['formulas']
-        assert (reason in str(found['error'])) is (code == 2)
+        found = run_check(path, '--json', '--formula', formula)
+        assert found.code == code
+        assert (reason in str(found.formulas[0]['error'])) is (code == 2)
 
 
 def test_a_log_without_messages(path: Path) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from collections.abc import Callable
-from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +11,7 @@ import pytest
 from backports import zstd
 from hypothesis import given
 from hypothesis import strategies as st
+from running_checks import run_check
 from small_bags import (
     START,
     channel,
@@ -25,7 +24,6 @@ from small_bags import (
 )
 
 from dyknow_common import NANOSECONDS
-from dyknow_recordings.check import main
 
 pytestmark = pytest.mark.long
 
@@ -144,21 +142,18 @@ MCAP: dict[str, tuple[Callable[[], bytes], str]] = {
 }
 
 
-def check(
-    path: Path, formula: str, capsys: pytest.CaptureFixture[str], *options: str
-) -> tuple[int, dict[str, Any], list[str]]:
+def check(path: Path, formula: str, *options: str) -> tuple[int, dict[str, Any], list[str]]:
     """Return the exit code, the document of the formula, and the notes."""
-    code = main([str(path), '--formula', formula, '--json', *options])
-    (line,) = capsys.readouterr().out.splitlines()
-    document = json.loads(line)
+    found = run_check(path, '--formula', formula, '--json', *options)
+    document = found.document
     assert document['error'] is None
-    return code, document['formulas'][0], document['notes']
+    return found.code, document['formulas'][0], document['notes']
 
 
-def check_lost(path: Path, reason: str, capsys: pytest.CaptureFixture[str]) -> None:
+def check_lost(path: Path, reason: str) -> None:
     """Check formulas over a recording that has lost the violation."""
     for formula in ('always "/x".x < 5', 'always[0 s, 2 s] "/x".x < 5', 'eventually "/x".x > 5'):
-        code, found, notes = check(path, formula, capsys)
+        code, found, notes = check(path, formula)
         assert (code, found['outcome']) == (2, 'error'), formula
         error = found['error'] or found['episodes'][0]['error']
         assert DEPENDS in error['message']
@@ -166,12 +161,12 @@ def check_lost(path: Path, reason: str, capsys: pytest.CaptureFixture[str]) -> N
         assert 'between 17000000' in error['message'] or 'from 17000000' in error['message']
         assert any(reason in note for note in notes)
     for every in ('state', '"/x".x = 2'):
-        code, found, _ = check(path, 'always "/x".x < 5', capsys, '--every', every)
+        code, found, _ = check(path, 'always "/x".x < 5', '--every', every)
         assert (code, found['outcome']) == (2, 'error'), every
         assert reason in found['error']['message']
 
 
-def check_kept(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def check_kept(path: Path) -> None:
     """Check formulas that are certain in spite of the damage."""
     for formula, outcome in (
         ('always "/x".x != 2', 'false'),
@@ -180,34 +175,30 @@ def check_kept(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ('always "/x".x != 3', 'false'),
         ('eventually "/x".x = 3', 'true'),
     ):
-        code, found, _ = check(path, formula, capsys)
+        code, found, _ = check(path, formula)
         assert (code, found['outcome']) == (int(outcome == 'false'), outcome), formula
 
 
 @pytest.mark.parametrize('kind', MCAP)
-def test_damage_of_an_mcap_file(
-    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damage_of_an_mcap_file(tmp_path: Path, kind: str) -> None:
     path = tmp_path / 'a.mcap'
     path.write_bytes(file_of(messages()))
-    code, found, notes = check(path, 'always "/x".x < 5', capsys, '--strict')
+    code, found, notes = check(path, 'always "/x".x < 5', '--strict')
     assert (code, found['outcome'], notes) == (1, 'false', [])
     build, reason = MCAP[kind]
     path.write_bytes(build())
-    check_lost(path, reason, capsys)
-    check_kept(path, capsys)
+    check_lost(path, reason)
+    check_kept(path)
 
 
-def test_a_chunk_that_states_fewer_bytes_and_has_no_compression(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_chunk_that_states_fewer_bytes_and_has_no_compression(tmp_path: Path) -> None:
     """It can be read, but which of the sizes is right is not known."""
     path = tmp_path / 'a.mcap'
     path.write_bytes(file_of(messages(), checksum=False, change=with_fewer_bytes))
-    code, _, notes = check(path, 'always "/x".x < 5', capsys)
+    code, _, notes = check(path, 'always "/x".x < 5')
     assert (code, len(notes)) == (1, 1)
     assert 'holds more bytes than it states' in notes[0]
-    assert check(path, 'always "/x".x < 10', capsys)[0] == 2
+    assert check(path, 'always "/x".x < 10')[0] == 2
 
 
 def rows() -> list[tuple[int, bytes | None]]:
@@ -243,17 +234,15 @@ DATABASES: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 @pytest.mark.parametrize('kind', DATABASES)
-def test_damage_of_a_database(
-    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damage_of_a_database(tmp_path: Path, kind: str) -> None:
     path = tmp_path / 'a.db3'
     database(path, rows(), DEFINITION)
-    code, found, notes = check(path, 'always "/x".x < 5', capsys)
+    code, found, notes = check(path, 'always "/x".x < 5')
     assert (code, found['outcome'], notes) == (1, 'false', [])
     build, reason = DATABASES[kind]
     path.unlink()
     build(path)
-    check_lost(path, reason, capsys)
+    check_lost(path, reason)
 
 
 def folder_of(folder: Path, files: dict[str, bytes], counts: int) -> Path:
@@ -275,18 +264,16 @@ def part(first: int, last: int) -> bytes:
     return mcap(NUMBER, chunk(messages()[first:last], times), b'')
 
 
-def test_a_file_that_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_missing(tmp_path: Path) -> None:
     files = {'a.mcap': part(0, 10), 'b.mcap': b'', 'c.mcap': part(20, 40)}
     path = folder_of(tmp_path / 'bag', files, COUNT)
-    check_lost(path, 'the file b.mcap is missing', capsys)
-    check_kept(path, capsys)
+    check_lost(path, 'the file b.mcap is missing')
+    check_kept(path)
 
 
 @pytest.mark.parametrize('source', ['metadata.yaml', 'statistics'])
 @pytest.mark.parametrize('difference', [-1, 1])
-def test_counts_that_do_not_match(
-    tmp_path: Path, source: str, difference: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_counts_that_do_not_match(tmp_path: Path, source: str, difference: int) -> None:
     """It is not known where messages are missing; more than in the metadata do no harm."""
     file = tmp_path / 'a.mcap'
     if source == 'statistics':
@@ -297,40 +284,38 @@ def test_counts_that_do_not_match(
         file.write_bytes(data)
     else:
         file = folder_of(tmp_path / 'bag', {'a.mcap': file_of(messages())}, COUNT + difference)
-    code, found, notes = check(file, 'always "/x".x < 10', capsys)
+    code, found, notes = check(file, 'always "/x".x < 10')
     reason = f"topic '/x' has 40 messages, and {COUNT + difference} by the {source}"
     assert any(reason in note for note in notes)
     if difference < 0 and source == 'metadata.yaml':
         assert (code, found['outcome']) == (0, 'undecided')
         return
     for formula in ('always "/x".x < 10', 'always "/x".x < 5', 'eventually "/x".x > 5'):
-        code, found, _ = check(file, formula, capsys)
+        code, found, _ = check(file, formula)
         assert code == 2
         assert f'{DEPENDS} at an unknown time: ' in found['error']['message']
         assert reason in found['error']['message']
 
 
-def test_damage_that_makes_a_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damage_that_makes_a_message(tmp_path: Path) -> None:
     """One bit turns the index of a chunk into a message, with a time long before the others."""
     data = bytearray(file_of(messages()))
     at = data.index(struct.pack('<BQ', 7, 6 + 16 * PER_CHUNK))
     data[at] = 5
     path = tmp_path / 'a.mcap'
     path.write_bytes(data)
-    code, found, _ = check(path, 'always[0 s, 2 s] "/x".x < 5', capsys)
+    code, found, _ = check(path, 'always[0 s, 2 s] "/x".x < 5')
     assert code == 2
     reason = f"topic '/x' has {COUNT + 1} messages, and {COUNT} by the statistics"
     assert reason in found['error']['message']
 
 
 @pytest.mark.parametrize('size', [-9, -200, -600, -1200])
-def test_a_recording_that_ends_early(
-    tmp_path: Path, size: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_that_ends_early(tmp_path: Path, size: int) -> None:
     """It is no pass, unless only the index is cut."""
     path, report = tmp_path / 'a.mcap', tmp_path / 'out.xml'
     path.write_bytes(file_of(messages())[:size])
-    code, found, notes = check(path, 'always "/x".x < 10', capsys, '--junit', str(report))
+    code, found, notes = check(path, 'always "/x".x < 10', '--junit', str(report))
     text = report.read_text()
     if size >= -200:
         assert (code, found['outcome']) == (0, 'undecided')
@@ -341,12 +326,12 @@ def test_a_recording_that_ends_early(
         assert '<error ' in text
     assert '<property name="note 1" value="' in text
     # What was certain before is.
-    assert check(path, 'always "/x".x < 5', capsys)[1]['outcome'] == 'false'
-    assert check(path, 'eventually "/x".x = 9', capsys)[1]['outcome'] == 'true'
-    assert check(path, 'eventually "/x".x = 9', capsys, '--strict')[0] == 2
+    assert check(path, 'always "/x".x < 5')[1]['outcome'] == 'false'
+    assert check(path, 'eventually "/x".x = 9')[1]['outcome'] == 'true'
+    assert check(path, 'eventually "/x".x = 9', '--strict')[0] == 2
 
 
-def test_topics_that_have_lost_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_topics_that_have_lost_nothing(tmp_path: Path) -> None:
     """Sequence numbers name the topic; those that a writer counts over all topics do not count."""
     other = channel(2, 1, '/y')
     for is_shared in (False, True):
@@ -360,16 +345,14 @@ def test_topics_that_have_lost_nothing(tmp_path: Path, capsys: pytest.CaptureFix
         path = tmp_path / 'a.mcap'
         times = START, START + (COUNT - 1) * STEP
         path.write_bytes(mcap(NUMBER, other, chunk(pairs, times)))
-        assert check(path, 'always "/y".x < 5', capsys)[0] == 0
-        assert check(path, 'always "/x".x < 5', capsys)[0] == (0 if is_shared else 2)
+        assert check(path, 'always "/y".x < 5')[0] == 0
+        assert check(path, 'always "/x".x < 5')[0] == (0 if is_shared else 2)
 
 
 SYNC = 'stream s = sync(select x from "/x", select x as y from "/y"); sink s'
 
 
-def test_no_state_holds_a_value_from_before_the_gap(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_state_holds_a_value_from_before_the_gap(tmp_path: Path) -> None:
     """The last value of /x is not taken for the one that was lost."""
     streams = tmp_path / 's.streams'
     streams.write_text(SYNC)
@@ -381,7 +364,7 @@ def test_no_state_holds_a_value_from_before_the_gap(
             records.append(stored(1, START + number * STEP, value))
         records.append(stored(2, START + number * STEP + 1, payload(number)))
     path.write_bytes(mcap(NUMBER, channel(2, 1, '/y'), *records))
-    code, found, _ = check(path, 'always s.y < 3', capsys, '--streams', str(streams))
+    code, found, _ = check(path, 'always s.y < 3', '--streams', str(streams))
     assert (code, found['outcome']) == (1, 'false')
     (gap,) = found['gaps']
     assert gap['after_ns'] < START + 10 * STEP
@@ -411,10 +394,9 @@ def test_random_damage_never_makes_a_verdict_true(
     path = tmp_path_factory.mktemp('damage') / 'a.mcap'
     path.write_bytes(data)
     formulas = ('always "/x".x < 5', 'always[0 s, 2 s] "/x".x < 5', 'not eventually "/x".x = 9')
-    with path.with_suffix('.json').open('w') as output, redirect_stdout(output):
-        code = main([str(path), '--json', *(w for each in formulas for w in ('--formula', each))])
-    document = json.loads(path.with_suffix('.json').read_text())
-    assert code in {1, 2}
+    found = run_check(path, '--json', *(w for each in formulas for w in ('--formula', each)))
+    document = found.document
+    assert found.code in {1, 2}
     if document['error'] is None:
         outcomes = [each['outcome'] for each in document['formulas']]
         assert set(outcomes) <= {'false', 'error'}, document

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 import yaml
 from rosbags.typesys import Stores, get_typestore
+from running_checks import run_check
 from small_bags import channel, mcap, schema, stored
 
 from dyknow_configuration import RequestedFormula
 from dyknow_recordings import MessageTypes, RecordingError, evaluate_recording, open_recording
-from dyknow_recordings.check import main
 from dyknow_recordings.reading.messages import definitions
 from dyknow_recordings.reading.messages.definitions import TypeDefinition
 from dyknow_recordings.reading.messages.layouts import TypeLayout
@@ -42,16 +42,13 @@ def write(path: Path, topic: str, name: str, messages: Sequence[bytes]) -> Path:
 def ranges(distro: str) -> list[bytes]:
     store = get_typestore(Stores[f'ROS2_{distro.upper()}'])
     variance = [0.5] if distro == 'jazzy' else []
-    header = store.types['std_msgs/msg/Header'](
-        store.types['builtin_interfaces/msg/Time'](START // 10**9, 0), 'sonar'
-    )
-    made = [store.types[RANGE](header, 0, 1.0, 0.1, 90.0, float(n), *variance) for n in range(20)]
-    for n, each in enumerate(made):
-        each.header.stamp = store.types['builtin_interfaces/msg/Time'](
-            *divmod(START + n * 10**8, 10**9)
-        )
-        each.header = store.types['std_msgs/msg/Header'](each.header.stamp, 'sonar')
-    return [bytes(store.serialize_cdr(each, RANGE)) for each in made]
+    found = []
+    for n in range(20):
+        stamp = store.types['builtin_interfaces/msg/Time'](*divmod(START + n * 10**8, 10**9))
+        header = store.types['std_msgs/msg/Header'](stamp, 'sonar')
+        made = store.types[RANGE](header, 0, 1.0, 0.1, 90.0, float(n), *variance)
+        found.append(bytes(store.serialize_cdr(made, RANGE)))
+    return found
 
 
 def outcome(path: Path, types: MessageTypes | None = None) -> tuple[str, str]:
@@ -83,13 +80,14 @@ def test_a_bag_without_definitions(tmp_path: Path, distro: str) -> None:
 
 
 @pytest.mark.parametrize('jobs', ['1', '2'])
-def test_the_options(tmp_path: Path, jobs: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_options(tmp_path: Path, jobs: str) -> None:
     paths = [write(tmp_path / f'{n}.db3', '/range', RANGE, ranges('jazzy')) for n in range(2)]
-    options = [*map(str, paths), '--json', '--formula', FORMULA, '--jobs', jobs]
-    assert main(options) == 2
-    assert main([*options, '--distro', 'jazzy', '--messages', str(tmp_path)]) == 1
-    assert main([*options, '--messages', str(tmp_path / 'none')]) == 2
-    assert 'none: no such folder with messages' in capsys.readouterr().out.splitlines()[-1]
+    options = [*paths, '--json', '--formula', FORMULA, '--jobs', jobs]
+    assert run_check(*options).code == 2
+    assert run_check(*options, '--distro', 'jazzy', '--messages', tmp_path).code == 1
+    found = run_check(*options, '--messages', tmp_path / 'none')
+    assert found.code == 2
+    assert 'none: no such folder with messages' in found.out.splitlines()[-1]
 
 
 def float_message(value: float) -> bytes:

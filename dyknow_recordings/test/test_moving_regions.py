@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import START, STORE
+from running_checks import CheckOutput, run_check
+from small_bags import START, STORE, header, write_messages
 
 from dyknow_configuration import ConfigurationError, read_robot
-from dyknow_recordings.check import main
 
 CELL = 'geometry_msgs/msg/PolygonStamped'
 POSITION = 'geometry_msgs/msg/PointStamped'
@@ -38,41 +37,24 @@ def square(x: float) -> Ring:
 def write_cells(path: Path, cells: list[Ring], frames: list[str]) -> None:
     """Write a robot that stands at (10, 0), and a cell, each second."""
     types: Any = STORE.types
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topics = [
-            writer.add_connection(topic, kind, typestore=STORE)
-            for topic, kind in (('/uav1/position', POSITION), ('/cell', CELL))
-        ]
-        for number, (ring, frame) in enumerate(zip(cells, frames, strict=True)):
-            time = START + number * 10**9
-            stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
-            header = types['std_msgs/msg/Header']
-            points = [types['geometry_msgs/msg/Point32'](x, y, 0.0) for x, y in ring]
-            position = types['geometry_msgs/msg/Point'](10.0, 0.0, 0.0)
-            messages = (
-                types[POSITION](header(stamp, 'map'), position),
-                types[CELL](header(stamp, frame), types['geometry_msgs/msg/Polygon'](points)),
-            )
-            for topic, message in zip(topics, messages, strict=True):
-                writer.write(topic, time, bytes(STORE.serialize_cdr(message, topic.msgtype)))
+    position, found = types['geometry_msgs/msg/Point'](10.0, 0.0, 0.0), []
+    for number, (ring, frame) in enumerate(zip(cells, frames, strict=True)):
+        time = START + number * 10**9
+        points = [types['geometry_msgs/msg/Point32'](x, y, 0.0) for x, y in ring]
+        outline = types['geometry_msgs/msg/Polygon'](points)
+        found.append((time, '/uav1/position', types[POSITION](header(time, 'map'), position)))
+        found.append((time, '/cell', types[CELL](header(time, frame), outline)))
+    write_messages(path, found)
 
 
-def checked(
-    path: Path,
-    capsys: pytest.CaptureFixture[str],
-    cells: list[Ring],
-    frames: list[str] | None = None,
-) -> tuple[Any, str]:
-    """Return the results of all formulas, and the whole report."""
+def checked(path: Path, cells: list[Ring], frames: list[str] | None = None) -> CheckOutput:
     (path / 'robot.yaml').write_text(ROBOT)
     write_cells(path / 'bag', cells, frames or ['map'] * len(cells))
-    main([str(path / 'bag'), '--config', str(path / 'robot.yaml'), '--json'])
-    text = capsys.readouterr().out
-    return {each['name']: each for each in json.loads(text)['formulas']}, text
+    return run_check(path / 'bag', '--config', path / 'robot.yaml', '--json')
 
 
-def test_a_cell_that_comes_over_a_robot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found, _ = checked(tmp_path, capsys, [square(x) for x in (20, 14, 9.25, 6)])
+def test_a_cell_that_comes_over_a_robot(tmp_path: Path) -> None:
+    found = checked(tmp_path, [square(x) for x in (20, 14, 9.25, 6)]).by_name
     assert {name: each['outcome'] for name, each in found.items()} == {
         'out': 'false', 'far': 'undecided', 'clear': 'undecided',
     }  # fmt: skip
@@ -89,11 +71,11 @@ def test_a_cell_that_comes_over_a_robot(tmp_path: Path, capsys: pytest.CaptureFi
     ],
 )
 def test_an_outline_that_is_not_usable(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], ring: Ring, frame: str, message: str
+    tmp_path: Path, ring: Ring, frame: str, message: str
 ) -> None:
-    found, text = checked(tmp_path, capsys, [square(20), ring, square(20)], ['map', frame, 'map'])
-    assert found['out']['outcome'] == 'error'
-    assert message in text
+    found = checked(tmp_path, [square(20), ring, square(20)], ['map', frame, 'map'])
+    assert found.by_name['out']['outcome'] == 'error'
+    assert message in found.out
 
 
 @pytest.mark.parametrize(
@@ -120,12 +102,10 @@ def test_another_message_with_points(tmp_path: Path) -> None:
     assert 'cell = "frame map; altitude 0.0 3.0"' in texts[1]
 
 
-def test_a_cell_is_on_the_map_where_it_was(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    checked(tmp_path, capsys, [square(x) for x in (20, 14, 9.25, 6)])
-    arguments = [str(tmp_path / 'bag'), '--config', str(tmp_path / 'robot.yaml')]
-    main([*arguments, '--geojson', str(tmp_path / 'map.json')])
+def test_a_cell_is_on_the_map_where_it_was(tmp_path: Path) -> None:
+    checked(tmp_path, [square(x) for x in (20, 14, 9.25, 6)])
+    options = ('--config', tmp_path / 'robot.yaml', '--geojson', tmp_path / 'map.json')
+    run_check(tmp_path / 'bag', *options)
     features = json.loads((tmp_path / 'map.json').read_text())['features']
     cells = [each for each in features if each['properties']['name'] == 'cell']
     corners = [

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from recorded import ListedSamples, at, recording, sample
+from small_bags import STORE, write_messages
 
 from dyknow_common import SECOND_NS, DyKnowError, Verdict
 from dyknow_configuration import RequestedFormula
@@ -464,18 +465,9 @@ def test_an_image() -> None:
 
 @pytest.fixture
 def trace(tmp_path: Path) -> Path:
-    from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415
-    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
-
-    types = get_typestore(Stores.ROS2_JAZZY)
-    message = types.types['std_msgs/msg/Float64']
-    path = tmp_path / 'flight'
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection('/h', 'std_msgs/msg/Float64', typestore=types)
-        for n in range(10):
-            data = types.serialize_cdr(message(data=float(n)), 'std_msgs/msg/Float64')
-            writer.write(connection, at(n), data)
-    return path
+    number: Any = STORE.types['std_msgs/msg/Float64']
+    write_messages(tmp_path / 'flight', [(at(n), '/h', number(float(n))) for n in range(10)])
+    return tmp_path / 'flight'
 
 
 def test_the_options_of_the_command(trace: Path, tmp_path: Path) -> None:

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import START, STORE
+from running_checks import run_check
+from small_bags import START, STORE, header, write_messages
 
 from dyknow_common.executables import run_main
 from dyknow_configuration import read_robot
 from dyknow_recordings.calibrate import add_calibrate_options, calibrate
-from dyknow_recordings.check import main as check
 
 ODOMETRY, PATH = 'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path'
 ROBOT = """\
@@ -39,11 +37,6 @@ PERIOD = 10**8
 
 def types(name: str) -> Any:
     return STORE.types[name]
-
-
-def header(time: int, frame: str) -> Any:
-    stamp = types('builtin_interfaces/msg/Time')(*divmod(time, 10**9))
-    return types('std_msgs/msg/Header')(stamp, frame)
 
 
 def pose(x: float, y: float) -> Any:
@@ -74,20 +67,15 @@ def plan(time: int, points: list[tuple[float, float]], frame: str) -> Any:
 
 def write_drive(path: Path, *, frame: str = 'map', noise: float = 0.02, seconds: int = 45) -> None:
     """Write a drive of 1 m/s along a path that turns left after 10 m, with the path each second."""
-    random = np.random.default_rng(5)
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        odom, planned = (
-            writer.add_connection(topic, kind, typestore=STORE)
-            for topic, kind in (('/odom', ODOMETRY), ('/plan', PATH))
-        )
-        for number in range(10 * seconds):
-            time, way = START + number * PERIOD, number / 10
-            x, y = min(way, 10.0), max(way - 10.0, 0.0)
-            if number % 10 == 0:
-                message = plan(time, [(x, y), *TURN[1 if way < 10 else 2 :]], frame)
-                writer.write(planned, time, bytes(STORE.serialize_cdr(message, PATH)))
-            message = odometry(time, x + random.normal(0, noise), y, 1.0)
-            writer.write(odom, time, bytes(STORE.serialize_cdr(message, ODOMETRY)))
+    random, found = np.random.default_rng(5), []
+    for number in range(10 * seconds):
+        time, way = START + number * PERIOD, number / 10
+        x, y = min(way, 10.0), max(way - 10.0, 0.0)
+        if number % 10 == 0:
+            planned = plan(time, [(x, y), *TURN[1 if way < 10 else 2 :]], frame)
+            found.append((time, '/plan', planned))
+        found.append((time, '/odom', odometry(time, x + random.normal(0, noise), y, 1.0)))
+    write_messages(path, found)
 
 
 def calibrated(folder: Path, text: str = ROBOT) -> int:
@@ -110,14 +98,10 @@ def test_a_path_that_turns_before_a_fence(
     widening = read_robot(tmp_path / 'robot.yaml').forecasts[0].widening
     assert widening[0] == 0
     assert max(widening) < 0.2
-    robot = str(tmp_path / 'robot.yaml')
-    check([str(tmp_path / 'bag'), '--config', robot, '--json'])
-    (found,) = json.loads(capsys.readouterr().out)['formulas']
+    options = (tmp_path / 'bag', '--config', tmp_path / 'robot.yaml', '--json')
+    (found,) = run_check(*options).formulas
     assert found['outcome'] == 'undecided', found
-    check(
-        [str(tmp_path / 'bag'), '--config', robot, '--json', '--formula', 'always East_high_2s < 9']
-    )
-    *_, later = json.loads(capsys.readouterr().out)['formulas']
+    *_, later = run_check(*options, '--formula', 'always East_high_2s < 9').formulas
     (episode,) = later['episodes']
     # It is 7 m on, and 2 s ahead of 9 m, but for noise and widening.
     decided = (episode['decided_at_ns'] - START) / 10**9
@@ -129,8 +113,8 @@ def test_a_path_in_another_frame(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert calibrated(tmp_path) == 2
     reason = "the path is in frame 'odom', but the vehicle in frame 'map'"
     assert reason in capsys.readouterr().err
-    check([str(tmp_path / 'bag'), '--config', str(tmp_path / 'robot.yaml'), '--json'])
-    assert reason in capsys.readouterr().out
+    found = run_check(tmp_path / 'bag', '--config', tmp_path / 'robot.yaml', '--json')
+    assert reason in found.out
 
 
 def test_a_forecast_without_its_path_in_the_recording(

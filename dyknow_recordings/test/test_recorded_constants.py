@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import pytest
+from running_checks import run_check
 from small_bags import START, channel, chunk, mcap, schema, stored
 
 from dyknow_recordings import open_recording
-from dyknow_recordings.check import main
 
 DEFINITION = """uint8 STATE_IDLE = 1
 uint8 STATE_BROKEN = 7
@@ -43,19 +41,16 @@ def path(tmp_path: Path) -> Path:
         ),
     ],
 )
-def test_verdicts(
-    path: Path, formula: str, verdict: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    main([str(path), '--json', '--formula', formula])
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    (result,) = found['formulas']
+def test_verdicts(path: Path, formula: str, verdict: str) -> None:
+    (result,) = run_check(path, '--json', '--formula', formula).formulas
     assert result['outcome'] == verdict, result
 
 
-def test_a_misspelt_constant(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_misspelt_constant(path: Path) -> None:
     formula = 'always "/machine".state = MachineState.STATE_IDEL'
-    assert main([str(path), '--json', '--formula', formula]) == 2
-    assert "no constant 'STATE_IDEL'; did you mean 'STATE_IDLE'?" in capsys.readouterr().out
+    found = run_check(path, '--json', '--formula', formula)
+    assert found.code == 2
+    assert "no constant 'STATE_IDEL'; did you mean 'STATE_IDLE'?" in found.out
 
 
 def test_constants_of_types(path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import START, STORE
+from small_bags import START, STORE, header
 
 from dyknow_common import Verdict
 from dyknow_recordings import MonitoringFiles, RequestedFormula, evaluate_recording, open_recording
@@ -31,12 +31,11 @@ def time(seconds: float) -> Any:
 
 
 def link(parent: str, child: str, at: float, x: float) -> Any:
-    make = {name.rpartition('/')[2]: each for name, each in TYPES.items()}
     position = TYPES['geometry_msgs/msg/Vector3'](x, 0.0, 0.0)
     rotation = TYPES['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
-    return make['TransformStamped'](
-        make['Header'](time(at), parent), child, make['Transform'](position, rotation)
-    )
+    moved = TYPES['geometry_msgs/msg/Transform'](position, rotation)
+    stamped = header(START + round(at * 1e9), parent)
+    return TYPES['geometry_msgs/msg/TransformStamped'](stamped, child, moved)
 
 
 def transforms(topic: str, at: float, *links: Any) -> Recorded:
@@ -95,21 +94,24 @@ def test_a_distance_between_frames(
     assert found is verdict, explanation
 
 
-def test_a_missing_frame_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('recorded', 'formula', 'reason'),
+    [
+        (
+            transforms('/tf', 1, link('map', 'base_link', 1, 0.0)),
+            'always pose.distance <= 4',
+            "no frame 'base' in /tf or /tf_static; did you mean 'base_link'?",
+        ),
+        (statuses(1), 'always pose.distance <= 4', 'the recording has no topic /tf'),
+        (statuses(1), 'always docking.state != "ABORTED"', 'action("/dock") has no goal'),
+    ],
+    ids=['a missing frame', 'no transforms', 'no goals'],
+)
+def test_without_states(tmp_path: Path, recorded: Recorded, formula: str, reason: str) -> None:
     path = tmp_path / 'bag'
-    write(path, 'MCAP', [transforms('/tf', 1, link('map', 'base_link', 1, 0.0))])
-    _, explanation, _ = outcome(path, 'always pose.distance <= 4')
-    assert explanation == (
-        'the recording has no state: '
-        "no frame 'base' in /tf or /tf_static; did you mean 'base_link'?"
-    )
-
-
-def test_without_transforms(tmp_path: Path) -> None:
-    path = tmp_path / 'bag'
-    write(path, 'MCAP', [statuses(1)])
-    _, explanation, _ = outcome(path, 'always pose.distance <= 4')
-    assert 'the recording has no topic /tf' in explanation
+    write(path, 'MCAP', [recorded])
+    _, explanation, _ = outcome(path, formula)
+    assert explanation == f'the recording has no state: {reason}'
 
 
 def test_damaged_messages_are_faults(tmp_path: Path) -> None:
@@ -154,13 +156,6 @@ def test_the_status_of_an_action(tmp_path: Path, storage: str) -> None:
     goal = '02020202-0202-0202-0202-020202020202'
     verdict, explanation, _ = outcome(path, f'eventually[1 s, 2 s] docking.goal_id != "{goal}"')
     assert verdict is Verdict.FALSE, explanation
-
-
-def test_an_action_without_goals(tmp_path: Path) -> None:
-    path = tmp_path / 'bag'
-    write(path, 'MCAP', [statuses(1)])
-    _, explanation, _ = outcome(path, 'always docking.state != "ABORTED"')
-    assert explanation == 'the recording has no state: action("/dock") has no goal'
 
 
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])

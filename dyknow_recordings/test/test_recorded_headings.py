@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import START, STORE
+from running_checks import run_check
+from small_bags import START, STORE, header, write_messages
 
 from dyknow_configuration import ConfigurationError, read_robot
-from dyknow_recordings.check import main
 
 POSE, POINT = 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PointStamped'
 ROBOT = """\
@@ -39,39 +38,29 @@ formulas:
 def write_poses(path: Path, yaws: list[float], frame: str = 'map') -> None:
     """Write a robot that turns at (1, 2), and a person at (4, 2), each second."""
     types: Any = STORE.types
-    header, point = types['std_msgs/msg/Header'], types['geometry_msgs/msg/Point']
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topics = [
-            writer.add_connection(topic, kind, typestore=STORE)
-            for topic, kind in (('/robot1/pose', POSE), ('/person1/position', POINT))
-        ]
-        for number, yaw in enumerate(yaws):
-            time = START + number * 10**9
-            stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
-            orientation = types['geometry_msgs/msg/Quaternion'](
-                0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
-            )
-            pose = types['geometry_msgs/msg/Pose'](point(1.0, 2.0, 0.0), orientation)
-            person = point(4.0, 2.0, 0.0)
-            messages = (
-                types[POSE](header(stamp, frame), pose),
-                types[POINT](header(stamp, 'map'), person),
-            )
-            for topic, message in zip(topics, messages, strict=True):
-                writer.write(topic, time, bytes(STORE.serialize_cdr(message, topic.msgtype)))
+    point, found = types['geometry_msgs/msg/Point'], []
+    for number, yaw in enumerate(yaws):
+        time = START + number * 10**9
+        orientation = types['geometry_msgs/msg/Quaternion'](
+            0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
+        )
+        pose = types['geometry_msgs/msg/Pose'](point(1.0, 2.0, 0.0), orientation)
+        person = types[POINT](header(time, 'map'), point(4.0, 2.0, 0.0))
+        found.append((time, '/robot1/pose', types[POSE](header(time, frame), pose)))
+        found.append((time, '/person1/position', person))
+    write_messages(path, found)
 
 
-def checked(path: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+def checked(path: Path) -> dict[str, Any]:
     """Return the results of all formulas."""
     (path / 'robot.yaml').write_text(ROBOT)
-    main([str(path / 'bag'), '--config', str(path / 'robot.yaml'), '--json'])
-    return {each['name']: each for each in json.loads(capsys.readouterr().out)['formulas']}
+    return run_check(path / 'bag', '--config', path / 'robot.yaml', '--json').by_name
 
 
-def test_a_robot_that_turns_away(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_that_turns_away(tmp_path: Path) -> None:
     degrees = [-10, -30, -60]
     write_poses(tmp_path / 'bag', list(map(math.radians, degrees)))
-    found = checked(tmp_path, capsys)
+    found = checked(tmp_path)
     assert {name: each['outcome'] for name, each in found.items()} == {
         'faces': 'false', 'left': 'undecided', 'ahead': 'undecided', 'aims': 'false',
         'lane': 'true',
@@ -88,9 +77,9 @@ def test_a_robot_that_turns_away(tmp_path: Path, capsys: pytest.CaptureFixture[s
         assert found[name]['episodes'][0]['margin']['upper'] == pytest.approx(expected), name
 
 
-def test_a_pose_in_another_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pose_in_another_frame(tmp_path: Path) -> None:
     write_poses(tmp_path / 'bag', [0.0], 'odom')
-    found = checked(tmp_path, capsys)['faces']
+    found = checked(tmp_path)['faces']
     assert found['outcome'] == 'error'
     assert "the pose is in frame 'odom', but stated in frame 'map'" in json.dumps(found)
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
-
-from dyknow_recordings.check import main
+from running_checks import CheckOutput, run_check
 
 ONTOLOGY = """\
 @prefix owl: <http://www.w3.org/2002/07/owl#> .
@@ -36,41 +34,49 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def check(recording: Path, *options: str) -> int:
-    ontology = str(recording.with_name('r.ttl'))
-    return main([str(recording), '--ontology', ontology, '--margins', *options])
+def check(recording: Path, *options: str) -> CheckOutput:
+    ontology = recording.with_name('r.ttl')
+    return run_check(recording, '--ontology', ontology, '--margins', *options)
 
 
-def test_margins_in_tables(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(recording, '--formula', 'always x < 5')
-    words = ' '.join(capsys.readouterr().out.replace('│', ' ').split())
+def margin(lower: float | str, upper: float, atom: str, unit: str = '') -> dict[str, object]:
+    return {'lower': lower, 'upper': upper, 'unit': unit, 'atom': atom}
+
+
+def test_margins_in_tables(recording: Path) -> None:
+    words = ' '.join(check(recording, '--formula', 'always x < 5').out.replace('│', ' ').split())
     assert 'margin' in words
     assert 'at most 1 (x <' in words
-    main([str(recording), '--formula', 'always x < 5'])
-    assert 'margin ' not in capsys.readouterr().out
+    assert 'margin ' not in run_check(recording, '--formula', 'always x < 5').out
 
 
-def test_margins_in_json(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    formulas = ['always x < 5', 'always[0 s, 2 s] x < 5', 'always x < 3', 'x < (']
-    check(recording, '--json', *(word for each in formulas for word in ('--formula', each)))
-    document = json.loads(capsys.readouterr().out)
-    found = [each['episodes'][0]['margin'] for each in document['formulas'][:3]]
-    assert found == [
-        {'lower': '-inf', 'upper': 1.0, 'unit': '', 'atom': 'x < 5'},
-        {'lower': 1.0, 'upper': 1.0, 'unit': '', 'atom': 'x < 5'},
-        {'lower': '-inf', 'upper': -1.0, 'unit': '', 'atom': 'x < 3'},
-    ]
-    assert document['formulas'][3]['episodes'] == []
+@pytest.mark.parametrize(
+    ('formula', 'expected'),
+    [
+        ('always x < 5', [margin('-inf', 1.0, 'x < 5')]),
+        ('always[0 s, 2 s] x < 5', [margin(1.0, 1.0, 'x < 5')]),
+        ('always x < 3', [margin('-inf', -1.0, 'x < 3')]),
+        ('x < (', []),
+        # Sorts and units come from the ontology.
+        (
+            'forall r: always LaserRange[r] > 1',
+            [margin('-inf', 5.0, 'LaserRange[r1] > 1', 'm')],
+        ),
+        ('always MotorPower < 150', [margin('-inf', 7.5, 'MotorPower < 150', 'W')]),
+    ],
+)
+def test_margins_in_json(recording: Path, formula: str, expected: list[dict[str, object]]) -> None:
+    [found] = check(recording, '--json', '--formula', formula).formulas
+    assert [each['margin'] for each in found['episodes']] == expected
+    if 'forall r:' in formula:
+        assert found['formula'] == 'forall r in Robot: (always (LaserRange[r] > 1))'
 
 
-def test_the_worst_margin_of_several_episodes(
-    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_worst_margin_of_several_episodes(recording: Path, tmp_path: Path) -> None:
     report = tmp_path / 'report.xml'
     # Of the states at 0 s and 2 s.
-    trigger = 'x < 2 or x > 3'
-    check(recording, '--every', trigger, '--junit', str(report), '--formula', 'x < 5')
-    assert '1 (x < 5)' in capsys.readouterr().out
+    options = ('--every', 'x < 2 or x > 3', '--junit', str(report))
+    assert '1 (x < 5)' in check(recording, *options, '--formula', 'x < 5').out
     suite = ET.parse(report).getroot()[0]  # noqa: S314 - our own file
     found = {each.get('name'): each.get('value') for each in suite.iter('property')}
     assert found == {
@@ -81,34 +87,14 @@ def test_the_worst_margin_of_several_episodes(
     }
 
 
-def test_margins_from_every_state(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    formula = 'always[0 s, 1 s] x < 4'
-    assert check(recording, '--json', '--every', 'state', '--formula', formula) == 1
-    [report] = json.loads(capsys.readouterr().out)['formulas']
+def test_margins_from_every_state(recording: Path) -> None:
+    options = ('--every', 'state', '--formula')
+    found = check(recording, '--json', *options, 'always[0 s, 1 s] x < 4')
+    assert found.code == 1
+    [report] = found.formulas
     assert [each['margin'] for each in report['episodes']] == [
-        {'lower': 2.0, 'upper': 2.0, 'unit': '', 'atom': 'x < 4'},
-        {'lower': 0.0, 'upper': 0.0, 'unit': '', 'atom': 'x < 4'},
-        {'lower': '-inf', 'upper': 0.0, 'unit': '', 'atom': 'x < 4'},
+        margin(2.0, 2.0, 'x < 4'),
+        margin(0.0, 0.0, 'x < 4'),
+        margin('-inf', 0.0, 'x < 4'),
     ]
-
-
-def test_margins_from_every_state_have_units(
-    recording: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    check(recording, '--every', 'state', '--formula', 'MotorPower < 141')
-    assert '-1.5 W' in capsys.readouterr().out
-
-
-def test_sorts_are_inherited(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(recording, '--json', '--formula', 'forall r: always LaserRange[r] > 1')
-    [formula] = json.loads(capsys.readouterr().out)['formulas']
-    assert formula['formula'] == 'forall r in Robot: (always (LaserRange[r] > 1))'
-    expected = {'lower': '-inf', 'upper': 5.0, 'unit': 'm', 'atom': 'LaserRange[r1] > 1'}
-    assert formula['episodes'][0]['margin'] == expected
-
-
-def test_units_come_from_the_ontology(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(recording, '--json', '--formula', 'always MotorPower < 150')
-    [formula] = json.loads(capsys.readouterr().out)['formulas']
-    expected = {'lower': '-inf', 'upper': 7.5, 'unit': 'W', 'atom': 'MotorPower < 150'}
-    assert formula['episodes'][0]['margin'] == expected
+    assert '-1.5 W' in check(recording, *options, 'MotorPower < 141').out

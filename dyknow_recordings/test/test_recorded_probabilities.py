@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
+from running_checks import run_check
 from small_bags import messages, write
-
-from dyknow_recordings.check import main
 
 ROBOT = """\
 objects: {Rover: [r1]}
@@ -36,20 +34,15 @@ def recorded(tmp_path: Path, text: str) -> tuple[str, ...]:
     return str(bag), '--config', str(robot)
 
 
-def formulas(capsys: pytest.CaptureFixture[str], *options: str) -> list[dict[str, Any]]:
-    main([*options, '--probability', '--json'])
-    document = json.loads(capsys.readouterr().out)
-    found: list[dict[str, Any]] = document['formulas']
+def formulas(*options: str) -> list[dict[str, Any]]:
+    found = run_check(*options, '--probability', '--json').formulas
     assert not [each['error'] for each in found if each['error']]
     return found
 
 
 @pytest.mark.parametrize('constant', ['0 s', '100 ms'])
-def test_a_robot_states_its_uncertainty(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], constant: str
-) -> None:
+def test_a_robot_states_its_uncertainty(tmp_path: Path, constant: str) -> None:
     found = formulas(
-        capsys,
         *recorded(tmp_path, ROBOT % constant),
         *('--formula', 'forall r in Rover: always Height[r] > -900 cm'),
         *('--formula', f'P(always {HEIGHT % constant} > -9.0) > 0'),
@@ -84,7 +77,7 @@ features:
 """
 
 
-def test_a_robot_states_covariances(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_states_covariances(tmp_path: Path) -> None:
     pose = '"/odom".pose'
     y = f'normal({pose}.pose.position.y, sqrt({pose}.covariance[21]))'
     other = f'covariance({pose}.pose.position.y, {pose}.covariance[0])'
@@ -97,7 +90,7 @@ def test_a_robot_states_covariances(tmp_path: Path, capsys: pytest.CaptureFixtur
         'X[r1] < 4',
     )
     options = [option for text in texts for option in ('--formula', text)]
-    exact, bounded, *written, alone = formulas(capsys, *recorded(tmp_path, PLANE), *options)
+    exact, bounded, *written, alone = formulas(*recorded(tmp_path, PLANE), *options)
     # The difference of 4 and 5 has a variance of 14 + 21 - 2 * 0.
     assert exact['probability']['lower'] == pytest.approx(0.632337, abs=1e-4)
     assert exact['probability']['assumption'].endswith('but for the covariances')
@@ -117,13 +110,13 @@ features:
 """
 
 
-def test_a_robot_states_samples(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_robot_states_samples(tmp_path: Path) -> None:
     """The first message has 0 to 35."""
     cloud = '"/odom".pose.covariance'
     written = f'sampled(mean({cloud}), samples({cloud}))'
     asked = [f'P({each} > 17.5) {bound}' for each in ('Offset[r1]', written) for bound in LIMITS]
     options = [option for text in ('Offset[r1] > 17.5', *asked) for option in ('--formula', text)]
-    found, *others = formulas(capsys, *recorded(tmp_path, CLOUD), *options)
+    found, *others = formulas(*recorded(tmp_path, CLOUD), *options)
     assert found['probability']['lower'] == pytest.approx(0.329, abs=1e-3)
     assert found['probability']['upper'] == pytest.approx(0.671, abs=1e-3)
     assert found['probability']['assumption'] == 'with 95 % confidence, of independent samples'
@@ -131,44 +124,34 @@ def test_a_robot_states_samples(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.parametrize('error', ['1.5', "'pose.covariance[14]'"])
-def test_a_robot_states_the_greatest_error(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], error: str
-) -> None:
+def test_a_robot_states_the_greatest_error(tmp_path: Path, error: str) -> None:
     asked = 'P(Height[r1] > -5000 m) >= 1', 'P(Height[r1] > 5000 m) < 0.1', 'Height[r1] > 0 m'
-    found = formulas(
-        capsys,
-        *recorded(tmp_path, BOUNDED_ROBOT % error),
-        *(option for text in asked for option in ('--formula', text)),
-    )
+    options = [option for text in asked for option in ('--formula', text)]
+    found = formulas(*recorded(tmp_path, BOUNDED_ROBOT % error), *options)
     assert [each['outcome'] for each in found[:2]] == ['true', 'true']
     assumption = found[2]['probability']['assumption']
     assert assumption == 'assuming errors within their bounds'
 
 
-def test_bounds_in_tables_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bounds_in_tables_and_json(tmp_path: Path) -> None:
     path = tmp_path / 'trace.csv'
     path.write_text(TRACE)
     stated = 'let x ~ normal(x, sqrt(var)) in '
-    found = formulas(
-        capsys,
-        *(str(path), '--formula', f'{stated}always[0 s, 2 s] x > 0'),
-        *('--formula', f'{stated}always x > 0'),
-    )
-    bounded, unbounded = found
+    asked = ('--formula', f'{stated}always x > 0')
+    bounded, unbounded = formulas(str(path), '--formula', f'{stated}always[0 s, 2 s] x > 0', *asked)
     expected = {'assumption': 'assuming nothing about correlation'}
     expected |= {'lower': pytest.approx(0.975889, abs=1e-6), 'upper': pytest.approx(0.977250)}
     assert bounded['probability'] == bounded['probability_so_far'] == expected
     assert unbounded['probability_so_far'] == expected
     assert unbounded['probability'] == expected | {'lower': 0.0}
-    main([str(path), '--formula', f'{stated}always x > 0', '--probability'])
-    words = ' '.join(capsys.readouterr().out.replace('│', ' ').split())
+    words = ' '.join(run_check(path, *asked, '--probability').out.replace('│', ' ').split())
     assert 'probability' in words
     assert 'so far' in words
 
 
 @pytest.mark.parametrize('constant', ['', ', 0 s', ', 100 ms'])
 def test_an_unknown_value_leaves_the_bounds_of_all_that_it_may_be(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], constant: str
+    tmp_path: Path, constant: str
 ) -> None:
     """The example of the documentation, in a window and its first half, and other formulas."""
     path = tmp_path / 'trace.csv'
@@ -178,7 +161,7 @@ def test_an_unknown_value_leaves_the_bounds_of_all_that_it_may_be(
 
     def probabilities(height: str) -> list[dict[str, Any]]:
         path.write_text(f'time_s,x,var\n0,3,.25\n.1,2.5,.25\n.2,{height},.25\n.3,2.8,.5\n')
-        found = formulas(capsys, str(path), *options, '--missing', 'unknown')
+        found = formulas(str(path), *options, '--missing', 'unknown')
         return [each['probability'] for each in found]
 
     bounds = probabilities('')
@@ -191,22 +174,19 @@ def test_an_unknown_value_leaves_the_bounds_of_all_that_it_may_be(
     assert bounds[1]['lower'] > 0.98  # It does not depend on what is unknown.
 
 
-def test_states_are_read_until_the_probability_is_known(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_states_are_read_until_the_probability_is_known(tmp_path: Path) -> None:
     """The verdict on the best estimates may come earlier, and be another one."""
     path = tmp_path / 'trace.csv'
     path.write_text(TRACE)
     text = 'let x ~ normal(x, sqrt(var), 0 s) in always[0 s, 2 s] x > 2.5'
-    (found,) = formulas(capsys, str(path), '--formula', text)
+    (found,) = formulas(str(path), '--formula', text)
     assert found['episodes'][0]['decided_at_ns'] == 10**9
     assert found['probability']['upper'] == pytest.approx(0.69146 * 0.30854 * 0.76025, abs=1e-4)
     assert found['states'] == 3
 
 
-def test_episodes_have_no_probability(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_episodes_have_no_probability(tmp_path: Path) -> None:
     path = tmp_path / 'trace.csv'
     path.write_text(TRACE)
-    options = [str(path), '--formula', 'always x > 0', '--probability', '--every', 'state']
-    assert main(options) == 2
-    assert 'leave out --every' in capsys.readouterr().err
+    found = run_check(path, '--formula', 'always x > 0', '--probability', '--every', 'state')
+    assert (found.code, 'leave out --every' in found.err) == (2, True)

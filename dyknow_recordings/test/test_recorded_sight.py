@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from small_bags import START, STORE
+from running_checks import run_check
+from small_bags import START, STORE, header, write_messages
 
 from dyknow_configuration import ConfigurationError, read_robot
-from dyknow_recordings.check import main
 
 POINT = 'geometry_msgs/msg/PointStamped'
 ROBOT = """\
@@ -37,27 +36,21 @@ TRACKS = {
 }
 
 
-def checked(
-    path: Path, capsys: pytest.CaptureFixture[str], frame: str = 'map'
-) -> dict[str, dict[str, Any]]:
+def checked(path: Path, frame: str = 'map') -> dict[str, dict[str, Any]]:
     """Check a recording of the tracks, with a position of each object each second."""
     types: Any = STORE.types
-    with Writer(path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for name, track in TRACKS.items():
-            topic = writer.add_connection(f'/{name}/position', POINT, typestore=STORE)
-            for number, (x, y) in enumerate(track):
-                time = START + number * 10**9
-                stamp = types['builtin_interfaces/msg/Time'](*divmod(time, 10**9))
-                header = types['std_msgs/msg/Header'](stamp, frame)
-                message = types[POINT](header, types['geometry_msgs/msg/Point'](x, y, 0.0))
-                writer.write(topic, time, bytes(STORE.serialize_cdr(message, POINT)))
+    found = []
+    for name, track in TRACKS.items():
+        for number, (x, y) in enumerate(track):
+            time, point = START + number * 10**9, types['geometry_msgs/msg/Point'](x, y, 0.0)
+            found.append((time, f'/{name}/position', types[POINT](header(time, frame), point)))
+    write_messages(path / 'bag', found)
     (path / 'robot.yaml').write_text(ROBOT)
-    main([str(path / 'bag'), '--config', str(path / 'robot.yaml'), '--json'])
-    return {each['name']: each for each in json.loads(capsys.readouterr().out)['formulas']}
+    return run_check(path / 'bag', '--config', path / 'robot.yaml', '--json').by_name
 
 
-def test_a_person_behind_a_shelf(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = checked(tmp_path, capsys)
+def test_a_person_behind_a_shelf(tmp_path: Path) -> None:
+    found = checked(tmp_path)
     assert {name: each['outcome'] for name, each in found.items()} == {
         'seen': 'undecided', 'mutual': 'true', 'robots': 'false', 'other frame': 'error'
     }  # fmt: skip
@@ -68,8 +61,8 @@ def test_a_person_behind_a_shelf(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert 'sight_distance[robot1, boat1]' in json.dumps(found['other frame'])
 
 
-def test_a_position_in_another_frame(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = checked(tmp_path, capsys, 'odom')['robots']
+def test_a_position_in_another_frame(tmp_path: Path) -> None:
+    found = checked(tmp_path, 'odom')['robots']
     assert found['outcome'] == 'error'
     assert "the position is in frame 'odom', but the regions are in frame 'map'" in json.dumps(
         found

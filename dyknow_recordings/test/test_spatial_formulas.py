@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import pytest
-
-from dyknow_recordings.check import main
+from running_checks import run_check
 
 ONTOLOGY = """\
 @prefix owl: <http://www.w3.org/2002/07/owl#> .
@@ -31,18 +28,16 @@ time_s,X[r1],X[r2],X[r3],Base[r1],Base[r2],Base[r3]
 LINKS = 'over (abs(X[a] - X[b]) <= 5000 cm for a, b in Robot) from r to s:'
 
 
-def test_who_reaches_the_base(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_who_reaches_the_base(tmp_path: Path) -> None:
     (tmp_path / 'r.ttl').write_text(ONTOLOGY, encoding='utf-8')
     (tmp_path / 'flight.csv').write_text(TRACE, encoding='utf-8')
     formulas = [
         f'forall r in Robot: always {LINKS} somewhere[0, 0.1 km] Base[s]',
         f'forall r in Robot: {LINKS} somewhere[0, 2 hops] eventually[0 s, 1 s] Base[s]',
     ]
-    main(
-        [str(tmp_path / 'flight.csv'), '--ontology', str(tmp_path / 'r.ttl'), '--json']
-        + [word for each in formulas for word in ('--formula', each)]
-    )
-    first, second = json.loads(capsys.readouterr().out)['formulas']
+    options = ['--ontology', tmp_path / 'r.ttl', '--json']
+    options += [word for each in formulas for word in ('--formula', each)]
+    first, second = run_check(tmp_path / 'flight.csv', *options).formulas
     assert [first['outcome'], second['outcome']] == ['false', 'true']
     assert first['episodes'][0]['explanation'] == (
         "for r = r3: at 2.000 s, r3 reaches no object in [0, 0.1 km] where 'Base[s]' holds; no "

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from running_checks import run_check
 from small_bags import START, channel, mcap, schema, stored
 
 from dyknow_recordings import Bag, in_order
-from dyknow_recordings.check import main
 
 MS = 1_000_000
 NUMBER = schema(1, 'made_up/msg/Number', 'uint8 x\n') + channel(1, 1, '/x')
@@ -49,7 +49,7 @@ def sent_mcap(folder: Path, shift: int) -> Path:
     ids=['sent', 'another clock'],
 )
 def test_messages_without_stamps_are_valid_when_they_were_sent(
-    tmp_path: Path, shift: int, code: int, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, shift: int, code: int
 ) -> None:
     """The speed follows the command, although the command is recorded after it."""
     file = sent_mcap(tmp_path, shift)
@@ -58,17 +58,16 @@ def test_messages_without_stamps_are_valid_when_they_were_sent(
         (row, *_) = in_order(bag.columns({'/y': ['x'], '/x': ['x']}))
         assert row.stamp == (START if shift == 0 else None)
     formula = '"/x".x = 1 and "/y".x = 0 and eventually[40 ms, 60 ms] "/y".x = 1'
-    assert main([str(file), '--formula', formula]) == code, capsys.readouterr()
+    found = run_check(file, '--formula', formula)
+    assert found.code == code, found
 
 
 @pytest.mark.parametrize(('delay', 'words'), [(90, ''), (110, 'came 110 ms after it was sent')])
-def test_messages_that_were_sent_long_before(
-    tmp_path: Path, delay: int, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_messages_that_were_sent_long_before(tmp_path: Path, delay: int, words: str) -> None:
     times = [(START + n * 200 * MS, START + n * 200 * MS - 5) for n in range(3)]
     times.append((START + 700 * MS, START + (700 - delay) * MS))
     rows = [stored(1, logged, number(1), sent=sent) for logged, sent in times]
     file = written(tmp_path, *rows)
-    code = main([str(file), '--json', '--formula', 'always "/x".x = 1'])
-    assert code == (2 if words else 0)
-    assert words in capsys.readouterr().out
+    found = run_check(file, '--json', '--formula', 'always "/x".x = 1')
+    assert found.code == (2 if words else 0)
+    assert words in found.out

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
-
-from dyknow_recordings.check import main
+from running_checks import run_check
 
 TRACE = """\
 time_s, charge: float, docked: boolean
@@ -42,11 +40,6 @@ def trace(tmp_path: Path) -> str:
     return str(path)
 
 
-def checked(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    main([*arguments, '--json'])
-    return capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ('formula', 'outcome'),
     [
@@ -57,25 +50,27 @@ def checked(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     ],
 )
 def test_the_command_takes_what_is_missing_for_unknown(
-    trace: str, capsys: pytest.CaptureFixture[str], formula: str, outcome: str
+    trace: str, formula: str, outcome: str
 ) -> None:
-    assert outcome in checked(capsys, trace, '--missing', 'unknown', '--formula', formula)
+    found = run_check(trace, '--missing', 'unknown', '--formula', formula, '--json')
+    assert outcome in found.out
 
 
+@pytest.mark.parametrize(
+    ('formula', 'error'),
+    [('always charge > 0.5', 'holds the number nan'), ('eventually docked', 'is empty')],
+)
 def test_what_is_missing_is_an_error_without_the_option(
-    trace: str, capsys: pytest.CaptureFixture[str]
+    trace: str, formula: str, error: str
 ) -> None:
-    assert 'holds the number nan' in checked(capsys, trace, '--formula', 'always charge > 0.5')
-    assert 'is empty' in checked(capsys, trace, '--formula', 'eventually docked')
+    assert error in run_check(trace, '--formula', formula, '--json').out
 
 
-def test_a_robot_says_what_may_be_unknown(
-    trace: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_says_what_may_be_unknown(trace: str, tmp_path: Path) -> None:
     robot = tmp_path / 'robot.yaml'
     robot.write_text(ROBOT)
-    assert main([trace, '--config', str(robot)]) == 2
-    output = capsys.readouterr().out
+    code, output, _ = run_check(trace, '--config', robot)
+    assert code == 2
     for name, outcome in (
         ('emptied', 'true'),
         ('possible', 'true'),
@@ -108,14 +103,12 @@ ALTITUDES = (20, 28, 32, -1, -1, -1, -1, 31, 24, 22, 20)
 """Without a fix for 4 s, the receiver tells -1."""
 
 
-def test_the_altitude_of_a_vehicle_is_unknown_for_four_seconds(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_altitude_of_a_vehicle_is_unknown_for_four_seconds(tmp_path: Path) -> None:
     trace, robot = tmp_path / 'trace.csv', tmp_path / 'robot.yaml'
     rows = [f'{second},{z},{int(z >= 0)}' for second, z in enumerate(ALTITUDES)]
     trace.write_text('\n'.join(['time_s,altitude: float,fix: int', *rows]))
     robot.write_text(GPS_LOSS)
-    reports = json.loads(checked(capsys, str(trace), '--config', str(robot)))['formulas']
+    reports = run_check(trace, '--config', robot, '--json').formulas
     found = {each['name']: each['episodes'] for each in reports}
     decided = {
         name: (each[0]['verdict'], each[0].get('decided_at_ns')) for name, each in found.items()

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from small_bags import STORE, header, write_messages
 
 from dyknow_common import SECOND_NS, Verdict
 from dyknow_coordinator import Grounding, SymbolGrounding, verdict_token
@@ -41,7 +43,6 @@ from dyknow_stream_processing import Violation
 START = 1_700_000_000 * SECOND_NS
 END = START + 10 * SECOND_NS
 OK, WARN, ERROR = range(3)
-ROS = get_typestore(Stores.ROS2_JAZZY)
 
 
 def at(seconds: float) -> int:
@@ -219,35 +220,23 @@ def test_topics_of_names(tmp_path: Path) -> None:
 def flight(tmp_path: Path) -> Path:
     """Three vehicles, ten times a second; the third is in another frame."""
     path = tmp_path / 'flight'
-    types = ROS.types
-    point, quaternion, vector, pose, posed, twist, twisted, odometry = (
-        types[name]
+    types: Any = STORE.types
+    point, quaternion, vector, pose, posed, twist, twisted = (
+        types[f'geometry_msgs/msg/{name}']
         for name in (
-            'geometry_msgs/msg/Point',
-            'geometry_msgs/msg/Quaternion',
-            'geometry_msgs/msg/Vector3',
-            'geometry_msgs/msg/Pose',
-            'geometry_msgs/msg/PoseWithCovariance',
-            'geometry_msgs/msg/Twist',
-            'geometry_msgs/msg/TwistWithCovariance',
-            'nav_msgs/msg/Odometry',
+            *('Point', 'Quaternion', 'Vector3', 'Pose', 'PoseWithCovariance'),
+            *('Twist', 'TwistWithCovariance'),
         )
     )
-    zeros = np.zeros(36)
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topics = [
-            writer.add_connection(f'/fleet/uav{n}/odometry', 'nav_msgs/msg/Odometry', typestore=ROS)
-            for n in range(3)
-        ]
-        for step in range(101):
-            time = at(step / 10)
-            stamp = types['builtin_interfaces/msg/Time'](*divmod(time, SECOND_NS))
-            for n, topic in enumerate(topics):
-                header = types['std_msgs/msg/Header'](stamp, 'other' if n == 2 else 'map')
-                here = pose(point(float(n), 0.0, step / 10), quaternion(0.0, 0.0, 0.0, 1.0))
-                still = twist(vector(0.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
-                message = odometry(header, '', posed(here, zeros), twisted(still, zeros))
-                writer.write(topic, time, ROS.serialize_cdr(message, 'nav_msgs/msg/Odometry'))
+    zeros, found = np.zeros(36), []
+    still = twisted(twist(vector(0.0, 0.0, 0.0), vector(0.0, 0.0, 0.0)), zeros)
+    for step, n in product(range(101), range(3)):
+        time = at(step / 10)
+        here = pose(point(float(n), 0.0, step / 10), quaternion(0.0, 0.0, 0.0, 1.0))
+        stamped = header(time, 'other' if n == 2 else 'map')
+        message = types['nav_msgs/msg/Odometry'](stamped, '', posed(here, zeros), still)
+        found.append((time, f'/fleet/uav{n}/odometry', message))
+    write_messages(path, found)
     return path
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from dyknow_semantics import Knowledge, Ontology
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 ONTOLOGIES = Path(__file__).parent / 'ontologies'
 

@@ -8,12 +8,12 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from annotated import matcher_of
 
 from dyknow_semantics import (
     ALL_TRIPLES,
     Bridge,
     Knowledge,
-    Matcher,
     Ontology,
     Relation,
     bridged,
@@ -201,8 +201,7 @@ def _check_matches(world: World, known: Knowledge) -> None:
         f'stream "{feature} of {name}" contains {feature}[{name}] = data'
         for feature, name in world.annotated
     )
-    matcher = Matcher(known)
-    matcher.set_annotations({text: each for text in texts for each in parse_annotations(text)})
+    matcher = matcher_of((each for text in texts for each in parse_annotations(text)), known)
     assert not matcher.faults
     for feature, sort in world.argument_sorts.items():
         names = {

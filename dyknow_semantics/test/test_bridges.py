@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from annotated import matcher_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,7 +14,6 @@ from dyknow_common import LanguageError, TextPosition
 from dyknow_semantics import (
     Bridge,
     Knowledge,
-    Matcher,
     Relation,
     bridged,
     parse_annotations,
@@ -21,11 +21,8 @@ from dyknow_semantics import (
     parse_concept,
 )
 from dyknow_semantics.ontology.bridges import LANGUAGE
+from dyknow_semantics.ontology.vocabulary import CLASS, SUBCLASS_OF, TYPE, UPPER_ONTOLOGY
 
-RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
-SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
-OWL_CLASS = 'http://www.w3.org/2002/07/owl#Class'
-DYKNOW = 'http://www.dyknow.org/ontology#'
 BAD = sorted((Path(__file__).parent / 'bad_bridges').glob('*.bridges'))
 
 
@@ -35,14 +32,16 @@ def robot(
     """The ontology of a robot: a sort with objects, and a feature of them."""
     here = f'http://www.example.org/{prefix}#'
     triples = [
-        (here + sort, RDF_TYPE, OWL_CLASS),
-        (here + feature, RDF_TYPE, OWL_CLASS),
-        (here + feature, SUBCLASS_OF, f'{DYKNOW}Feature'),
-        (here + feature, f'{DYKNOW}value_type', 'float'),
-        (here + feature, f'{DYKNOW}unit', unit),
+        (here + sort, TYPE, CLASS),
+        (here + feature, TYPE, CLASS),
+        (here + feature, SUBCLASS_OF, f'{UPPER_ONTOLOGY}Feature'),
+        (here + feature, f'{UPPER_ONTOLOGY}value_type', 'float'),
+        (here + feature, f'{UPPER_ONTOLOGY}unit', unit),
     ]
-    triples += [(here + feature, f'{DYKNOW}argument{n}', here + sort) for n in range(1, places + 1)]
-    return triples + [(here + each, RDF_TYPE, here + sort) for each in objects]
+    triples += [
+        (here + feature, f'{UPPER_ONTOLOGY}argument{n}', here + sort) for n in range(1, places + 1)
+    ]
+    return triples + [(here + each, TYPE, here + sort) for each in objects]
 
 
 TRIPLES = [
@@ -71,9 +70,7 @@ SSL = """
 def matches(concept: str, bridges: str = BRIDGES, ssl: str = SSL) -> list[str]:
     found = bridged(TRIPLES, parse_bridges(bridges))
     assert not found.faults
-    matcher = Matcher(found.known)
-    matcher.set_annotations({str(each): each for each in parse_annotations(ssl)})
-    matches = matcher.match(parse_concept(concept))
+    matches = matcher_of(parse_annotations(ssl), found.known).match(parse_concept(concept))
     return [f'{each.ground_feature} of {each.declaration.stream}' for each in matches]
 
 
@@ -143,8 +140,7 @@ def test_equivalent_classes_and_same_individuals_of_owl_are_bridges_too() -> Non
         ('http://www.example.org/robot2#self', 'http://www.w3.org/2002/07/owl#sameAs',
          'http://www.example.org/uav#uav2'),
     ]  # fmt: skip
-    matcher = Matcher(Knowledge(triples))
-    matcher.set_annotations({str(each): each for each in parse_annotations(SSL)})
+    matcher = matcher_of(parse_annotations(SSL), Knowledge(triples))
     found = matcher.match(parse_concept('Altitude[uav2]'))
     assert {each.ground_feature for each in found} == {'Altitude[uav2]'}
     assert len(found) == 2
@@ -152,11 +148,8 @@ def test_equivalent_classes_and_same_individuals_of_owl_are_bridges_too() -> Non
 
 def test_an_index_learns_bridges() -> None:
     known = bridged(TRIPLES, parse_bridges(BRIDGES)).known
-    annotations = {str(each): each for each in parse_annotations(SSL)}
-    concept = parse_concept('Altitude[u] for every u in UAV')
-    new, old = Matcher(known), Matcher(known.stated)
-    new.set_annotations(annotations)
-    old.set_annotations(annotations)
+    annotations, concept = parse_annotations(SSL), parse_concept('Altitude[u] for every u in UAV')
+    new, old = (matcher_of(annotations, each) for each in (known, known.stated))
     assert old.match(concept) != new.match(concept)
     old.set_knowledge(known)
     assert old.match(concept) == new.match(concept)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from annotated import matcher_of
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
@@ -28,12 +29,6 @@ SSL = """
 """
 
 
-def matcher_of(ssl: str, knowledge: Knowledge) -> Matcher:
-    matcher = Matcher(knowledge)
-    matcher.set_annotations({str(each): each for each in parse_annotations(ssl)})
-    return matcher
-
-
 def text_of(tree: Tree) -> str:
     console = Console(width=200, highlight=False)
     with console.capture() as capture:
@@ -43,7 +38,7 @@ def text_of(tree: Tree) -> str:
 
 def test_the_tree_of_a_fleet(knowledge: Knowledge) -> None:
     assert (
-        text_of(hierarchy_tree(hierarchy_entries(matcher_of(SSL, knowledge))))
+        text_of(hierarchy_tree(hierarchy_entries(matcher_of(parse_annotations(SSL), knowledge))))
         == """\
 concepts
 ├── (sorts)
@@ -68,7 +63,7 @@ concepts
 
 def test_an_explanation(knowledge: Knowledge) -> None:
     ssl = 'stream b contains BarometricAltitude[uav1] = z; stream a contains Altitude[uav1] = z'
-    known = matcher_of(ssl, knowledge)
+    known = matcher_of(parse_annotations(ssl), knowledge)
     concept = parse_concept('BarometricAltitude[uav1]')
     assert (
         text_of(explanation_tree(str(concept), known.explain(concept)))
@@ -84,10 +79,9 @@ BarometricAltitude[uav1]
 
 
 def test_a_feature_is_provided_by_those_below(knowledge: Knowledge) -> None:
-    ssl = 'stream b contains BarometricAltitude[uav1] = z'
-    found = {
-        each['name']: each for each in map(asdict, hierarchy_entries(matcher_of(ssl, knowledge)))
-    }
+    annotations = parse_annotations('stream b contains BarometricAltitude[uav1] = z')
+    entries = map(asdict, hierarchy_entries(matcher_of(annotations, knowledge)))
+    found = {each['name']: each for each in entries}
     assert found['Altitude']['is_provided']
     assert found['Altitude']['streams'] == ()
     assert not found['Power']['is_provided']

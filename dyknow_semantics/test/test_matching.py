@@ -9,6 +9,7 @@ from math import inf
 from typing import NamedTuple
 
 import pytest
+from annotated import matcher_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,6 +28,7 @@ from dyknow_semantics import (
     parse_annotations,
     parse_concept,
 )
+from dyknow_semantics.ontology.vocabulary import CLASS, SUBCLASS_OF, TYPE, UPPER_ONTOLOGY
 from dyknow_stream_processing import (
     Condition,
     Dataflow,
@@ -164,15 +166,9 @@ def test_the_nearest_field(knowledge: Knowledge, concept: str, ssl: str, message
 
 
 def nearest(concept: Concept, annotations: Iterable[Annotation], knowledge: Knowledge) -> str:
-    matcher = Matcher(knowledge)
-    matcher.set_annotations({str(each): each for each in annotations})
-    return matcher.nearest(concept)
+    return matcher_of(annotations, knowledge).nearest(concept)
 
 
-RDF_TYPE = 'http://www.w3.org/1999/02/22-rdf-syntax-ns#type'
-SUBCLASS_OF = 'http://www.w3.org/2000/01/rdf-schema#subClassOf'
-OWL_CLASS = 'http://www.w3.org/2002/07/owl#Class'
-DYKNOW = 'http://www.dyknow.org/ontology#'
 HERE = 'http://www.example.org/here#'
 
 FEATURES = ['F0', 'F1', 'F2', 'F3']
@@ -190,13 +186,13 @@ class World(NamedTuple):
 
     def knowledge(self) -> Knowledge:
         """The ontology as triples; every feature has two arguments of sort S0, the top one."""
-        triples = [(HERE + name, RDF_TYPE, OWL_CLASS) for name in FEATURES + SORTS]
-        triples += [(HERE + each, SUBCLASS_OF, DYKNOW + 'Feature') for each in FEATURES]
+        triples = [(HERE + name, TYPE, CLASS) for name in FEATURES + SORTS]
+        triples += [(HERE + each, SUBCLASS_OF, UPPER_ONTOLOGY + 'Feature') for each in FEATURES]
         triples += [(HERE + one, SUBCLASS_OF, HERE + other) for one, other in self.above]
-        triples += [(HERE + each, RDF_TYPE, HERE + sort) for each, sort in self.sorts.items()]
+        triples += [(HERE + each, TYPE, HERE + sort) for each, sort in self.sorts.items()]
         for each in FEATURES:
-            triples += [(HERE + each, f'{DYKNOW}argument{n}', HERE + 'S0') for n in (1, 2)]
-            triples += [(HERE + each, DYKNOW + 'value_type', 'float')]
+            triples += [(HERE + each, f'{UPPER_ONTOLOGY}argument{n}', HERE + 'S0') for n in (1, 2)]
+            triples += [(HERE + each, UPPER_ONTOLOGY + 'value_type', 'float')]
         return Knowledge(triples)
 
     def is_below(self, concept: str, other: str) -> bool:
@@ -329,12 +325,6 @@ def test_without_arguments_a_concept_is_that_of_all_objects(
     bare = replace(everything, feature=FeatureTerm(name), ranges=())
     knowledge = world.knowledge()
     assert match(bare, annotations, knowledge) == match(everything, annotations, knowledge)
-
-
-def matcher_of(annotations: Iterable[Annotation], knowledge: Knowledge) -> Matcher:
-    matcher = Matcher(knowledge)
-    matcher.set_annotations({str(each): each for each in annotations})
-    return matcher
 
 
 CHANGES = st.lists(st.lists(ANNOTATIONS, max_size=4) | WORLDS, min_size=1, max_size=4)

@@ -36,28 +36,23 @@ def test_an_iri_is_returned_if_prefixes_are_ambiguous_too() -> None:
     assert [names.name(iri) for iri in iris] == iris
 
 
-def test_an_ambiguous_name_lists_the_candidates(names: Names) -> None:
+AMBIGUOUS = "the concept 'Altitude' is ambiguous; it is one of maps:Altitude, vehicles:Altitude"
+MISSPELT = "unknown concept 'UAVs'; did you mean 'UAV'?"
+UNKNOWN = "unknown concept 'Battery'; there are: UAV, maps:Altitude, vehicles:Altitude"
+
+
+@pytest.mark.parametrize(
+    ('name', 'code', 'message'),
+    [
+        ('Altitude', ExitCode.INVALID_ARGUMENT, AMBIGUOUS),
+        ('UAVs', ExitCode.NOT_FOUND, MISSPELT),
+        ('Battery', ExitCode.NOT_FOUND, UNKNOWN),
+    ],
+)
+def test_names_that_name_nothing(names: Names, name: str, code: ExitCode, message: str) -> None:
     with pytest.raises(SemanticsError) as error:
-        names.iri('Altitude')
-    assert error.value.code is ExitCode.INVALID_ARGUMENT
-    assert error.value.message == (
-        "the concept 'Altitude' is ambiguous; it is one of maps:Altitude, vehicles:Altitude"
-    )
-
-
-def test_an_unknown_name_suggests_similar_ones(names: Names) -> None:
-    with pytest.raises(SemanticsError) as error:
-        names.iri('UAVs')
-    assert error.value.code is ExitCode.NOT_FOUND
-    assert error.value.message == "unknown concept 'UAVs'; did you mean 'UAV'?"
-
-
-def test_an_unknown_name_without_similar_ones_lists_all_names(names: Names) -> None:
-    with pytest.raises(SemanticsError) as error:
-        names.iri('Battery')
-    assert error.value.message == (
-        "unknown concept 'Battery'; there are: UAV, maps:Altitude, vehicles:Altitude"
-    )
+        names.iri(name)
+    assert (error.value.code, error.value.message) == (code, message)
 
 
 def test_long_lists_are_cut() -> None:

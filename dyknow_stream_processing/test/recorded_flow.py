@@ -72,6 +72,11 @@ class Flow:
         for valid_time in valid_times:
             self.push(topic, valid_time, x=valid_time)
 
+    def receive(self, topic: str, *arrivals: tuple[float, float]) -> None:
+        """Push samples with their valid times and the times of their receipt."""
+        for valid_time, now in arrivals:
+            self.push(topic, valid_time, now, x=valid_time)
+
     def advance(self, now: float) -> None:
         self.dataflow.advance(_ns(now))
 

@@ -1,6 +1,5 @@
 """Streams on a terminal."""
 
-import io
 from dataclasses import replace
 
 import pytest
@@ -35,12 +34,16 @@ REGISTERED = StreamReport(
 )
 
 
+def printed(what: RenderableType, width: int) -> list[str]:
+    console = Console(width=width)
+    with console.capture() as captured:
+        console.print(what)
+    return captured.get().splitlines()
+
+
 def shown(what: RenderableType) -> list[str]:
     """The lines without the space between columns."""
-    console = Console(file=io.StringIO(), width=160)
-    console.print(what)
-    assert isinstance(console.file, io.StringIO)
-    return [' '.join(line.split()) for line in console.file.getvalue().splitlines()]
+    return [' '.join(line.split()) for line in printed(what, 160)]
 
 
 def test_a_line_for_each_stream() -> None:
@@ -64,10 +67,8 @@ def test_no_number_is_cut_in_80_columns() -> None:
         flow=Flow(1000.0, -5_010 * MS, 1_310 * MS),
     )
     late = replace(WAITING, message='nobody publishes /rover[1]/odom; ' * 3)
-    console = Console(file=io.StringIO(), width=80)
-    console.print(stream_table([many, late], ['/engine'], hidden=2))
-    assert isinstance(console.file, io.StringIO)
-    assert [line.rstrip() for line in console.file.getvalue().splitlines()] == [
+    table = stream_table([many, late], ['/engine'], hidden=2)
+    assert [line.rstrip() for line in printed(table, 80)] == [
         'stream          state   samples      rate        delay    max dropped violations',
         'rover1_battery_ flowing 1234567 1000.0 Hz ahead 5.01 s 1.31 s  123456      12345',
         'percentage',

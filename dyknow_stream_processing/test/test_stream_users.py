@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 
-from rich.console import Console
+from test_stream_table import shown
 
 from dyknow_stream_processing.reporting.stream_report import (
     SourceReport,
@@ -71,11 +70,8 @@ def test_states_have_the_names_of_their_formulas() -> None:
 
 
 def test_topics_on_a_terminal() -> None:
-    console = Console(file=io.StringIO(), width=160)
-    console.print(stream_table([STATES], ['/engine'], users=USERS))
-    console.print(topic_table(used_topics([STATES, POWER], USERS)))
-    assert isinstance(console.file, io.StringIO)
-    lines = [' '.join(line.split()) for line in console.file.getvalue().splitlines()]
+    lines = shown(stream_table([STATES], ['/engine'], users=USERS))
+    lines += shown(topic_table(used_topics([STATES, POWER], USERS)))
     assert "states of slow, near waiting nobody publishes '/lidar'" in lines
     assert 'topic received rate delay lost dropped formulas' in lines
     assert '/odom 120 50.0 Hz 3 ms 3 1 slow, near' in lines

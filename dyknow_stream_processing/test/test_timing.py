@@ -12,9 +12,7 @@ from recorded_flow import Flow
 
 def test_without_max_delay_what_is_older_than_its_predecessor_is_dropped(flow: Flow) -> None:
     flow.create('select x from "a"')
-    flow.push('a', 5, 5, x=1)
-    flow.push('a', 4, 6, x=2)
-    flow.push('a', 5, 7, x=3)
+    flow.receive('a', (5, 5), (4, 6), (5, 7))
     assert flow.times() == [5, 5]
     assert flow.drops == {'valid_time_order': 1}
     (violation,) = flow.violations
@@ -24,9 +22,7 @@ def test_without_max_delay_what_is_older_than_its_predecessor_is_dropped(flow: F
 
 def test_max_delay_puts_samples_in_order(flow: Flow) -> None:
     flow.create('select x from "a" with max_delay = 10 ms')
-    flow.push('a', 5, 5, x=1)
-    flow.push('a', 3, 6, x=2)
-    flow.push('a', 4, 7, x=3)
+    flow.receive('a', (5, 5), (3, 6), (4, 7))
     assert flow.deadline == 13
     flow.advance(13)
     assert flow.times() == [3]
@@ -37,8 +33,7 @@ def test_max_delay_puts_samples_in_order(flow: Flow) -> None:
 
 def test_what_is_later_than_max_delay_is_dropped(flow: Flow) -> None:
     flow.create('select x from "a" with max_delay = 10 ms')
-    flow.push('a', 5, 15, x=1)
-    flow.push('a', 4, 15, x=2)
+    flow.receive('a', (5, 15), (4, 15))
     flow.advance(20)
     assert flow.times() == [5]
     assert flow.drops == {'max_delay': 1}
@@ -49,9 +44,7 @@ def test_what_is_later_than_max_delay_is_dropped(flow: Flow) -> None:
 
 def test_a_regular_stream_has_no_added_latency(flow: Flow) -> None:
     flow.create('"a" with max_delay = 25 ms, sample_period = 10 ms, sample_period_deviation = 2 ms')
-    flow.push('a', 0, 1, x=0)
-    flow.push('a', 10, 11, x=1)
-    flow.push('a', 20, 21, x=2)
+    flow.receive('a', (0, 1), (10, 11), (20, 21))
     assert flow.times() == []
     flow.advance(25)
     assert flow.times() == [0, 10, 20]
@@ -196,10 +189,7 @@ def test_max_delay_of_an_input_makes_a_gap_certain(flow: Flow, of_input: str) ->
 
 def test_a_sample_that_is_ahead_of_the_clock_is_a_violation(flow: Flow) -> None:
     flow.create('select x from "a"')
-    flow.push('a', 0, 1, x=0)
-    flow.push('a', 102, 2, x=1)
-    flow.push('a', 103, 3, x=2)
-    flow.push('a', 5004, 4, x=3)
+    flow.receive('a', (0, 1), (102, 2), (103, 3), (5004, 4))
     # It does not count as a predecessor.
     flow.push('a', 104, 5, x=4)
     assert flow.times() == [0, 102, 103, 104]
@@ -216,8 +206,7 @@ def test_a_sample_that_is_ahead_of_the_clock_is_a_violation(flow: Flow) -> None:
 
 def test_the_tolerance_of_stamps_ahead_is_configurable(flow_class: type[Flow]) -> None:
     flow = flow_class(max_lead=3).create('"a" with max_delay = 1 ms')
-    flow.push('a', 3, 0, x=0)
-    flow.push('a', 5, 1, x=1)
+    flow.receive('a', (3, 0), (5, 1))
     flow.advance(50)
     assert flow.times() == [3]
     assert [(each.constraint, each.allowed) for each in flow.violations] == [('future', 3_000_000)]
@@ -296,8 +285,7 @@ def test_a_topic_stamped_at_receipt_is_never_ahead(flow_class: type[Flow]) -> No
 
 def test_a_sample_that_ends_a_gap_reports_it_where_the_clock_did_not(flow: Flow) -> None:
     flow.create('"a" with sample_period = 10 ms')
-    flow.push('a', 0, 5, x=0)
-    flow.push('a', 11, 11, x=1)
+    flow.receive('a', (0, 5), (11, 11))
     assert flow.broken() == [('sample_period', 11)]
     assert flow.times() == [0, 11]
 

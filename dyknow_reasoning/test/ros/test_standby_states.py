@@ -180,13 +180,6 @@ def test_hand_overs(name: str) -> None:
         assert made.progressed == expected
 
 
-def test_before_the_first_state_no_gap_is_noted() -> None:
-    with Group() as made:
-        run_to_end(made.evaluation.change_stream({}, '/better', '', gap=True))
-        made.state('/better', 1)
-        assert made.progressed == [1]
-
-
 def test_a_request_ends_a_hand_over() -> None:
     with Group() as made:
         made.state('/former', 2)
@@ -282,15 +275,6 @@ def test_states_that_a_violation_makes_doubtful(
     assert group.progressed == expected
     group.state('/standby', 5)
     assert group.progressed == [*expected, 5]
-
-
-def test_the_earliest_of_several_violations_counts(group: Group) -> None:
-    group.state('/former', 2)
-    group.state('/standby', 2)
-    group.violate('/former', 3, ViolationKind.SAMPLE_PERIOD)
-    group.violate('/former', 1)
-    group.take_over()
-    assert group.progressed == [2, 'gap']
 
 
 @pytest.mark.parametrize(

@@ -15,16 +15,15 @@ from unittest import mock
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded import TYPE, ListedSamples, RecordedSample, at, recording
+from recorded import TYPE, Carriers, ListedSamples, RecordedSample, at, carried, recording
 from simulated_session import Outcome, SimulatedSystem
 
 from dyknow_common import SECOND_NS, ExitCode, Verdict
 from dyknow_configuration import RequestedFormula
-from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation import evaluation
 from dyknow_recordings.evaluation.evaluation import evaluate_recording
 from dyknow_recordings.evaluation.results import FormulaReport
-from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles, Vocabulary
+from dyknow_recordings.evaluation.vocabulary import NO_FILES, MonitoringFiles
 
 MS = 1_000_000
 SPECIFICATIONS = {
@@ -175,20 +174,11 @@ HAND_OVERS = [
 WORLDS = st.builds(World, st.fixed_dictionaries(dict.fromkeys('abcde', PUBLISHED)), EDGES)
 
 
-class Carriers(Vocabulary):
-    """A vocabulary in which several streams carry each feature."""
-
-    def matching_streams(self, concept: str) -> tuple[str, ...]:
-        if concept not in SPECIFICATIONS:
-            raise RecordingError(f'no stream carries {concept}', ExitCode.NOT_FOUND)
-        return SPECIFICATIONS[concept]
-
-
 def recorded(
     messages: ListedSamples, formula: str, files: MonitoringFiles = NO_FILES
 ) -> FormulaReport:
     """Evaluate a formula over a recording."""
-    with mock.patch.object(evaluation, 'load_vocabulary', return_value=Carriers({})):
+    with carried(SPECIFICATIONS):
         (report,) = evaluate_recording(messages, [RequestedFormula(formula)], files).formulas
     return report
 
@@ -238,14 +228,14 @@ def check_both(world: World, formula: str, live: Outcome) -> None:
 def live(world: World, formula: str, seed: int | None = None) -> Outcome:
     """Evaluate a formula in the running system; with a seed, everything takes a random time."""
     if seed is None:
-        return SimulatedSystem(world.messages(), formula, Carriers({})).run()
+        return SimulatedSystem(world.messages(), formula, Carriers(SPECIFICATIONS)).run()
     random = Random(seed)  # noqa: S311 - not for cryptography
     delays = [0, 1, 10, 40, 150, 400]
 
     def delay(_: str) -> int:
         return random.choice(delays) * MS
 
-    return SimulatedSystem(world.messages(), formula, Carriers({}), delay).run()
+    return SimulatedSystem(world.messages(), formula, Carriers(SPECIFICATIONS), delay).run()
 
 
 @pytest.mark.parametrize('case', CASES)
@@ -271,7 +261,9 @@ def test_silence_has_the_same_limit(limit_s: float, verdict: Verdict) -> None:
     messages, formula = world.messages(), 'always Power < 4'
     files = MonitoringFiles(silence_limit=round(limit_s * SECOND_NS))
     with mock.patch.dict(SPECIFICATIONS, Power=carriers):
-        system = SimulatedSystem(messages, formula, Carriers({}), silence_limit_s=limit_s)
+        system = SimulatedSystem(
+            messages, formula, Carriers(SPECIFICATIONS), silence_limit_s=limit_s
+        )
         for found in (system.run(), of_report(recorded(messages, formula, files))):
             assert (found.verdict, found.error) == (verdict, None)
 
@@ -299,7 +291,7 @@ def test_a_topic_whose_values_expire_may_be_silent(
     silences: list[tuple[int, int]], edges: dict[str, tuple[int, ...]], formula: str
 ) -> None:
     world = World(REGULAR | {'b': Published(100, silences=silences)}, edges)
-    messages, vocabulary = world.messages(), ExpiringHeight({})
+    messages, vocabulary = world.messages(), ExpiringHeight(SPECIFICATIONS)
     found = SimulatedSystem(messages, formula, vocabulary).run()
     with mock.patch.object(evaluation, 'load_vocabulary', return_value=vocabulary):
         (report,) = evaluate_recording(messages, [RequestedFormula(formula)]).formulas
