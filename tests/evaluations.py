@@ -160,6 +160,11 @@ class Monitored:
         """Wants no answer any more."""
         self._handle.cancel_goal_async()
 
+    def end(self) -> Any:
+        """Wants no answer any more, and waits for the end; the result."""
+        self.cancel()
+        return self.result()
+
     def result(self) -> Any:
         """Waits for the answer."""
         result = self._client.result(self._result, 'the result')

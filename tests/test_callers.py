@@ -69,8 +69,7 @@ def test_a_caller_that_cancels(
 ) -> None:
     monitored = Monitored(system.client, ALWAYS, timeout=60.0)
     evaluations.wait_for_state()
-    monitored.cancel()
-    result = monitored.result()
+    result = monitored.end()
     assert result.exit_status.code == ExitStatus.CANCELLED
     assert result.exit_status.message == 'cancelled by the caller'
     assert result.verdict == FormulaResult.UNDECIDED
@@ -79,8 +78,7 @@ def test_a_caller_that_cancels(
 
 def test_a_caller_that_cancels_at_once(system: System) -> None:
     monitored = Monitored(system.client, ALWAYS, timeout=60.0)
-    monitored.cancel()
-    assert monitored.result().exit_status.code == ExitStatus.CANCELLED
+    assert monitored.end().exit_status.code == ExitStatus.CANCELLED
 
 
 def test_a_time_that_is_over_at_each_step(system: System, batteries: Batteries) -> None:

@@ -9,7 +9,7 @@ from dyknow_interfaces.msg import ExitStatus, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, StreamDestroy
 
 from evaluations import Evaluations, Spares
-from system import Batteries, System
+from system import Batteries, System, assert_decided
 
 SYNTACTIC = EvaluateFormula.Request.SYNTACTIC
 SECOND = 1_000_000_000
@@ -20,8 +20,7 @@ pytestmark = pytest.mark.usefixtures('calm')
 
 def test_a_true_formula(system: System) -> None:
     answer = system.evaluate('forall u in UAV: always[0 s, 1 s] Power[u] < 150')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FormulaResult.TRUE
+    assert_decided(answer, FormulaResult.TRUE)
     assert answer.canonical_formula == 'forall u in UAV: (always[0 s, 1 s] (Power[u] < 150))'
     assert answer.decided_at.sec > 0
 
@@ -34,8 +33,7 @@ def test_a_formula_that_needs_no_state_is_decided_at_zero(
     system: System, formula: str, verdict: int
 ) -> None:
     answer = system.evaluate(formula)
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == verdict
+    assert_decided(answer, verdict)
     assert (answer.decided_at.sec, answer.decided_at.nanosec) == (0, 0)
     assert 'whatever the states are' in answer.explanation
 
@@ -44,9 +42,7 @@ def test_a_false_formula_says_which_vehicle_and_why(system: System, batteries: B
     future = system.ask('forall u in UAV: always Power[u] < 150')
     system.wait_until_running(future)
     batteries.power['uav2'] = 240.0
-    answer = system.client.result(future, 'the answer')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FormulaResult.FALSE
+    answer = system.decided(future, FormulaResult.FALSE)
     assert 'Power[uav2] = 24' in answer.explanation
     assert 'uav1' not in answer.explanation
 
@@ -110,8 +106,7 @@ def test_a_wrong_formula(system: System, formula: str, code: int, message: str) 
 
 def test_a_formula_over_no_feature_needs_no_stream(system: System) -> None:
     answer = system.evaluate('forall u in UAV: u = u')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FormulaResult.TRUE
+    assert_decided(answer, FormulaResult.TRUE)
 
 
 def test_a_ground_feature_that_drops_out_needs_no_stream(system: System) -> None:
@@ -127,8 +122,7 @@ def test_a_ground_feature_that_drops_out_needs_no_stream(system: System) -> None
 )
 def test_syntactic_grounding(system: System, body: str) -> None:
     answer = system.evaluate(f'eventually {body}', grounding=SYNTACTIC)
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FormulaResult.TRUE
+    assert_decided(answer, FormulaResult.TRUE)
     assert answer.canonical_formula == f'eventually ({body})'
 
 
@@ -192,6 +186,4 @@ def test_states_that_somebody_destroys_are_made_anew(system: System, batteries: 
         lambda: bool(system.streams() - system.fleet_streams - {states}), 'other states'
     )
     batteries.power['uav2'] = 240.0
-    answer = system.client.result(future, 'the answer')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FormulaResult.FALSE
+    system.decided(future, FormulaResult.FALSE)
