@@ -133,6 +133,8 @@ class Monitored:
 
     def __init__(self, client: Client, formula: str, timeout: float = LIMIT, **fields: Any) -> None:
         self.feedback: list[Any] = []
+        self.status: int | None = None
+        """The status of the goal, once it has ended."""
         self._client = client
         self._action = ActionClient(client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula')
         client.spin_until(self._action.server_is_ready, 'the action')
@@ -169,6 +171,7 @@ class Monitored:
         """Waits for the answer."""
         result = self._client.result(self._result, 'the result')
         self._action.destroy()
+        self.status = result.status
         return result.result
 
 
