@@ -147,6 +147,12 @@ class Client:
         end = time.monotonic() + seconds
         self.spin_until(lambda: time.monotonic() > end, 'time', seconds + LIMIT)
 
+    def collect(self, message_type: Any, topic: str, quality_of_service: Any = 10) -> list[Any]:
+        """The messages of a topic, as they come."""
+        messages: list[Any] = []
+        self.node.create_subscription(message_type, topic, messages.append, quality_of_service)
+        return messages
+
     def request(self, service_type: Any, service: str, **fields: Any) -> Any:
         """Sends a request and returns the future of its response."""
         if service not in self._clients:

@@ -52,10 +52,8 @@ def test_an_invariant_is_violated_twice_and_cleared(
     system: System, batteries: Batteries, evaluations: Evaluations
 ) -> None:
     diagnostics = Diagnostics(system)
-    reports: list[FormulaEpisodes] = []
-    system.client.node.create_subscription(
-        FormulaEpisodes, 'stream_reasoning_engine/episodes', reports.append, LATCHED_HISTORY
-    )
+    topic = 'stream_reasoning_engine/episodes'
+    reports = system.client.collect(FormulaEpisodes, topic, LATCHED_HISTORY)
     monitored = Monitored(system.client, INVARIANT, every_state=True, margin=True, name=NAME)
     wait = partial(system.client.spin_until, instead=monitored.told)
     wait(lambda: latest(monitored).holds > 0, 'states from which it holds')

@@ -386,8 +386,7 @@ def test_a_message_with_all_kinds_of_fields(observed: Observed, tmp_path: Path) 
         '[{key: severity, value: "{severity}"}]}, {level: "{verdict}", message: "{{{event}}}"}]}'
     )
     kind = 'diagnostic_msgs/msg/DiagnosticArray'
-    received: list[Any] = []
-    observed.node.create_subscription(DiagnosticArray, '/all', received.append, 10)
+    received = observed.client.collect(DiagnosticArray, '/all')
     trigger = f'{{publish: {{topic: /all, type: {kind}, message: {message}}}, retries: 5}}'
     with observed.violated(tmp_path, trigger):
         observed.client.spin_until(lambda: bool(received), 'the message')
