@@ -33,6 +33,7 @@ PAST = [
     'once[a, b] p[x] or not once[a, b] v[x] = 2',
     'once[a, b] (p[x] and previous v[x] > 0)',
     'once[a, b] v[x] / w[x] > 1',
+    'once[a, b] (s[x] = x or v[x] > 9007199254740993)',  # Stays single.
 ]
 
 
