@@ -480,7 +480,9 @@ def test_a_history_depends_on_the_gap_as_long_as_that_of_its_operands() -> None:
     assert found == ['error', 'FALSE', 'FALSE', 'error']
 
 
-@given(formulas(2), st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.booleans())))
+@given(
+    formulas(2), st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.booleans()), min_size=3)
+)
 def test_duals(formula: Formula, rows: list[tuple[int, bool, bool]]) -> None:
     """`historically` and `once`, and `once` and `since`."""
     times = accumulate(step for step, _, _ in rows)
