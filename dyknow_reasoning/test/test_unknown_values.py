@@ -52,7 +52,7 @@ def partial_traces(
     draw: st.DrawFn, values: Sequence[Value], names: Sequence[str], most: int
 ) -> PartialTrace:
     """Up to six states, a third of whose values are unknown, but not too many of them."""
-    steps = draw(st.lists(st.integers(1, 4), min_size=1, max_size=6))
+    steps = draw(st.lists(st.integers(1, 4), min_size=2, max_size=6))
     trace: PartialTrace = []
     for time in accumulate(steps):
         state: dict[str, Value | None] = {}
@@ -95,7 +95,7 @@ def test_verdicts_are_those_of_all_completions(formula: Formula, trace: PartialT
 @given(
     formulas(2).filter(lambda each: {'p', 'q'} <= {*re.findall(r'\w+', str(each))}),
     st.sampled_from(['', 'always[0, 4 ns] ', 'eventually[0, 4 ns] ']),
-    partial_traces((False, True), ('p[a]', 'p[b]', 'q'), 6),
+    partial_traces((False, True), ('p[a]', 'p[b]', 'q'), 5),
 )
 def test_verdicts_of_several_objects(formula: Formula, window: str, trace: PartialTrace) -> None:
     """They share `q`, and past operators over it."""
