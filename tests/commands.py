@@ -61,6 +61,15 @@ def running(line: list[str], environment: Mapping[str, str]) -> Iterator[subproc
             process.communicate()
 
 
+@contextmanager
+def dyknow_up(environment: Mapping[str, str], *options: str, says: str = '') -> Iterator[None]:
+    """Run `dyknow up` from when it says that DyKnow runs, and what it has loaded, on."""
+    with running(command('dyknow', 'up', *options), environment) as process:
+        assert process.stdout is not None
+        assert any(f'DyKnow runs in /: {says}' in line for line in process.stdout)
+        yield
+
+
 def output_of(line: list[str], environment: Mapping[str, str], limit: float = 90.0) -> Any:
     """Run a process until it ends by itself."""
     return subprocess.run(

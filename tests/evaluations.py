@@ -133,6 +133,8 @@ class Monitored:
 
     def __init__(self, client: Client, formula: str, timeout: float = LIMIT, **fields: Any) -> None:
         self.feedback: list[Any] = []
+        self.status: int | None = None
+        """The status of the goal, once it has ended."""
         self._client = client
         self._action = ActionClient(client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula')
         client.spin_until(self._action.server_is_ready, 'the action')
@@ -160,10 +162,16 @@ class Monitored:
         """Wants no answer any more."""
         self._handle.cancel_goal_async()
 
+    def end(self) -> Any:
+        """Wants no answer any more, and waits for the end; the result."""
+        self.cancel()
+        return self.result()
+
     def result(self) -> Any:
         """Waits for the answer."""
         result = self._client.result(self._result, 'the result')
         self._action.destroy()
+        self.status = result.status
         return result.result
 
 

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
-from dyknow_interfaces.msg import StreamStatusArray
+from dyknow_interfaces.msg import ExitStatus, StreamStatusArray
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -146,6 +146,12 @@ class Client:
         """Runs callbacks for a time."""
         end = time.monotonic() + seconds
         self.spin_until(lambda: time.monotonic() > end, 'time', seconds + LIMIT)
+
+    def collect(self, message_type: Any, topic: str, quality_of_service: Any = 10) -> list[Any]:
+        """The messages of a topic, as they come."""
+        messages: list[Any] = []
+        self.node.create_subscription(message_type, topic, messages.append, quality_of_service)
+        return messages
 
     def request(self, service_type: Any, service: str, **fields: Any) -> Any:
         """Sends a request and returns the future of its response."""
@@ -379,6 +385,12 @@ class System:
         future = self.ask(formula, timeout, **fields)
         return self.client.result(future, f'answer to {formula}', timeout + LIMIT)
 
+    def decided(self, future: Any, verdict: int) -> Any:
+        """Wait for the answer to a formula, which must have a verdict; return it."""
+        answer = self.client.result(future, 'the verdict')
+        assert_decided(answer, verdict)
+        return answer
+
     def ask(self, formula: str, timeout: float = LIMIT, **fields: Any) -> Any:
         """The future of the coordinator's answer to a formula."""
         return self.client.request(
@@ -388,6 +400,12 @@ class System:
             timeout=nanoseconds_to_duration(round(timeout * 1e9)),
             **fields,
         )
+
+
+def assert_decided(answer: Any, verdict: int) -> None:
+    """Assert that an answer has a verdict, and no error."""
+    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
+    assert answer.verdict == verdict, answer
 
 
 class SharedSystem:
@@ -421,5 +439,6 @@ __all__ = [
     'SharedSystem',
     'System',
     'SystemConfiguration',
+    'assert_decided',
     'private_environment',
 ]

@@ -13,7 +13,7 @@ from py_trees.common import Status
 from py_trees.composites import Selector
 from py_trees.trees import BehaviourTree
 
-from commands import command, output_of, running
+from commands import dyknow_up, output_of, running
 from evaluations import Evaluations
 from fake_robots import FOLDER, SIMULATE, Example
 from system import Batteries, Client, System, private_environment
@@ -231,13 +231,13 @@ def test_formulas_of_a_robot_by_name() -> None:
 def test_the_tree_of_the_rover(faults: tuple[str, ...], code: int, words: str) -> None:
     configuration = str(Example('rover').configuration)
     environment: dict[str, Any] = private_environment()
-    with running(command('dyknow', 'up', configuration, '--no-monitor'), environment) as process:
-        assert process.stdout is not None
-        assert any('DyKnow runs in /: ' in line for line in process.stdout)
-        with running([sys.executable, str(SIMULATE), 'rover', *faults], environment):
-            line = [sys.executable, str(FOLDER / 'behaviour_trees' / 'deliver.py'), configuration]
+    with (
+        dyknow_up(environment, configuration, '--no-monitor'),
+        running([sys.executable, str(SIMULATE), 'rover', *faults], environment),
+    ):
+        line = [sys.executable, str(FOLDER / 'behaviour_trees' / 'deliver.py'), configuration]
+        done = output_of(line, environment)
+        # The rover may arrive between two faults, and a busy machine may give no verdict.
+        while words not in done.stdout:
             done = output_of(line, environment)
-            # The rover may arrive between two faults, and a busy machine may give no verdict.
-            while words not in done.stdout:
-                done = output_of(line, environment)
     assert done.returncode == code, done.stdout + done.stderr

@@ -69,8 +69,7 @@ def test_a_system_without_it(
         future = system.ask(ALWAYS, timeout=60.0)
         system.wait_until_running(future)
         system.batteries.power['uav2'] = 240.0
-        system.client.spin_until(future.done, 'the verdict')
-        assert future.result().verdict == FormulaResult.FALSE, future.result()
+        system.decided(future, FormulaResult.FALSE)
 
 
 def test_a_node_that_hangs_without_it() -> None:

@@ -39,6 +39,8 @@ RECOVERY = (
 NODE = 'black_box_recorder'
 SECOND = 1_000_000_000
 
+pytestmark = pytest.mark.usefixtures('calm')
+
 
 @pytest.fixture(scope='module')
 def system(shared_system: SharedSystem) -> System:
@@ -180,8 +182,7 @@ def test_a_false_formula_has_the_same_verdict_offline(
     (report,) = recorder.wait_for_reports(1)
     assert (report.name, report.reason, report.error) == ('power', 'false', '')
     assert report.dropped == 0
-    other.cancel()
-    other.result()
+    other.end()
     code, document = checked(report.path)
     (found,) = document['formulas']
     (episode,) = found['episodes']
@@ -198,7 +199,6 @@ def test_a_false_formula_has_the_same_verdict_offline(
     found_content = content(report.path)
     assert found_content.domains == {'UAV': ['uav1', 'uav2']}
     assert found_content.is_complete
-    evaluations.wait_for_nothing()
 
 
 def test_an_episode_has_a_box(
@@ -220,17 +220,14 @@ def test_an_episode_has_a_box(
     assert (report.reason, report.error) == ('episode', '')
     (status,) = evaluations.running
     (episode,) = status.episodes.latest_episodes
-    monitored.cancel()
-    monitored.result()
+    monitored.end()
     code, document = checked(report.path)
     (found,) = document['formulas']
     failed = [each for each in found['episodes'] if each['verdict'] == 'false']
     assert (code, failed[0]['begin_ns']) == (1, time_to_nanoseconds(episode.begin))
     assert failed[0]['explanation'] == episode.explanation
-    evaluations.wait_for_nothing()
 
 
-@pytest.mark.usefixtures('batteries')
 def test_a_request_writes_what_there_is(
     system: System, recorder: Recorder, evaluations: Evaluations
 ) -> None:
@@ -246,14 +243,11 @@ def test_a_request_writes_what_there_is(
     assert answer.exit_status.message == (
         "no formula of 'pwer' is monitored with a black box (there are: power)"
     )
-    monitored.cancel()
-    monitored.result()
+    monitored.end()
     (found,) = checked(path)[1]['formulas']
     assert found['outcome'] == 'undecided', (found['error'], found['events'])
-    evaluations.wait_for_nothing()
 
 
-@pytest.mark.usefixtures('batteries')
 def test_limits_of_memory_are_told(
     system: System, recorder: Recorder, evaluations: Evaluations
 ) -> None:
@@ -269,12 +263,9 @@ def test_limits_of_memory_are_told(
     (report,) = recorder.wait_for_reports(1)
     assert report.path == path
     assert report.dropped > 0
-    monitored.cancel()
-    monitored.result()
-    evaluations.wait_for_nothing()
+    monitored.end()
 
 
-@pytest.mark.usefixtures('batteries')
 def test_a_folder_that_is_too_small_is_an_error(
     system: System, recorder: Recorder, evaluations: Evaluations
 ) -> None:
@@ -290,9 +281,7 @@ def test_a_folder_that_is_too_small_is_an_error(
     system.client.spin_until(
         lambda: recorder.level == DiagnosticStatus.ERROR, 'an error in the diagnostics'
     )
-    monitored.cancel()
-    monitored.result()
-    evaluations.wait_for_nothing()
+    monitored.end()
 
 
 def test_a_recorder_that_is_killed_and_started_again(
@@ -311,7 +300,6 @@ def test_a_recorder_that_is_killed_and_started_again(
     (found,) = checked(report.path)[1]['formulas']
     assert found['error'] is None, (found['error'], found['events'])
     assert found['episodes'][0]['decided_at_ns'] == time_to_nanoseconds(result.decided_at)
-    evaluations.wait_for_nothing()
 
 
 def wait_for_telemetry(system: System, batteries: Batteries, duration: float) -> None:
@@ -346,10 +334,8 @@ def test_a_recorder_that_pauses_takes_no_sample_for_late(
     (found,) = document['formulas']
     assert (code, found['error'], document['notes']) == (1, None, [])
     assert found['episodes'][0]['decided_at_ns'] == time_to_nanoseconds(result.decided_at)
-    evaluations.wait_for_nothing()
 
 
-@pytest.mark.usefixtures('batteries')
 def test_a_recorder_that_hears_of_the_streams_late(
     system: System, recorder: Recorder, evaluations: Evaluations
 ) -> None:
@@ -384,11 +370,9 @@ def test_a_recorder_that_hears_of_the_streams_late(
     (path,) = client.call(SaveBlackBox, f'{NODE}/save_black_box').paths
     (found,) = checked(path)[1]['formulas']
     assert (found['outcome'], found['error']) == ('undecided', None)
-    monitored.cancel()
-    monitored.result()
+    monitored.end()
     client.node.destroy_subscription(subscription)
     manager.destroy_node()
-    evaluations.wait_for_nothing()
 
 
 def test_a_snapshot_service_without_its_type_is_refused(system: System) -> None:

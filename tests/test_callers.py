@@ -64,23 +64,9 @@ def test_a_caller_that_is_gone(
     assert status.message == f'no client of ~/{interface} is left'
 
 
-def test_a_caller_that_cancels(
-    system: System, batteries: Batteries, evaluations: Evaluations
-) -> None:
-    monitored = Monitored(system.client, ALWAYS, timeout=60.0)
-    evaluations.wait_for_state()
-    monitored.cancel()
-    result = monitored.result()
-    assert result.exit_status.code == ExitStatus.CANCELLED
-    assert result.exit_status.message == 'cancelled by the caller'
-    assert result.verdict == FormulaResult.UNDECIDED
-    assert batteries.power['uav1'] == 100.0
-
-
 def test_a_caller_that_cancels_at_once(system: System) -> None:
     monitored = Monitored(system.client, ALWAYS, timeout=60.0)
-    monitored.cancel()
-    assert monitored.result().exit_status.code == ExitStatus.CANCELLED
+    assert monitored.end().exit_status.code == ExitStatus.CANCELLED
 
 
 def test_a_time_that_is_over_at_each_step(system: System, batteries: Batteries) -> None:

@@ -51,8 +51,7 @@ def test_all_evaluations_of_a_name_are_ended(system: System, evaluations: Evalua
         assert_cancelled(result.exit_status)
         assert result.verdict == FormulaResult.UNDECIDED
     assert [each.name for each in evaluations.wait_for(1)] == ['other']
-    other.cancel()
-    assert other.result().exit_status.message == 'cancelled by the caller'
+    assert other.end().exit_status.message == 'cancelled by the caller'
 
 
 @pytest.mark.parametrize('name', [CANONICAL, ALWAYS])

@@ -88,8 +88,7 @@ def test_a_surge_while_streams_are_replaced(
         surge = batteries.change(uav1=240.0, spare1=240.0)
         system.client.spin_until(lambda: batteries.stamp > surge, 'one sample')  # noqa: B023
         batteries.change(uav1=100.0, spare1=100.0)
-        system.client.spin_until(future.done, 'the verdict')
-        assert future.result().verdict == FALSE, future.result()
+        system.decided(future, FALSE)
         assert nanoseconds(future.result().decided_at) == surge + Batteries.PERIOD
         evaluations.wait_for_nothing()
         spares.clear()
@@ -114,8 +113,7 @@ def test_an_exact_match_comes_after_one_below_it(
     assert 'from uav3_hover' in before.groundings[0].stream
     spares.annotate('uav3_total', 'Power[uav3] = power')
     evaluations.wait_for_event('better', 'uav3_total')
-    monitored.cancel()
-    result = monitored.result()
+    result = monitored.end()
     assert result.exit_status.code == ExitStatus.CANCELLED, result
     assert 'from uav3_total' in result.groundings[0].stream
     (stand_in,) = result.groundings[0].stand_ins
@@ -176,8 +174,7 @@ def test_a_new_vehicle(
     assert 'Power[uav3]' in answer.explanation
     assert not fixed.done()
     batteries.power['uav2'] = 240.0
-    system.client.spin_until(fixed.done, 'the verdict')
-    assert fixed.result().verdict == FALSE
+    system.decided(fixed, FALSE)
     assert 'Power[uav2]' in fixed.result().explanation
     assert 'uav3' not in fixed.result().explanation
     spares.clear()

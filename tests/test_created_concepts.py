@@ -12,7 +12,7 @@ from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus
 from std_msgs.msg import Float64
 
-from commands import command, output_beside, running
+from commands import command, dyknow_up, output_beside
 from services import assert_refused
 from system import Client, private_environment
 
@@ -24,9 +24,7 @@ FORMULA = 'forall b in Boat: always[0 s, 1 s] Draught[b] < 2.5'
 def dyknow_with_a_boat(folder: Path) -> Iterator[tuple[Client, dict[str, str]]]:
     """Run DyKnow with a store and without any other file, and publish the draught of a boat."""
     environment = private_environment()
-    with running(command('dyknow', 'up', '--store', str(folder)), environment) as process:
-        assert process.stdout is not None
-        assert any('DyKnow runs' in line for line in process.stdout)
+    with dyknow_up(environment, '--store', str(folder)):
         client = Client(environment)
         publisher = client.node.create_publisher(Float64, '/boat1/draught', 10)
         client.node.create_timer(0.1, lambda: publisher.publish(Float64(data=120.0)))

@@ -209,12 +209,6 @@ def test_a_port_that_is_taken() -> None:
     assert 'Traceback' not in done.stderr
 
 
-def test_a_port_that_is_no_number() -> None:
-    done = output_of(command('dyknow', 'dashboard', '--port', '99999'), private_environment())
-    assert done.returncode == 2
-    assert "argument --port: '99999' is no port; give a number up to 65535" in done.stderr
-
-
 def test_guards_and_their_states(
     page: LivePage, served: tuple[System, str], tmp_path: Path
 ) -> None:

@@ -71,14 +71,6 @@ def test_a_federation_needs_zenoh(
     assert capsys.readouterr().err.rstrip().endswith('run: pip install eclipse-zenoh')
 
 
-def test_an_unknown_scenario_is_refused_with_the_known_ones() -> None:
-    done = output_of(command('uav_demo', '--scenario', 'picnic'), private_environment())
-    assert done.returncode == 2
-    assert "there is no scenario 'picnic'" in done.stderr
-    assert 'power_surge' in done.stderr
-    assert 'Traceback' not in done.stderr
-
-
 def test_a_violation_is_reported_with_its_action() -> None:
     line = command('uav_plan', '--scenario', 'windy_delivery')
     done = output_of(line, {**private_environment(), 'COLUMNS': '150'})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from threading import Thread
 from typing import Any
 from unittest import mock
@@ -104,6 +105,23 @@ class Bench:
         self.wait_for(task.done, 'the receiver')
         return task.result()
 
+    @contextmanager
+    def held(self, node: int, work: Callable[[], object] = lambda: None) -> Iterator[None]:
+        """A callback of a node executes a function, and then ends with the block."""
+        is_held = True
+
+        def hold() -> None:
+            work()
+            while is_held:
+                time.sleep(0.01)
+
+        self.executors[node].create_task(hold)
+        self.executors[node].wake()
+        try:
+            yield
+        finally:
+            is_held = False
+
     def _spin(self, node: DyKnowNode) -> None:
         self.executors[self.nodes.index(node)].spin()
 
@@ -175,24 +193,16 @@ def test_a_copy_whose_publisher_has_ended_is_not_reported_as_lost(
     reasons: list[str] = []
     bench.receiver.reject = lambda _, reason: reasons.append(reason)  # type: ignore[method-assign]
     received = Received(bench, quality_of_service=LATCHED_HISTORY)
-    is_held = True
-
-    def hold() -> None:
-        while is_held:
-            time.sleep(0.01)
-
-    bench.executors[1].create_task(hold)
-    bench.executors[1].wake()
-    outside = bench.outsider(LATCHED_HISTORY)
-    publisher = bench.publisher(quality_of_service=LATCHED_HISTORY)
-    bench.wait_for(lambda: publisher.get_subscription_count() == 2, 'the other subscriber')
-    publisher.publish(Int64(data=1))
-    bench.wait_for(lambda: outside == [1])
-    publisher.destroy()
-    far = bench.client.node.create_publisher(Int64, TOPIC, LATCHED_HISTORY)
-    far.publish(Int64(data=2))
-    bench.wait_for(lambda: far.get_subscription_count() == 2, 'the subscribers')
-    is_held = False
+    with bench.held(1):
+        outside = bench.outsider(LATCHED_HISTORY)
+        publisher = bench.publisher(quality_of_service=LATCHED_HISTORY)
+        bench.wait_for(lambda: publisher.get_subscription_count() == 2, 'the other subscriber')
+        publisher.publish(Int64(data=1))
+        bench.wait_for(lambda: outside == [1])
+        publisher.destroy()
+        far = bench.client.node.create_publisher(Int64, TOPIC, LATCHED_HISTORY)
+        far.publish(Int64(data=2))
+        bench.wait_for(lambda: far.get_subscription_count() == 2, 'the subscribers')
     bench.wait_for(lambda: any('/test_client' in each for each in reasons), 'the refusal')
     assert received.values == [1]
     assert [each for each in reasons if '/test_client' not in each] == []
@@ -214,19 +224,14 @@ def test_the_middleware_gets_what_is_received_directly_at_the_end_of_the_callbac
     received = Received(bench, quality_of_service=LATCHED_HISTORY)
     publisher = bench.publisher(quality_of_service=LATCHED_HISTORY)
     outside = bench.outsider(LATCHED_HISTORY)
-    is_held = True
 
     def publish() -> None:
         for number in range(10):
             publisher.publish(Int64(data=number))
-        while is_held:
-            time.sleep(0.01)
 
-    bench.executors[0].create_task(publish)
-    bench.executors[0].wake()
-    bench.wait_for(lambda: received.values == list(range(10)))
-    assert outside == []
-    is_held = False
+    with bench.held(0, publish):
+        bench.wait_for(lambda: received.values == list(range(10)))
+        assert outside == []
     bench.wait_for(lambda: outside == list(range(10)))
 
 
@@ -236,20 +241,13 @@ def test_the_middleware_gets_what_waits_before_a_message_that_must_not_wait(benc
     latched, other = bench.publisher(quality_of_service=LATCHED_HISTORY), bench.publisher('/other')
     outside = bench.outsider(LATCHED_HISTORY), bench.outsider(topic='/other')
     bench.wait_for(lambda: other.get_subscription_count() == 1, 'the other subscriber')
-    is_held = True
 
     def publish() -> None:
         latched.publish(Int64(data=1))
         other.publish(Int64(data=2))
-        while is_held:
-            time.sleep(0.01)
 
-    bench.executors[0].create_task(publish)
-    bench.executors[0].wake()
-    try:
+    with bench.held(0, publish):
         bench.wait_for(lambda: outside == ([1], [2]))
-    finally:
-        is_held = False
 
 
 def test_a_publisher_that_ends_within_its_callback_loses_no_message(bench: Bench) -> None:
@@ -300,17 +298,10 @@ def test_messages_that_do_not_fit_are_counted_and_the_next_number_shows_it(bench
     publisher = bench.publisher(quality_of_service=QoSProfile(depth=3))
     reasons: list[str] = []
     bench.receiver.reject = lambda _, reason: reasons.append(reason)  # type: ignore[method-assign]
-    is_held = True
-
-    def hold() -> None:
-        while is_held:
-            time.sleep(0.01)
-
-    bench.executors[1].create_task(hold)
-    time.sleep(0.2)
-    for number in range(5):
-        publisher.publish(Int64(data=number))
-    is_held = False
+    with bench.held(1):
+        time.sleep(0.2)
+        for number in range(5):
+            publisher.publish(Int64(data=number))
     bench.wait_for(lambda: len(received.messages) == 3)
     publisher.publish(Int64(data=5))
     bench.wait_for(lambda: len(received.messages) == 4)

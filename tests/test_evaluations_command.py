@@ -50,10 +50,14 @@ def start(reporter: Reporter, *arguments: str) -> Any:
 
 def evaluations(reporter: Reporter, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Runs the command while the coordinator tells."""
-    running = start(reporter, *arguments)
+    return ended(reporter, start(reporter, *arguments))
+
+
+def ended(reporter: Reporter, running: Any) -> subprocess.CompletedProcess[str]:
+    """Wait for the end of the command."""
     reporter.until(lambda: running.poll() is not None, 'the command ends')
     out, err = running.communicate(timeout=LIMIT)
-    return subprocess.CompletedProcess(arguments, running.returncode, out, err)
+    return subprocess.CompletedProcess(running.args, running.returncode, out, err)
 
 
 def test_a_line_for_each_evaluation(reporter: Reporter) -> None:
@@ -69,8 +73,8 @@ def test_a_line_for_each_evaluation(reporter: Reporter) -> None:
 def test_a_report_that_was_latched_some_time_ago_is_not_shown(reporter: Reporter) -> None:
     """Observers receive ended evaluations, although the last change may be minutes old."""
     before = reporter.statuses
-    ended = replace(before[0], phase=EvaluationPhase.ENDED, verdict=Verdict.TRUE)
-    reporter.tell(ended)
+    last = replace(before[0], phase=EvaluationPhase.ENDED, verdict=Verdict.TRUE)
+    reporter.tell(last)
     latched: list[EvaluationStatusArray] = []
     node = reporter.client.node
     subscription = node.create_subscription(
@@ -82,12 +86,10 @@ def test_a_report_that_was_latched_some_time_ago_is_not_shown(reporter: Reporter
     )
     node.destroy_subscription(subscription)
     # Nothing is published from now on until the command listens.
-    reporter.statuses = [replace(ended, name='now')]
-    running = start(reporter)
-    reporter.until(lambda: running.poll() is not None, 'the command ends')
-    out, err = running.communicate(timeout=LIMIT)
+    reporter.statuses = [replace(last, name='now')]
+    shown = evaluations(reporter)
     reporter.statuses = before
-    assert 'now' in out, (out, err)
+    assert 'now' in shown.stdout, shown
 
 
 def test_everything_about_an_evaluation(reporter: Reporter) -> None:
@@ -128,8 +130,6 @@ def test_watching_until_one_has_seen_enough(reporter: Reporter) -> None:
     reporter.until(lambda: bool(select([running.stdout], [], [], 0)[0]), 'a report')
     first = running.stdout.readline()
     running.send_signal(signal.SIGINT)
-    reporter.until(lambda: running.poll() is not None, 'the command ends')
-    _, err = running.communicate(timeout=LIMIT)
+    shown = ended(reporter, running)
     assert len(json.loads(first)['evaluations']) == 2
-    assert running.returncode == 130
-    assert err == ''
+    assert (shown.returncode, shown.stderr) == (130, '')

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -55,12 +54,6 @@ def running(reporter: Reporter) -> EvaluationStatus:
     )
 
 
-def listen(reporter: Reporter, message_type: Any, topic: str, quality_of_service: Any) -> list[Any]:
-    heard: list[Any] = []
-    reporter.client.node.create_subscription(message_type, topic, heard.append, quality_of_service)
-    return heard
-
-
 def ended(status: EvaluationStatus) -> EvaluationStatus:
     return replace(
         status,
@@ -74,7 +67,7 @@ def ended(status: EvaluationStatus) -> EvaluationStatus:
 def test_an_evaluation_is_told_as_it_is(reporter: Reporter, running: EvaluationStatus) -> None:
     failed = replace(running, name='failed', error=CoordinationError('gone', ExitCode.UNAVAILABLE))
     reporter.tell(running, ended(running), failed)
-    heard = listen(reporter, EvaluationStatusArray, EVALUATIONS, LATCHED)
+    heard = reporter.client.collect(EvaluationStatusArray, EVALUATIONS, LATCHED)
     reporter.until(lambda: bool(heard) and len(heard[-1].evaluations) == 3, 'all evaluations')
     told = [status_from_message(each) for each in heard[-1].evaluations]
     assert told[:2] == [running, ended(running)]
@@ -85,10 +78,10 @@ def test_an_evaluation_is_told_as_it_is(reporter: Reporter, running: EvaluationS
 
 
 def test_who_comes_late_hears_what_has_ended(reporter: Reporter, running: EvaluationStatus) -> None:
-    early = listen(reporter, EvaluationStatusArray, EVALUATIONS, LATCHED)
+    early = reporter.client.collect(EvaluationStatusArray, EVALUATIONS, LATCHED)
     reporter.tell(ended(running))
     reporter.until(lambda: bool(early) and bool(early[-1].evaluations), 'the end')
-    late = listen(reporter, EvaluationStatusArray, EVALUATIONS, LATCHED)
+    late = reporter.client.collect(EvaluationStatusArray, EVALUATIONS, LATCHED)
     reporter.until(lambda: bool(late), 'the end, once more')
     assert late[0] == early[-1]
 
@@ -96,7 +89,7 @@ def test_who_comes_late_hears_what_has_ended(reporter: Reporter, running: Evalua
 def test_hundreds_of_changes_make_few_messages(
     reporter: Reporter, running: EvaluationStatus
 ) -> None:
-    heard = listen(reporter, EvaluationStatusArray, EVALUATIONS, LATCHED)
+    heard = reporter.client.collect(EvaluationStatusArray, EVALUATIONS, LATCHED)
     reporter.until(lambda: bool(heard), 'the first report')
     before = len(heard)
     for number in range(300):
@@ -109,46 +102,25 @@ def test_while_anything_runs_it_is_told_on_and_on(
     reporter: Reporter, running: EvaluationStatus
 ) -> None:
     reporter.statuses = [running]
-    heard = listen(reporter, EvaluationStatusArray, EVALUATIONS, LATCHED)
+    heard = reporter.client.collect(EvaluationStatusArray, EVALUATIONS, LATCHED)
     reporter.until(lambda: len(heard) >= 3, 'three reports')
 
 
-def test_levels_of_diagnostics(reporter: Reporter, running: EvaluationStatus) -> None:
+def test_diagnostics(reporter: Reporter, running: EvaluationStatus) -> None:
+    """What they say of each evaluation is tested without topics, in test_evaluation_status."""
     silent = replace(running, name='silent', latest_valid_time=1)
-    pending = replace(running, name='pending', presumably_false=True)
-    failed = replace(
-        ended(running),
-        name='failed',
-        verdict=Verdict.UNDECIDED,
-        error=CoordinationError('gone', ExitCode.UNAVAILABLE),
-    )
-    reporter.tell(running, silent, pending, ended(replace(running, name='false')), failed)
-    heard = listen(reporter, DiagnosticArray, '/diagnostics', 10)
+    reporter.tell(ended(running), running, silent)
+    heard = reporter.client.collect(DiagnosticArray, '/diagnostics', 10)
     reporter.until(lambda: bool(heard), 'diagnostics')
-    levels = {status.name.partition(': ')[2]: status.level for status in heard[0].status}
-    assert levels == {
-        'power': DiagnosticStatus.OK,
-        'silent': DiagnosticStatus.WARN,
-        'pending': DiagnosticStatus.WARN,
-        'false': DiagnosticStatus.ERROR,
-        'failed': DiagnosticStatus.ERROR,
+    assert {each.name: each.level for each in heard[0].status} == {
+        '/stream_reasoning_coordinator: power': DiagnosticStatus.ERROR,
+        '/stream_reasoning_coordinator: power (2)': DiagnosticStatus.OK,
+        '/stream_reasoning_coordinator: silent': DiagnosticStatus.WARN,
     }
-    assert nanoseconds(heard[0].header.stamp) > running.started
-
-
-def test_diagnostics_say_what_is_known(reporter: Reporter, running: EvaluationStatus) -> None:
-    reporter.tell(ended(running), running)
-    heard = listen(reporter, DiagnosticArray, '/diagnostics', 10)
-    reporter.until(lambda: bool(heard), 'diagnostics')
-    first, second = heard[0].status
-    assert first.name == '/stream_reasoning_coordinator: power'
-    assert second.name == '/stream_reasoning_coordinator: power (2)'
+    first = heard[0].status[0]
     assert first.hardware_id == 'none'
     assert first.message == 'false: Power[uav1] = 231.4 is not < 200'
     values = {each.key: each.value for each in first.values}
-    assert values['formula'] == 'always (Power[uav1] < 200)'
-    assert values['verdict'] == 'false'
-    assert values['states'] == '3'
     assert values['streams'] == 'Power[uav1]: select a from b'
-    assert values['stand-ins'] == 'Power[uav1]: c'
     assert (values['plan'], values['action']) == ('survey', 'take off')
+    assert nanoseconds(heard[0].header.stamp) > running.started

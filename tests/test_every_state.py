@@ -21,6 +21,8 @@ INVARIANT = 'forall u in UAV: Power[u] < 150'
 RESPONSE = 'Power[uav1] > 150 -> eventually[0 s, 2 s] Power[uav1] < 150'
 NAME = 'power'
 
+pytestmark = pytest.mark.usefixtures('calm')
+
 
 class Diagnostics:
     """The latest diagnosis of the formula."""
@@ -42,44 +44,34 @@ def system(shared_system: SharedSystem) -> System:
     return shared_system.get(parameters=SOON_NOTICED, spares=SPARES, composition=True)
 
 
-@pytest.fixture
-def telemetry(system: System, batteries: Batteries) -> Batteries:
-    """Of vehicles that fly calmly, with no evaluation left from before."""
-    system.wait_for_streams()
-    return batteries
-
-
 def latest(monitored: Monitored) -> FormulaEpisodes:
     return monitored.feedback[-1].episodes if monitored.feedback else FormulaEpisodes()
 
 
 def test_an_invariant_is_violated_twice_and_cleared(
-    system: System, telemetry: Batteries, evaluations: Evaluations
+    system: System, batteries: Batteries, evaluations: Evaluations
 ) -> None:
     diagnostics = Diagnostics(system)
-    reports: list[FormulaEpisodes] = []
-    system.client.node.create_subscription(
-        FormulaEpisodes, 'stream_reasoning_engine/episodes', reports.append, LATCHED_HISTORY
-    )
+    topic = 'stream_reasoning_engine/episodes'
+    reports = system.client.collect(FormulaEpisodes, topic, LATCHED_HISTORY)
     monitored = Monitored(system.client, INVARIANT, every_state=True, margin=True, name=NAME)
     wait = partial(system.client.spin_until, instead=monitored.told)
     wait(lambda: latest(monitored).holds > 0, 'states from which it holds')
     wait(lambda: diagnostics.level == DiagnosticStatus.OK, 'the diagnosis OK')
     for number in (1, 2):
-        telemetry.power['uav2'] = 240.0
+        batteries.power['uav2'] = 240.0
         wait(lambda: latest(monitored).is_violated, 'a violation')
         wait(lambda: diagnostics.level == DiagnosticStatus.ERROR, 'the diagnosis ERROR')
         (status,) = evaluations.running
         assert status.every_state
         assert status.episodes.is_violated
-        telemetry.power['uav2'] = 140.0
+        batteries.power['uav2'] = 140.0
         wait(lambda: not latest(monitored).is_violated, 'the end of the violation')
         wait(lambda: diagnostics.level == DiagnosticStatus.OK, 'the diagnosis OK again')
         assert latest(monitored).episode_count == number
     worst = latest(monitored).latest_episodes[0].worst
     wait(lambda: monitored.feedback[-1].margin == worst, 'the least margin of all states')
-    monitored.cancel()
-    result = monitored.result()
+    result = monitored.end()
     assert result.exit_status.code == ExitStatus.CANCELLED
     assert result.verdict == FormulaResult.FALSE
     episodes = result.episodes
@@ -93,60 +85,51 @@ def test_an_invariant_is_violated_twice_and_cleared(
     ends = [each for each in monitored.events if each.startswith('holds again')]
     assert (len(violations), len(ends)) == (2, 2)
     assert {each.formula_name for each in reports} == {reports[0].formula_name}
-    evaluations.wait_for_nothing()
 
 
-def test_a_response_that_comes_too_late(
-    system: System, telemetry: Batteries, evaluations: Evaluations
-) -> None:
+def test_a_response_that_comes_too_late(system: System, batteries: Batteries) -> None:
     wait = system.client.spin_until
     monitored = Monitored(system.client, RESPONSE, every_state=True, timeout=30)
     wait(lambda: latest(monitored).holds > 0, 'states from which it holds')
-    telemetry.power['uav1'] = 240.0
+    batteries.power['uav1'] = 240.0
     wait(lambda: latest(monitored).undecided > 0, 'states from which it is undecided')
     wait(lambda: latest(monitored).is_violated, 'a violation')
-    telemetry.power['uav1'] = 140.0
+    batteries.power['uav1'] = 140.0
     wait(lambda: not latest(monitored).is_violated, 'the end of the violation')
     (episode,) = latest(monitored).latest_episodes
     assert 'Power[uav1] < 150' in episode.explanation
-    monitored.cancel()
-    monitored.result()
-    evaluations.wait_for_nothing()
+    monitored.end()
 
 
 def test_a_stream_that_fails_in_between(
-    system: System, telemetry: Batteries, evaluations: Evaluations, spares: Spares
+    system: System, batteries: Batteries, evaluations: Evaluations, spares: Spares
 ) -> None:
     """The violation that has begun before the gap ends after it."""
     wait = system.client.spin_until
     spares.power('uav1_spare_power', 'spare1', of='uav1')
     monitored = Monitored(system.client, 'Power[uav1] < 150', every_state=True)
     wait(lambda: latest(monitored).holds > 0, 'states from which it holds')
-    telemetry.power['uav1'] = 240.0
+    batteries.power['uav1'] = 240.0
     wait(lambda: latest(monitored).is_violated, 'a violation')
-    telemetry.silent.add('uav1')
+    batteries.silent.add('uav1')
     evaluations.wait_for_event('uav1_battery', 'uav1_spare_power')
     wait(lambda: not latest(monitored).is_violated, 'the end of the violation')
     assert latest(monitored).episode_count == 1
-    telemetry.power['spare1'] = 240.0
+    batteries.power['spare1'] = 240.0
     wait(lambda: latest(monitored).is_violated, 'another violation')
-    monitored.cancel()
-    assert monitored.result().episodes.episode_count == 2
+    assert monitored.end().episodes.episode_count == 2
 
 
-@pytest.mark.usefixtures('telemetry')
-def test_the_timeout_ends_it_with_what_is_known(system: System, evaluations: Evaluations) -> None:
+def test_the_timeout_ends_it_with_what_is_known(system: System) -> None:
     monitored = Monitored(system.client, INVARIANT, every_state=True, timeout=8)
     result = monitored.result()
     assert result.exit_status.code == ExitStatus.SUCCESS
     assert result.verdict == FormulaResult.TRUE
     assert result.explanation.startswith('holds from ')
     assert result.episodes.holds > 0
-    evaluations.wait_for_nothing()
 
 
-@pytest.mark.usefixtures('telemetry')
-def test_the_command(system: System, evaluations: Evaluations) -> None:
+def test_the_command(system: System) -> None:
     options = ('--every-state', '--timeout', '8 s', '--json')
     process = subprocess.Popen(
         command('dyknow', 'evaluate', INVARIANT, *options),
@@ -159,11 +142,10 @@ def test_the_command(system: System, evaluations: Evaluations) -> None:
     assert (process.returncode, answer['verdict']) == (0, 'true')
     assert answer['every_state']['holds'] > 0
     assert answer['every_state']['latest_episodes'] == []
-    evaluations.wait_for_nothing()
 
 
-def test_what_is_undecided_at_the_timeout(system: System, telemetry: Batteries) -> None:
-    telemetry.power['uav1'] = 140.0
+def test_what_is_undecided_at_the_timeout(system: System, batteries: Batteries) -> None:
+    batteries.power['uav1'] = 140.0
     formula = 'Power[uav1] > 130 -> eventually[0 s, 100 s] Power[uav1] < 110'
     monitored = Monitored(system.client, formula, every_state=True, timeout=8)
     system.client.spin_until(lambda: latest(monitored).undecided > 0, 'undecided states')

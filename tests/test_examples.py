@@ -17,7 +17,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
-from commands import command, output_of, running, started
+from commands import command, dyknow_up, output_of, running, started
 from dashboards import dashboard
 from dyknow_configuration import read_robot
 from dyknow_recordings import (
@@ -187,9 +187,7 @@ def test_the_running_system_finds_a_fault(name: str, fault: str) -> None:
     environment = private_environment()
     robot = [sys.executable, str(SIMULATE), name, '--fault', fault]
     configuration = str(example.configuration)
-    with running(command('dyknow', 'up', configuration, '--no-monitor'), environment) as process:
-        assert process.stdout is not None
-        assert any('DyKnow runs in /: ' in line for line in process.stdout)
+    with dyknow_up(environment, configuration, '--no-monitor'):
         page = dashboard(environment, 0, configuration) if name == 'warehouse' else nullcontext('')
         with running(robot, environment), page as address:
             line = command('dyknow', 'monitor', configuration, '--json')

@@ -5,15 +5,14 @@ from __future__ import annotations
 import pytest
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
 
-from system import ALWAYS, NOTICED, SOON, Batteries, System
+from system import ALWAYS, NOTICED, SOON, Batteries, System, assert_decided
 
 
 def assert_all_is_well(system: System, batteries: Batteries) -> None:
     """Formulas are evaluated again."""
     system.wait_for_streams()
     again = system.evaluate(SOON)
-    assert again.exit_status.code == ExitStatus.SUCCESS, again.exit_status.message
-    assert again.verdict == FormulaResult.TRUE
+    assert_decided(again, FormulaResult.TRUE)
     assert batteries.power['uav1'] == 100.0
 
 

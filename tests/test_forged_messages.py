@@ -111,9 +111,7 @@ def assert_goes_on(system: System, batteries: Batteries, answer: Any) -> None:
     """The evaluation of `SURGE` has no answer until there is one."""
     assert not answer.done(), answer.result()
     surge = batteries.change(uav1=240.0)
-    found = system.client.result(answer, 'the answer')
-    assert found.exit_status.code == ExitStatus.SUCCESS, found
-    assert found.verdict == FormulaResult.TRUE
+    found = system.decided(answer, FormulaResult.TRUE)
     assert time_to_nanoseconds(found.decided_at) > surge
     assert 'Power[uav1] = 24' in found.explanation
 

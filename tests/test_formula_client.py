@@ -214,17 +214,6 @@ def test_a_listener_may_be_async(system: System, asker: Node) -> None:
     assert [answer.verdict for answer in told] == [Verdict.TRUE, Verdict.TRUE]
 
 
-def test_a_cancelled_monitor_leaves_nothing_running(system: System, asker: Node) -> None:
-    progress: list[Progress] = []
-    with FormulaClient(asker) as client, spinning(asker, single(asker)):
-        monitor = client.monitor(ALWAYS, on_feedback=progress.append)
-        system.client.spin_until(lambda: bool(progress), 'progress')
-        monitor.cancel()
-        system.client.spin_until(monitor.outcome.done, 'the end')
-        assert error_of(monitor).code is ExitCode.CANCELLED
-        system.wait_for_streams()
-
-
 def test_what_is_under_way_is_cancelled_when_the_client_is_closed(
     system: System, asker: Node
 ) -> None:

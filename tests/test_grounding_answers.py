@@ -118,8 +118,7 @@ def test_a_derived_feature(
     future = system.ask(f'always {distance} > 20', timeout=20.0)
     evaluations.wait_for_state()
     positions['uav2'] = (6.0, 8.0)
-    system.client.spin_until(future.done, 'the verdict')
-    assert future.result().verdict == FormulaResult.FALSE
+    system.decided(future, FormulaResult.FALSE)
     assert math.hypot(*positions['uav2']) == 10.0
     assert f'{distance} = 10' in future.result().explanation
 
@@ -164,8 +163,7 @@ def test_what_is_before_the_start_does_not_count(system: System, batteries: Batt
     future = system.ask('always[0 s, 600 ms] Power[uav1] < 150', constraints=constraints)
     system.client.spin_until(lambda: batteries.stamp >= start - 2 * SECOND, 'nearly')
     assert batteries.change(uav1=100.0) < start
-    answer = system.client.result(future, 'the verdict')
-    assert answer.verdict == TRUE, answer
+    answer = system.decided(future, TRUE)
     assert nanoseconds(answer.decided_at) >= start + 600 * MILLISECOND
 
 

@@ -1,13 +1,12 @@
 """Tests are collected in full where the pytest plugin of launch_testing is installed.
 
-It imports each test module by its plain name. Where that is skipped, pytest leaves out the folder;
-where two modules have one name, the second one is not what was imported.
+It imports each test module by its plain name. Where that is skipped, pytest leaves out the folder.
+That no two modules have one name is checked by tools/check_code_base.py.
 """
 
 from __future__ import annotations
 
 import ast
-from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -19,8 +18,7 @@ def obstacles(root: Path) -> list[str]:
     """Name what would leave out tests of the packages in a folder."""
     modules = sorted(root.glob('dyknow_*/test/**/test_*.py'))
     assert modules
-    names = Counter(path.stem for path in modules)
-    found = [f'{path}: a name of two modules' for path in modules if names[path.stem] > 1]
+    found: list[str] = []
     for path in modules:
         body = ast.parse(path.read_text(encoding='utf-8')).body
         defined = (ast.FunctionDef, ast.ClassDef, ast.AsyncFunctionDef)
@@ -46,6 +44,4 @@ def test_obstacles_are_noticed(tmp_path: Path) -> None:
         path = tmp_path / name
         path.parent.mkdir(parents=True)
         path.write_text(text)
-    assert [each.partition(': ')[2] for each in obstacles(tmp_path)] == [
-        'a name of two modules', 'a name of two modules', 'skips the module',
-    ]  # fmt: skip
+    assert [each.partition(': ')[2] for each in obstacles(tmp_path)] == ['skips the module']

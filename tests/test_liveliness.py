@@ -29,8 +29,7 @@ def no_loss(client: Client, remote: RemoteNode) -> Iterator[None]:
     losses: list[float] = []
     remote.on_lost.append(lambda: losses.append(time.monotonic()))
     yield
-    heartbeats: list[Heartbeat] = []
-    client.node.create_subscription(Heartbeat, 'node/_heartbeat', heartbeats.append, HEARTBEAT)
+    heartbeats = client.collect(Heartbeat, 'node/_heartbeat', HEARTBEAT)
     client.spin_until(lambda: len(heartbeats) > 6, 'heartbeats')
     assert losses == []
 

@@ -258,13 +258,8 @@ def test_without_a_clock_that_is_the_reason(nodes: StreamNodes) -> None:
 def test_two_publishers_are_named_in_a_violation(nodes: StreamNodes) -> None:
     start(nodes)
     made = nodes.create('height', 'select pose.pose.position.z from "/odom"')
-    violations: list[Any] = []
-    nodes.client.node.create_subscription(
-        ConstraintViolation,
-        made.stream_constraint_violation_topic,
-        violations.append,
-        LATCHED,
-    )
+    topic = made.stream_constraint_violation_topic
+    violations = nodes.client.collect(ConstraintViolation, topic, LATCHED)
     other = Node('second_driver', context=nodes.client.context)
     publishers = [
         each.create_publisher(Odometry, '/odom', 10) for each in (nodes.client.node, other)

@@ -9,42 +9,15 @@ import pytest
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration
 from dyknow_interfaces import srv
-from dyknow_interfaces.action import MonitorFormula
 from dyknow_interfaces.msg import ExitStatus, FormulaResult
-from rclpy.action import ActionClient
 
+from evaluations import Monitored
 from services import assert_refused, nanoseconds
 from system import ALWAYS, Batteries, System
 
 COORDINATOR = '/stream_reasoning_coordinator'
 INVALID = ExitStatus.INVALID_ARGUMENT
 MISSING = ExitStatus.NOT_FOUND
-
-
-class Monitor:
-    """A goal of MonitorFormula, once it is accepted."""
-
-    def __init__(self, system: System, formula: str, timeout: int = 15) -> None:
-        self._client = system.client
-        self._action = ActionClient(
-            self._client.node, MonitorFormula, f'{COORDINATOR}/monitor_formula'
-        )
-        self._client.spin_until(self._action.server_is_ready, 'the action')
-        self.feedback: list[Any] = []
-        sent = self._action.send_goal_async(
-            MonitorFormula.Goal(formula=formula, timeout=Duration(sec=timeout)),
-            lambda message: self.feedback.append(message.feedback),
-        )
-        self._client.spin_until(sent.done, 'the goal is accepted')
-        self.goal = sent.result()
-        assert self.goal.accepted
-        self._result = self.goal.get_result_async()
-
-    def wait_for_result(self) -> tuple[int, Any]:
-        """The status of the goal, and the result."""
-        self._client.spin_until(self._result.done, 'the result')
-        self._action.destroy()
-        return self._result.result().status, self._result.result().result
 
 
 @pytest.fixture
@@ -56,7 +29,7 @@ def telemetry(system: System, batteries: Batteries) -> Batteries:
 
 @pytest.mark.usefixtures('telemetry')
 def test_a_monitor_tells_how_it_goes_and_is_cancelled(system: System) -> None:
-    monitor = Monitor(system, ALWAYS)
+    monitor = Monitored(system.client, ALWAYS)
     told = monitor.feedback
     system.client.spin_until(
         lambda: bool(told) and told[-1].states_progressed > told[0].states_progressed, 'progress'
@@ -67,22 +40,21 @@ def test_a_monitor_tells_how_it_goes_and_is_cancelled(system: System) -> None:
     assert all(feedback.residual_formula for feedback in told)
     assert 'Power[uav1]' in told[-1].residual_formula
     assert system.streams() > system.fleet_streams
-    monitor.goal.cancel_goal_async()
-    status, result = monitor.wait_for_result()
-    assert status == GoalStatus.STATUS_CANCELED
+    result = monitor.end()
+    assert monitor.status == GoalStatus.STATUS_CANCELED
     assert result.exit_status.code == ExitStatus.CANCELLED
     assert result.verdict == FormulaResult.UNDECIDED
     system.wait_for_streams()
 
 
 def test_a_monitor_ends_with_the_verdict(system: System, telemetry: Batteries) -> None:
-    monitor = Monitor(system, ALWAYS)
+    monitor = Monitored(system.client, ALWAYS)
     system.client.spin_until(
         lambda: any(feedback.states_progressed for feedback in monitor.feedback), 'progress'
     )
     telemetry.power['uav2'] = 240.0
-    status, result = monitor.wait_for_result()
-    assert status == GoalStatus.STATUS_SUCCEEDED
+    result = monitor.result()
+    assert monitor.status == GoalStatus.STATUS_SUCCEEDED
     assert result.exit_status.code == ExitStatus.SUCCESS
     assert result.verdict == FormulaResult.FALSE
     assert result.canonical_formula == 'forall u in UAV: (always (Power[u] < 150))'
@@ -92,35 +64,19 @@ def test_a_monitor_ends_with_the_verdict(system: System, telemetry: Batteries) -
 
 
 def test_a_monitor_of_a_formula_that_needs_no_state(system: System) -> None:
-    status, result = Monitor(system, '1 < 2').wait_for_result()
-    assert status == GoalStatus.STATUS_SUCCEEDED
+    monitor = Monitored(system.client, '1 < 2')
+    result = monitor.result()
+    assert monitor.status == GoalStatus.STATUS_SUCCEEDED
     assert result.verdict == FormulaResult.TRUE
     assert nanoseconds(result.decided_at) == 0
 
 
 @pytest.mark.usefixtures('telemetry')
 def test_a_monitor_that_takes_too_long(system: System) -> None:
-    status, result = Monitor(system, ALWAYS, timeout=1).wait_for_result()
-    assert status == GoalStatus.STATUS_ABORTED
+    monitor = Monitored(system.client, ALWAYS, timeout=1)
+    result = monitor.result()
+    assert monitor.status == GoalStatus.STATUS_ABORTED
     assert_refused(result.exit_status, ExitStatus.TIMEOUT, '1 s')
-    system.wait_for_streams()
-
-
-@pytest.mark.parametrize(
-    ('formula', 'code', 'words'),
-    [
-        ('always Power[uav1] <', INVALID, ('1:21', '^')),
-        ('', INVALID, ('empty',)),
-        ('always Powr[uav1] < 150', MISSING, ('Powr', 'Power')),
-        ('forall b in Boat: always Power[b] < 150', MISSING, ('Boat',)),
-    ],
-)
-def test_a_monitor_of_a_wrong_formula_is_aborted(
-    system: System, formula: str, code: int, words: tuple[str, ...]
-) -> None:
-    status, result = Monitor(system, formula).wait_for_result()
-    assert status == GoalStatus.STATUS_ABORTED
-    assert_refused(result.exit_status, code, *words)
     system.wait_for_streams()
 
 

@@ -78,16 +78,10 @@ def test_of_two_that_start_at_once_one_goes_on(
         assert code == 1
         assert REFUSAL in errors
         client.spin_until(lambda: remote.alive, 'the other one')
-        beats = heartbeats(client)
+        beats = client.collect(Heartbeat, f'{MANAGER}/_heartbeat', HEARTBEAT)
         client.spin_until(lambda: len(beats) > 6, 'its heartbeats')
         assert len({each.node_id for each in beats}) == 1
         assert [each.poll() for each in both].count(None) == 1
-
-
-def heartbeats(client: Client) -> list[Any]:
-    received: list[Any] = []
-    client.node.create_subscription(Heartbeat, f'{MANAGER}/_heartbeat', received.append, HEARTBEAT)
-    return received
 
 
 def test_a_killed_node_starts_again_at_once(
@@ -121,10 +115,8 @@ def test_a_node_that_meets_another_one(
     heartbeat.started_at.sec = start
     namesake = Node('node', context=client.context)
     publisher = namesake.create_publisher(Heartbeat, '/node/_heartbeat', HEARTBEAT)
-    own: list[Any] = []
-    client.node.create_subscription(Heartbeat, '/node/_heartbeat', own.append, HEARTBEAT)
-    statuses: list[Any] = []
-    client.node.create_subscription(DiagnosticStatus, '/node/_status', statuses.append, LATCHED)
+    own = client.collect(Heartbeat, '/node/_heartbeat', HEARTBEAT)
+    statuses = client.collect(DiagnosticStatus, '/node/_status', LATCHED)
     with node_that('pass', environment=environment) as process:
         client.spin_until(lambda: bool(statuses), 'the status')
         publisher.publish(heartbeat)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from commands import command, output_of, running
+from commands import command, dyknow_up, output_of, running
 from system import private_environment
 
 PAGE = Path(__file__).parent.parent / 'docs' / 'quickstart.md'
@@ -57,12 +57,12 @@ def test_a_recording(folder: Path) -> None:
 def test_a_running_robot(folder: Path) -> None:  # noqa: ARG001 - the monitor reads its file
     environment = private_environment()
     (up,), (replay,), (evaluate,), (monitor,) = map(lines, ('up', 'replay', 'evaluate', 'monitor'))
-    with running(command('dyknow', *up), environment) as system:
-        assert system.stdout is not None
-        assert any('DyKnow runs in /: ' in line for line in system.stdout)
-        with running(command('dyknow', *replay, '--delay', '10'), environment):
-            answer = output_of(command('dyknow', *evaluate), environment)
-            watched = output_of(command('dyknow', *monitor, '--duration', '3'), environment)
+    with (
+        dyknow_up(environment, *up[1:]),
+        running(command('dyknow', *replay, '--delay', '10'), environment),
+    ):
+        answer = output_of(command('dyknow', *evaluate), environment)
+        watched = output_of(command('dyknow', *monitor, '--duration', '3'), environment)
     assert answer.returncode == 0, answer.stdout + answer.stderr
     assert answer.stdout.startswith('true at ')
     assert watched.returncode in {0, 1}, watched.stderr

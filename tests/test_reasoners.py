@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -36,24 +35,11 @@ HARBOUR = """
 needs_java = pytest.mark.skipif(shutil.which('java') is None, reason='Java is not installed')
 
 
-@pytest.mark.parametrize(
-    ('reasoner', 'path', 'complaint'),
-    [
-        ('hermti', os.environ['PATH'], "unknown reasoner 'hermti'; choose one of structural, her"),
-        (
-            'hermit',
-            '/no/where',
-            "the reasoner 'hermit' needs Java, which is not installed; ",
-        ),
-    ],
-)
-def test_a_reasoner_that_cannot_run_ends_the_node_with_one_clear_complaint(
-    reasoner: str, path: str, complaint: str
-) -> None:
-    line = command(ONTOLOGY, '--ros-args', '-p', f'reasoner:={reasoner}')
-    ended = output_of(line, {**private_environment(), 'PATH': path})
+def test_a_reasoner_that_cannot_run_ends_the_node_with_one_clear_complaint() -> None:
+    line = command(ONTOLOGY, '--ros-args', '-p', 'reasoner:=hermit')
+    ended = output_of(line, {**private_environment(), 'PATH': '/no/where'})
     assert ended.returncode == 1
-    assert ended.stderr.startswith(complaint)
+    assert ended.stderr.startswith("the reasoner 'hermit' needs Java, which is not installed; ")
     assert len(ended.stderr.splitlines()) == 1
 
 

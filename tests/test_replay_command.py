@@ -12,7 +12,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
-from commands import command, output_of, running
+from commands import command, running
 from dyknow_bringup.resources import share
 from dyknow_common import SECOND_NS
 from dyknow_recordings import offered_profile
@@ -68,10 +68,3 @@ def test_topics_of_several_publishers_have_several_again(tmp_path: Path) -> None
 
 def _add(received: list[str], topic: str, _: Bool) -> None:
     received.append(topic)
-
-
-def test_a_recording_that_is_not_there() -> None:
-    done = output_of(command('replay', '/nowhere/at_all'), private_environment())
-    assert done.returncode == 2
-    assert '/nowhere/at_all: no such recording' in done.stderr
-    assert 'Traceback' not in done.stderr

@@ -22,7 +22,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import BatteryState
 
-from commands import command, output_of, running
+from commands import command, dyknow_up, output_of, running
 from dyknow_bringup.processes.arguments import CONFIGURATION, configuration
 from dyknow_bringup.processes.processes import dyknow_processes
 from dyknow_common.ros import LATCHED, nanoseconds_to_time
@@ -38,10 +38,8 @@ RUNNING = EvaluationStatus.RUNNING
 def rover() -> Iterator[tuple[Rover, dict[str, str]]]:
     """The rover, and a system that its file describes."""
     environment = private_environment()
-    with running(command('dyknow', 'up', str(ROBOT), '--no-monitor'), environment) as process:
-        assert process.stdout is not None
-        start = 'DyKnow runs in /: 1 ontology (3 concepts, 2 features, 1 object), 2 annotations'
-        assert any(start in line for line in process.stdout)
+    says = '1 ontology (3 concepts, 2 features, 1 object), 2 annotations'
+    with dyknow_up(environment, str(ROBOT), '--no-monitor', says=says):
         publishing = Rover(environment)
         publishing.client.wait_for_coordinator()
         yield publishing, environment

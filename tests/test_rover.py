@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import rover_telemetry
-from commands import command, output_beside, output_of, running, started
+from commands import command, dyknow_up, output_beside, started
 from system import Client, private_environment
 
 EXAMPLES = Path(__file__).parent.parent / 'docs' / 'examples'
@@ -24,15 +24,11 @@ def rover() -> Iterator[dict[str, str]]:
     """Run DyKnow for the rover of the README, as the README describes."""
     environment = private_environment()
     files = {name: str(EXAMPLES / f'rover.{name}') for name in ('owl', 'ssl', 'streams')}
-    line = command(
-        'dyknow', 'up', '--ontology', files['owl'], '--annotations', files['ssl'],
-        '--streams', files['streams'],
+    options = (
+        '--ontology', files['owl'], '--annotations', files['ssl'], '--streams', files['streams'],
     )  # fmt: skip
-    with running(line, environment) as process:
-        assert process.stdout is not None
-        # The engine has warned that nobody publishes the topics of the rover.
-        start = 'DyKnow runs in /: 1 ontology (3 concepts, '
-        assert any(start in line for line in process.stdout)
+    # The engine has warned that nobody publishes the topics of the rover.
+    with dyknow_up(environment, *options, says='1 ontology (3 concepts, '):
         yield environment
 
 
@@ -127,9 +123,3 @@ def test_the_plan_of_the_manual(vehicle: Rover) -> None:
     task = client.executor.create_task(names['deliver'], client.node, act, act)
     client.spin_until(task.done, 'the end of the plan')
     task.result()
-
-
-def test_dyknow_up_refuses_a_file_that_is_not_there() -> None:
-    done = output_of(command('dyknow', 'up', '--ontology', 'absent.owl'), private_environment())
-    assert done.returncode == 2
-    assert '/absent.owl' in done.stderr

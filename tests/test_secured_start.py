@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,8 @@ from dyknow_stream_processing.ros import StreamProxy
 from dyknow_stream_processing.ros.topics.node_topics import NodeTopics
 from system import Client, private_environment
 
+MANAGER = command('stream_manager', '--ros-args', '--enclave', '/stream_manager')
+
 
 def secured(keystore: Path) -> dict[str, str]:
     """Variables with which processes run in their enclaves of a keystore only."""
@@ -29,41 +30,35 @@ def secured(keystore: Path) -> dict[str, str]:
     }
 
 
-def start(environment: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    """Run a stream manager until it ends."""
-    line = command('stream_manager', '--ros-args', '--enclave', '/stream_manager')
-    return output_of(line, environment, 60.0)
-
-
-def test_a_node_without_an_enclave_does_not_run(tmp_path: Path) -> None:
-    ended = start(secured(tmp_path))
-    assert ended.returncode == CANNOT_START
-    assert f"'{tmp_path}/enclaves/stream_manager' does not exist" in ended.stderr
+@pytest.mark.parametrize(
+    ('line', 'code', 'enclave'),
+    [
+        (MANAGER, CANNOT_START, 'stream_manager'),
+        (command('dyknow', 'up', '--namespace', 'robot1'), 2, 'robot1/dyknow_up'),
+        (
+            command('dyknow', 'evaluate', 'true', '--ros-args', '--enclave', '/dyknow_client'),
+            2,
+            'dyknow_client',
+        ),
+    ],
+    ids=['a node', 'dyknow up in its own', 'a command in the named one'],
+)
+def test_nothing_runs_without_its_enclave(
+    tmp_path: Path, line: list[str], code: int, enclave: str
+) -> None:
+    ended = output_of(line, secured(tmp_path))
+    assert ended.returncode == code
+    assert f"'{tmp_path}/enclaves/{enclave}' does not exist" in ended.stderr
 
 
 def test_a_node_that_cannot_be_secured_does_not_run(tmp_path: Path) -> None:
     """Its enclave has no keys; and the middleware from PyPI has no security plugins."""
     environment = secured(tmp_path)
     (tmp_path / 'enclaves' / 'stream_manager').mkdir()
-    ended = start(environment)
+    ended = output_of(MANAGER, environment)
     assert ended.returncode == CANNOT_START
     assert 'Traceback' not in ended.stderr
     assert 'error creating node' in ended.stderr
-
-
-def test_dyknow_up_runs_in_an_enclave_of_its_own(tmp_path: Path) -> None:
-    environment = secured(tmp_path)
-    ended = output_of(command('dyknow', 'up', '--namespace', 'robot1'), environment)
-    assert ended.returncode == 2
-    assert f"'{tmp_path}/enclaves/robot1/dyknow_up' does not exist" in ended.stderr
-
-
-def test_commands_run_in_the_enclave_that_is_named(tmp_path: Path) -> None:
-    environment = secured(tmp_path)
-    line = command('dyknow', 'evaluate', 'true', '--ros-args', '--enclave', '/dyknow_client')
-    ended = output_of(line, environment)
-    assert ended.returncode == 2
-    assert f"'{tmp_path}/enclaves/dyknow_client' does not exist" in ended.stderr
 
 
 def refuse(client: Client, monkeypatch: pytest.MonkeyPatch, refused: str) -> list[str]:

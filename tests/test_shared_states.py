@@ -63,14 +63,12 @@ def test_a_formula_begins_with_its_own_first_state(
     (before,) = evaluations.wait_for_state()
     late = system.ask('eventually[0 s, 1 s] Power[uav1] < 150')
     asked = batteries.stamp
-    system.client.spin_until(late.done, 'the verdict')
-    assert late.result().verdict == FALSE, late.result()
+    system.decided(late, FALSE)
     assert nanoseconds(late.result().decided_at) > asked + SECOND // 2
     (after,) = evaluations.wait_for(1)
     assert after.formula_group_id == before.formula_group_id
     batteries.power['uav1'] = 100.0
-    system.client.spin_until(former.done, 'the verdict')
-    assert former.result().verdict == TRUE
+    system.decided(former, TRUE)
 
 
 def test_one_is_cancelled(system: System, batteries: Batteries, evaluations: Evaluations) -> None:
@@ -79,12 +77,10 @@ def test_one_is_cancelled(system: System, batteries: Batteries, evaluations: Eva
     leaving = Monitored(system.client, 'always Power[uav1] < 160', timeout=30.0)
     evaluations.wait_for_state(2)
     assert len(evaluations.groups()) == 1
-    leaving.cancel()
-    assert leaving.result().exit_status.code == ExitStatus.CANCELLED
+    assert leaving.end().exit_status.code == ExitStatus.CANCELLED
     evaluations.wait_for(1)
     batteries.power['uav1'] = 155.0
-    system.client.spin_until(staying.done, 'the verdict')
-    assert staying.result().verdict == FALSE
+    system.decided(staying, FALSE)
 
 
 def test_states_of_another_kind_are_not_shared(

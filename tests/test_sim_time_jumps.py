@@ -100,9 +100,7 @@ def test_all_follows_the_clock(
     evaluations.wait_for_state()
     begun = simulation.now
     simulation.periods = 2
-    answer = system.client.result(future, 'the verdict')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FormulaResult.TRUE
+    answer = system.decided(future, FormulaResult.TRUE)
     assert begun + SECOND < nanoseconds(answer.decided_at) <= simulation.now
 
 
@@ -115,8 +113,7 @@ def test_a_clock_that_lags_the_data(
     simulation.clock_is_last = True
     system.client.spin_until(lambda: simulation.now % Batteries.PERIOD == 0, 'data')
     simulation.tick, simulation.periods = Batteries.PERIOD, Batteries.PERIOD // TICK
-    answer = system.client.result(future, 'the verdict')
-    assert answer.verdict == FormulaResult.TRUE, answer.exit_status.message
+    system.decided(future, FormulaResult.TRUE)
 
 
 def test_a_clock_that_stands_still(
@@ -193,5 +190,4 @@ def test_a_coordinator_that_is_killed(
     monitored = Monitored(system.client, ALWAYS)
     (other,) = evaluations.wait_for_state()
     assert other.state_stream != former.state_stream
-    monitored.cancel()
-    assert monitored.result().exit_status.code == ExitStatus.CANCELLED
+    assert monitored.end().exit_status.code == ExitStatus.CANCELLED

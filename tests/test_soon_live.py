@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from commands import command, output_beside, output_of, running
+from commands import command, dyknow_up, output_beside, output_of
 from dyknow_common.ros import LATCHED, nanoseconds_to_time
 from system import Client, private_environment
 
@@ -59,9 +59,7 @@ def test_an_announced_limit_live_and_recorded(tmp_path: Path) -> None:
     robot = tmp_path / 'robot.yaml'
     robot.write_text(ROBOT)
     environment = private_environment()
-    with running(command('dyknow', 'up', str(robot)), environment) as process:
-        assert process.stdout is not None
-        assert any('DyKnow runs in /' in line for line in process.stdout)
+    with dyknow_up(environment, str(robot)):
         client = Client(environment)
         climbed = 0
         has_state = False

@@ -46,9 +46,7 @@ def test_a_stream_that_falls_silent_is_replaced(
     evaluations.wait_for_event('uav1', SPARE)
     since = batteries.stamp
     batteries.power['spare1'] = 240.0
-    answer = system.client.result(future, 'the verdict')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FALSE
+    answer = system.decided(future, FALSE)
     assert 'Power[uav1] = 24' in answer.explanation
     assert nanoseconds(answer.decided_at) > since
     assert SPARE in answer.groundings[0].stream
@@ -68,9 +66,7 @@ def test_a_pause_of_the_coordinator_is_no_silence(
     with system.stopped(NODES if composition else 'stream_reasoning_coordinator'):
         paused = batteries.stamp
         system.client.spin_until(lambda: batteries.stamp > paused + 4 * SECOND, 'four seconds')
-    answer = system.client.result(future, 'the verdict')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == TRUE
+    system.decided(future, TRUE)
 
 
 def test_no_state_has_a_value_that_is_not_known(
@@ -91,8 +87,7 @@ def test_no_state_has_a_value_that_is_not_known(
     assert not future.done(), future.result()
     rise = batteries.stamp
     batteries.power['spare1'] = 240.0
-    system.client.spin_until(future.done, 'the verdict')
-    assert future.result().verdict == FALSE
+    system.decided(future, FALSE)
     assert nanoseconds(future.result().decided_at) > rise
 
 
@@ -141,9 +136,7 @@ def test_a_stand_in_that_published_all_the_time_loses_no_state(
     (calm,) = ask_beside_standby(system, evaluations, spares, formula)
     batteries.silent.add('uav1')
     evaluations.wait_for_event(SPARE)
-    answer = system.client.result(calm, 'the verdict')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == TRUE
+    answer = system.decided(calm, TRUE)
     assert 'missing' not in answer.explanation
     assert SPARE in answer.groundings[0].stream
 
@@ -161,8 +154,7 @@ def test_states_from_before_a_stand_in_is_in_use_count(
     surge = batteries.stamp
     system.client.spin_until(lambda: batteries.stamp > surge, 'a sample')
     batteries.power['spare1'] = 100.0
-    system.client.spin_until(surges.done, 'the verdict')
-    assert surges.result().verdict == TRUE, surges.result()
+    system.decided(surges, TRUE)
     assert surge < nanoseconds(surges.result().decided_at) <= surge + 2 * Batteries.PERIOD
 
 
@@ -179,8 +171,7 @@ def test_after_a_stand_in_another_one_takes_over(
         streams = wait_for_standby(system, streams)
         batteries.silent.add(name)
         evaluations.wait_for_event(f'from {stand_in}')
-    system.client.spin_until(calm.done, 'the verdict')
-    assert calm.result().verdict == TRUE, calm.result()
+    system.decided(calm, TRUE)
 
 
 @pytest.mark.parametrize('power', [100.0, 240.0])
@@ -270,9 +261,7 @@ def test_samples_that_overtake_each_other_within_the_delay(
     )
     evaluations.wait_for_state()
     surged_at = batteries.overtake('uav1', 240.0)
-    answer = system.client.result(future, 'the verdict')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FALSE
+    answer = system.decided(future, FALSE)
     assert nanoseconds(answer.decided_at) > surged_at
 
 
@@ -343,6 +332,4 @@ def test_silence_without_constraints(
         levels.silent.add('barometer')
     evaluations.wait_for_event(levels.topics['barometer'], '2.5 s', 'from laser')
     levels.level['laser'] = 60.0
-    answer = system.client.result(future, 'the verdict')
-    assert answer.exit_status.code == ExitStatus.SUCCESS, answer.exit_status.message
-    assert answer.verdict == FALSE
+    system.decided(future, FALSE)

@@ -170,10 +170,8 @@ def test_a_stream_is_made_from_the_chosen_one_alone(nodes: StreamNodes) -> None:
     assert make(MANAGER, chosen + 1) == ExitStatus.UNAVAILABLE
     assert make(ONE, chosen + 1) == ExitStatus.UNAVAILABLE
     # Another engine may hear of the chosen stream later than who has chosen it.
-    heard: list[ConstraintViolation] = []
-    nodes.client.node.create_subscription(
-        ConstraintViolation, '/dyknow/streams/third/violations', heard.append, LATCHED
-    )
+    violations = '/dyknow/streams/third/violations'
+    heard = nodes.client.collect(ConstraintViolation, violations, LATCHED)
     assert make(TWO, chosen + 1) == ExitStatus.SUCCESS
     nodes.until(lambda: bool(heard), 'a violation')
     assert {each.constraint for each in heard} == {'source'}

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from dyknow_interfaces.srv import CancelEvaluation
 
-from commands import command, output_of, started
+from commands import command, output_beside, output_of, started
 from stream_nodes import TANK, StreamNodes
 from system import LIMIT
 
@@ -38,10 +38,9 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StreamNodes]:
 
 def streams(nodes: StreamNodes, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command while the nodes spin."""
-    running = start(nodes, *arguments)
-    nodes.until(lambda: running.poll() is not None, 'the command ends')
-    out, err = running.communicate(timeout=LIMIT)
-    return subprocess.CompletedProcess(arguments, running.returncode, out, err)
+    environment = {**nodes.environment, 'COLUMNS': '200'}
+    line = command('streams', *arguments)
+    return output_beside(nodes.client, line, environment, stderr=subprocess.PIPE)
 
 
 def start(nodes: StreamNodes, *arguments: str) -> Any:

@@ -7,7 +7,9 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,8 +18,6 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from dyknow_interfaces.action import MonitorFormula
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.task import Future
 from std_srvs.srv import SetBool
 
 from commands import command, output_of
@@ -30,6 +30,7 @@ from system import Client, private_environment
 SECOND = 1_000_000_000
 EPISODE = ViolationEpisode(SECOND, SECOND, 2 * SECOND, 1, has_ended=False, explanation='too fast')
 VIOLATED = StandingVerdicts(3, 1, 0, 0, True, 1, (EPISODE,))
+CLEAR = StandingVerdicts(4, 1, 0, 0, False, 1, (replace(EPISODE, has_ended=True),))
 ANSWERS = {
     'false': Answer(Verdict.FALSE, 3 * SECOND, explanation='too fast'),
     'true': Answer(Verdict.TRUE, 3 * SECOND, explanation='it was slow'),
@@ -63,7 +64,7 @@ class Observed:
     def __init__(self, client: Client) -> None:
         self.client, self.node = client, client.node
         self.received: list[str] = []
-        self.succeeds, self.accepts = True, True
+        self.succeeds, self.says = True, 'busy'
         self.diagnostics: dict[str, DiagnosticStatus] = {}
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnose, 10)
 
@@ -79,7 +80,7 @@ class Observed:
     def serve(self) -> None:
         def respond(request: Any, response: Any) -> Any:
             self.received.append(f'called {request.data}')
-            response.success, response.message = self.succeeds, 'busy'
+            response.success, response.message = self.succeeds, self.says
             return response
 
         self.node.create_service(SetBool, '/alarm', respond)
@@ -87,7 +88,7 @@ class Observed:
     def act(self) -> None:
         def accept(goal: Any) -> GoalResponse:
             self.received.append(f'goal {goal.name}')
-            return GoalResponse.ACCEPT if self.accepts else GoalResponse.REJECT
+            return GoalResponse.ACCEPT
 
         def cancel(_: Any) -> CancelResponse:
             self.received.append('cancelled')
@@ -104,6 +105,14 @@ class Observed:
             self.node, MonitorFormula, '/dock', execute, goal_callback=accept,
             cancel_callback=cancel, handle_accepted_callback=keep,
         )  # fmt: skip
+
+    @contextmanager
+    def violated(self, folder: Path, trigger: str) -> Iterator[Triggers]:
+        """A trigger whose formula has just become false."""
+        requested = formula(folder, f'{{false: {trigger}}}')
+        with Triggers(self.node, [requested]) as triggers:
+            triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+            yield triggers
 
     def wait_for(self, *received: str) -> None:
         self.client.spin_until(
@@ -178,9 +187,7 @@ def test_a_command_gets_its_arguments(observed: Observed, tmp_path: Path) -> Non
     result = tmp_path / 'result'
     program = 'echo "$@" > "$0"'
     words = json.dumps(['sh', '-c', program, str(result), '{name}', '; {explanation}', '{{}}'])
-    requested = formula(tmp_path, f'{{false: {{run: {words}}}}}')
-    with Triggers(observed.node, [requested]) as triggers:
-        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+    with observed.violated(tmp_path, f'{{run: {words}}}') as triggers:
         observed.client.spin_until(lambda: triggers.is_idle, 'the end of the command')
     assert result.read_text() == 'slow ; too fast {}\n'
 
@@ -189,12 +196,10 @@ def test_episodes_begin_and_end(observed: Observed, tmp_path: Path) -> None:
     observed.listen()
     trigger = f'{{{PUBLISH}, retries: 5}}'
     requested = formula(tmp_path, f'{{false: {trigger}, clear: {trigger}}}')
-    ended = ViolationEpisode(SECOND, SECOND, 2 * SECOND, 1, has_ended=True, explanation='too fast')
-    after = StandingVerdicts(4, 1, 0, 0, False, 1, (ended,))
     with Triggers(observed.node, [requested]) as triggers:
         triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
         # Both have one target: the end is not reported before the begin.
-        triggers.on_progress(requested, Progress(5, SECOND, '', episodes=after))
+        triggers.on_progress(requested, Progress(5, SECOND, '', episodes=CLEAR))
         observed.wait_for(
             '2 slow false: too fast',
             '0 slow clear: it was violated from 1.000 s to 1.000 s: too fast',
@@ -204,12 +209,10 @@ def test_episodes_begin_and_end(observed: Observed, tmp_path: Path) -> None:
 def test_goals_are_cancelled(observed: Observed, tmp_path: Path) -> None:
     observed.act()
     requested = formula(tmp_path, f'{{false: [{{{SEND}, retries: 5}}], clear: [{CANCEL}]}}')
-    ended = ViolationEpisode(SECOND, SECOND, 2 * SECOND, 1, has_ended=True, explanation='too fast')
     with Triggers(observed.node, [requested]) as triggers:
         triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
         observed.wait_for('goal slow')
-        after = StandingVerdicts(4, 1, 0, 0, False, 1, (ended,))
-        triggers.on_progress(requested, Progress(5, SECOND, '', episodes=after))
+        triggers.on_progress(requested, Progress(5, SECOND, '', episodes=CLEAR))
         observed.wait_for('goal slow', 'cancelled')
 
 
@@ -225,10 +228,8 @@ FAILURES = {
 @pytest.mark.parametrize(('text', 'action'), FAILURES.items())
 def test_a_trigger_that_fails(observed: Observed, tmp_path: Path, text: str, action: str) -> None:
     limit = ', timeout: 300 ms' if '300 ms' in text else ''
-    requested = formula(tmp_path, f'{{false: {{{action}, retries: 1{limit}}}}}')
-    with Triggers(observed.node, [requested]) as triggers:
-        begin = time.monotonic()
-        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+    begin = time.monotonic()
+    with observed.violated(tmp_path, f'{{{action}, retries: 1{limit}}}') as triggers:
         assert time.monotonic() - begin < 5, 'it has waited'
         observed.wait_for_level(DiagnosticStatus.ERROR, text)
         (use,) = triggers.uses
@@ -236,41 +237,22 @@ def test_a_trigger_that_fails(observed: Observed, tmp_path: Path, text: str, act
         assert [entry for _, entry in use.log] == [f'{text}; attempt 2 in 1 s', text]
 
 
-@pytest.mark.parametrize(
-    ('action', 'server', 'text'),
-    [
-        (CALL, Observed.serve, 'the service answers success: false (busy)'),
-        (SEND, Observed.act, 'action /dock rejects the goal'),
-    ],
-)
-def test_a_server_that_refuses(
-    observed: Observed, tmp_path: Path, action: str, server: Callable[[Observed], None], text: str
-) -> None:
-    observed.succeeds = observed.accepts = False
-    server(observed)
-    requested = formula(tmp_path, f'{{false: {{{action}}}}}')
-    with Triggers(observed.node, [requested]) as triggers:
-        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+def test_a_server_that_refuses(observed: Observed, tmp_path: Path) -> None:
+    observed.succeeds = False
+    observed.serve()
+    with observed.violated(tmp_path, f'{{{CALL}}}'):
+        text = 'the service answers success: false (busy)'
         observed.wait_for_level(DiagnosticStatus.ERROR, text)
 
 
 def test_events_within_the_interval_are_ignored(observed: Observed, tmp_path: Path) -> None:
-    requested = formula(tmp_path, '{violation: {run: ["true"], min_interval: 1 h}}')
-    with Triggers(observed.node, [requested]) as triggers:
-        for _ in range(3):
-            triggers.on_answer(requested, ANSWERS['violation'])
-        status = observed.wait_for_level(DiagnosticStatus.OK, 'done in attempt 1')
-        assert {each.key: each.value for each in status.values}['ignored events'] == '2'
-
-
-def test_attempts_at_one_time_are_all_in_the_diagnostics(
-    observed: Observed, tmp_path: Path
-) -> None:
+    """All of them are in the diagnostics, also those at one time."""
     requested = formula(tmp_path, '{violation: {run: ["true"], min_interval: 1 h}}')
     with Triggers(observed.node, [requested]) as triggers:
         for _ in range(5):
             triggers.on_answer(requested, ANSWERS['violation'])
         status = observed.wait_for_level(DiagnosticStatus.OK, 'done in attempt 1')
+        assert {each.key: each.value for each in status.values}['ignored events'] == '4'
         entries = [each.value for each in status.values if each.key.endswith(' ago')]
         assert len(entries) == 5, status
 
@@ -291,9 +273,7 @@ def test_a_command_that_prints_much(
     go_on, has_printed = tmp_path / 'go_on', tmp_path / 'has_printed'
     os.mkfifo(go_on)
     words = json.dumps(['sh', '-c', program, str(go_on), str(has_printed)])
-    requested = formula(tmp_path, f'{{false: {{run: {words}, timeout: 60 s}}}}')
-    with Triggers(observed.node, [requested]) as triggers:
-        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+    with observed.violated(tmp_path, f'{{run: {words}, timeout: 60 s}}') as triggers:
         (file,) = files
 
         def is_emptied() -> bool:
@@ -329,34 +309,10 @@ def test_a_command_that_may_not_be_killed(
         )
 
 
-def test_a_service_that_never_answers(observed: Observed, tmp_path: Path) -> None:
-    unanswered: Future = Future()
-
-    async def respond(_: Any, response: Any) -> Any:
-        await unanswered
-        return response
-
-    observed.node.create_service(
-        SetBool, '/alarm', respond, callback_group=ReentrantCallbackGroup()
-    )
-    requested = formula(tmp_path, f'{{false: {{{CALL}, timeout: 500 ms, retries: 1}}}}')
-    with Triggers(observed.node, [requested]) as triggers:
-        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
-        text = 'service /alarm has not answered within 500 ms'
-        observed.wait_for_level(DiagnosticStatus.ERROR, text)
-        assert [entry for _, entry in triggers.uses[0].log] == [f'{text}; attempt 2 in 1 s', text]
-    unanswered.set_result(None)
-
-
 def test_a_long_reason_is_shortened(observed: Observed, tmp_path: Path) -> None:
-    def respond(_: Any, response: Any) -> Any:
-        response.success, response.message = False, 'x' * 1_000_000
-        return response
-
-    observed.node.create_service(SetBool, '/alarm', respond)
-    requested = formula(tmp_path, f'{{false: {{{CALL}}}}}')
-    with Triggers(observed.node, [requested]) as triggers:
-        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+    observed.succeeds, observed.says = False, 'x' * 1_000_000
+    observed.serve()
+    with observed.violated(tmp_path, f'{{{CALL}}}'):
         status = observed.wait_for_level(DiagnosticStatus.ERROR, 'success: false (xxx')
         assert len(status.message) < 300
 
@@ -364,9 +320,8 @@ def test_a_long_reason_is_shortened(observed: Observed, tmp_path: Path) -> None:
 def test_commands_end_with_the_node(observed: Observed, tmp_path: Path) -> None:
     mark = tmp_path / 'mark'
     words = ['sh', '-c', f'sleep 2; touch {mark}']
-    requested = formula(tmp_path, f'{{false: {{run: {json.dumps(words)}}}}}')
-    with Triggers(observed.node, [requested]) as triggers:
-        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+    with observed.violated(tmp_path, f'{{run: {json.dumps(words)}}}'):
+        pass
     time.sleep(3)
     assert not mark.exists()
 
@@ -431,14 +386,9 @@ def test_a_message_with_all_kinds_of_fields(observed: Observed, tmp_path: Path) 
         '[{key: severity, value: "{severity}"}]}, {level: "{verdict}", message: "{{{event}}}"}]}'
     )
     kind = 'diagnostic_msgs/msg/DiagnosticArray'
-    received: list[Any] = []
-    observed.node.create_subscription(DiagnosticArray, '/all', received.append, 10)
-    requested = formula(
-        tmp_path,
-        f'{{false: {{publish: {{topic: /all, type: {kind}, message: {message}}}, retries: 5}}}}',
-    )
-    with Triggers(observed.node, [requested]) as triggers:
-        triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))
+    received = observed.client.collect(DiagnosticArray, '/all')
+    trigger = f'{{publish: {{topic: /all, type: {kind}, message: {message}}}, retries: 5}}'
+    with observed.violated(tmp_path, trigger):
         observed.client.spin_until(lambda: bool(received), 'the message')
     (found,) = received
     assert (found.header.stamp.sec, found.header.frame_id) == (2, 'slow')

@@ -21,7 +21,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-from commands import command, running
+from commands import command, dyknow_up
 from system import private_environment
 from test_rover import Rover
 
@@ -191,9 +191,7 @@ def surroundings(tmp_path: Path) -> Iterator[tuple[Surroundings, subprocess.Pope
     """DyKnow and a monitor that one robot.yaml describes, and what the monitor acts on."""
     environment, log = private_environment(), tmp_path / 'log'
     path = robot_file(tmp_path, log)
-    with running(command('dyknow', 'up', str(path), '--no-monitor'), environment) as system:
-        assert system.stdout is not None
-        assert any('DyKnow runs in /' in line for line in system.stdout)
+    with dyknow_up(environment, str(path), '--no-monitor'):
         rover = Rover(environment)
         found = Surroundings(rover)
         rover.client.wait_for_coordinator()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from dyknow_interfaces import srv
@@ -41,15 +40,9 @@ def nodes(tmp_path: Path) -> Iterator[StreamNodes]:
         yield running
 
 
-def received(nodes: StreamNodes, class_: Any, topic: str, quality: Any = 10) -> list[Any]:
-    messages: list[Any] = []
-    nodes.client.node.create_subscription(class_, topic, messages.append, quality)
-    return messages
-
-
 def test_messages_of_a_sink(nodes: StreamNodes) -> None:
-    levels = received(nodes, Float64, '/dyknow/streams/level/message')
-    points = received(nodes, PointStamped, '/points', qos_profile_sensor_data)
+    levels = nodes.client.collect(Float64, '/dyknow/streams/level/message')
+    points = nodes.client.collect(PointStamped, '/points', qos_profile_sensor_data)
     nodes.create('level', f'stream a = "{TANK}"; sink a as std_msgs/msg/Float64')
     nodes.create(
         'point',
@@ -88,7 +81,7 @@ def test_a_sink_that_cannot_be_published(nodes: StreamNodes) -> None:
 
 
 def test_samples_that_do_not_fit_are_counted(nodes: StreamNodes) -> None:
-    received(nodes, Int8, '/small')
+    nodes.client.collect(Int8, '/small')
     nodes.create('level', 'sink "/late" as std_msgs/msg/Int8 on "/small"')
     publisher = nodes.client.node.create_publisher(Float64, '/late', 10)
     nodes.client.node.create_timer(0.05, lambda: publisher.publish(Float64(data=1.5)))

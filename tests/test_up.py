@@ -166,19 +166,3 @@ def test_parameters_and_engines(tmp_path: Path) -> None:
         assert 'is already running (started at ' in second.stderr
         # Its own nodes may run for a moment; it must not take the running ones for them.
         assert '1 ontology' not in second.stdout
-
-
-@pytest.mark.parametrize(
-    ('options', 'message'),
-    [
-        (['--streams', 'nope.streams'], 'streams: there is no file /'),
-        (['--namespace', 'a b'], 'must not contain characters'),
-        (['--params-file', 'nope.yaml'], 'params_file: there is no file /'),
-        (['--engines', '33'], '33 is no number of stream processing engines; '),
-    ],
-)
-def test_a_wrong_option_is_refused(options: list[str], message: str) -> None:
-    done = output_of(command('dyknow', 'up', *options), private_environment())
-    assert done.returncode == 2, done.stderr
-    assert message in done.stderr
-    assert 'Traceback' not in done.stderr

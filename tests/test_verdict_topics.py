@@ -110,8 +110,7 @@ def test_it_is_published_each_second_and_its_next_evaluation_continues_it(
     before = len(plotted.heard)
     client.spin_until(lambda: len(plotted.heard) >= before + 3, 'three more verdicts')
     assert isnan(plotted.heard[-1].lower_margin)
-    monitored.cancel()
-    assert monitored.result().exit_status.code == ExitStatus.CANCELLED
+    assert monitored.end().exit_status.code == ExitStatus.CANCELLED
     client.spin_until(
         lambda: power.heard[-1:] != [] and power.heard[-1].exit_status.code == ExitStatus.CANCELLED,
         'it is cancelled',

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from dyknow_common.executables import FAULT
 from node_processes import end_of, node_that
 from system import LIMIT, private_environment
@@ -97,35 +99,24 @@ def test_a_node_that_was_stopped_goes_on() -> None:
     assert code == 0
 
 
-def test_a_node_that_is_busy_for_less_than_the_limit_goes_on() -> None:
-    with node_that(
-        f'time.sleep(1.0); {SAY}', '-p', 'hang_limit:=5.0', environment=private_environment()
-    ) as process:
-        wait_for_work(process)
+AWAIT = f'async def work(self): await self.deadlines.after(4.0); {SAY}\nNode.work = work'
+"""Callbacks of the same group cannot run meanwhile."""
+
+
+@pytest.mark.parametrize(
+    ('work', 'limit', 'setting', 'times'),
+    [
+        (f'time.sleep(1.0); {SAY}', 5.0, '', 3),
+        ('pass', 2.0, AWAIT, 2),
+        (f'time.sleep(3.0); {SAY}', 0.0, '', 1),
+    ],
+    ids=['busy for less than the limit', 'awaits something for longer', 'without a limit'],
+)
+def test_a_node_that_goes_on(work: str, limit: float, setting: str, times: int) -> None:
+    arguments = ('-p', f'hang_limit:={limit}')
+    with node_that(work, *arguments, environment=private_environment(), setting=setting) as process:
+        wait_for_work(process, times)
         process.send_signal(signal.SIGTERM)
         code, errors = end_of(process, LIMIT)
     assert code == 0
     assert 'Traceback' not in errors
-
-
-def test_a_node_that_awaits_something_for_longer_goes_on() -> None:
-    """Though callbacks of the same group cannot run meanwhile."""
-    setting = f'async def work(self): await self.deadlines.after(4.0); {SAY}\nNode.work = work'
-    with node_that(
-        'pass', *HANG_LIMIT, environment=private_environment(), setting=setting
-    ) as process:
-        wait_for_work(process, times=2)
-        process.send_signal(signal.SIGTERM)
-        code, errors = end_of(process, LIMIT)
-    assert code == 0
-    assert 'Traceback' not in errors
-
-
-def test_without_a_limit_no_node_is_ended() -> None:
-    with node_that(
-        f'time.sleep(3.0); {SAY}', '-p', 'hang_limit:=0.0', environment=private_environment()
-    ) as process:
-        wait_for_work(process, times=1)
-        process.send_signal(signal.SIGTERM)
-        code, _ = end_of(process, LIMIT)
-    assert code == 0

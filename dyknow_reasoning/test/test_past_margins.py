@@ -27,7 +27,7 @@ Window = tuple[float, float]
 
 margins = st.integers(-3, 3).map(lambda value: (float(value), 0))
 traces = st.lists(
-    st.tuples(st.sampled_from([1, 1, 2, 4]), margins, margins), min_size=1, max_size=12
+    st.tuples(st.sampled_from([1, 1, 2, 4]), margins, margins), min_size=3, max_size=12
 )
 intervals = st.tuples(st.integers(0, 4), st.one_of(st.integers(4, 8), st.just(inf)))
 

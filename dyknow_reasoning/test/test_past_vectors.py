@@ -33,6 +33,7 @@ PAST = [
     'once[a, b] p[x] or not once[a, b] v[x] = 2',
     'once[a, b] (p[x] and previous v[x] > 0)',
     'once[a, b] v[x] / w[x] > 1',
+    'once[a, b] (s[x] = x or v[x] > 9007199254740993)',  # Stays single.
 ]
 
 
@@ -166,3 +167,27 @@ def test_times_that_no_vector_holds() -> None:
     assert not group.progress(2, true | {'p[o3]': False})
     [result] = group.progress(9_000_000_002, false | {'r[o3]': True})
     assert result.verdict is Verdict.FALSE
+
+
+@pytest.mark.parametrize(
+    ('operator', 'has_gap', 'expected'),
+    [('once', False, 'TRUE'), ('historically', True, 'missing between')],
+)
+def test_registers_take_what_their_group_remembers(
+    operator: str,
+    has_gap: bool,  # noqa: FBT001
+    expected: str,
+) -> None:
+    """A number that no vector holds, or a gap, ends the group."""
+    names = [f'o{number}' for number in range(30)]
+    text = f'forall x in S: always[0, 5 ns] (r[x] -> {operator}[0, 9 ns] v[x] > 1)'
+    group, _ = begun(text, {'S': names})
+    asked, usual = ({f'r[{x}]': r for x in names} for r in (True, False))
+    high, low = ({f'v[{x}]': v for x in names} for v in (2.0, 0.0))
+    assert not group.progress(0, usual | high)
+    if has_gap:
+        group.gap()
+    else:
+        assert not group.progress(1, usual | low | {'v[o3]': 1 << 60})
+    [result] = group.progress(5, asked | (high if has_gap else low))
+    assert expected in str(result.error or result.verdict.name)

@@ -165,7 +165,9 @@ NUMBERS = st.sampled_from([0.0, 1.0, 2.0, 3.0])
 OPEN_NUMBERS = NUMBERS | st.lists(NUMBERS, min_size=2, max_size=3).map(lambda each: either(*each))
 
 
-@given(reference_formulas(), st.lists(st.tuples(OPEN_NUMBERS, OPEN_NUMBERS), max_size=6))
+@given(
+    reference_formulas(), st.lists(st.tuples(OPEN_NUMBERS, OPEN_NUMBERS), min_size=3, max_size=6)
+)
 def test_no_verdict_on_the_past_is_wrong(
     formula: Formula, values: list[tuple[Value, Value]]
 ) -> None:

@@ -52,7 +52,7 @@ def partial_traces(
     draw: st.DrawFn, values: Sequence[Value], names: Sequence[str], most: int
 ) -> PartialTrace:
     """Up to six states, a third of whose values are unknown, but not too many of them."""
-    steps = draw(st.lists(st.integers(1, 4), min_size=1, max_size=6))
+    steps = draw(st.lists(st.integers(1, 4), min_size=2, max_size=6))
     trace: PartialTrace = []
     for time in accumulate(steps):
         state: dict[str, Value | None] = {}
@@ -77,15 +77,30 @@ def completions(trace: PartialTrace, values: Sequence[Value]) -> Iterable[Trace]
         yield [(t, cast('dict[str, Value]', s)) for t, s in zip(times, completed, strict=True)]
 
 
-@given(formulas(), partial_traces((False, True), NAMES, 7))
-def test_verdicts_are_those_of_all_completions(formula: Formula, trace: PartialTrace) -> None:
-    found = decided(started(str(formula)), trace)
-    alone = [decided(started(str(formula)), each) for each in completions(trace, (False, True))]
+def check_completions(text: str, trace: PartialTrace) -> None:
+    found = decided(started(text, 'ab'), trace)
+    alone = [decided(started(text, 'ab'), each) for each in completions(trace, (False, True))]
     first = alone[0]
     expected = None
     if first and all(each and each[1] is first[1] for each in alone):
         expected = max(each[0] for each in alone if each), first[1]
-    assert found == expected, (str(formula), trace)
+    assert found == expected, (text, trace)
+
+
+@given(formulas(), partial_traces((False, True), NAMES, 7))
+def test_verdicts_are_those_of_all_completions(formula: Formula, trace: PartialTrace) -> None:
+    check_completions(str(formula), trace)
+
+
+@given(
+    formulas(2).filter(lambda each: {'p', 'q'} <= {*re.findall(r'\w+', str(each))}),
+    st.sampled_from(['', 'always[0, 4 ns] ', 'eventually[0, 4 ns] ']),
+    partial_traces((False, True), ('p[a]', 'p[b]', 'q'), 5),
+)
+def test_verdicts_of_several_objects(formula: Formula, window: str, trace: PartialTrace) -> None:
+    """They share `q`, and past operators over it."""
+    body = re.sub(r'\bp\b', 'p[u]', str(formula))
+    check_completions(f'forall u in S: {window}({body})', trace)
 
 
 @given(formulas(), partial_traces((False, True), NAMES, 7))

@@ -42,7 +42,7 @@ Recorded = dict[str, list[RecordedSample]]
 # Of each sample: the time since the one before, the delay until it is recorded, and the value.
 SAMPLES = st.lists(
     st.tuples(st.integers(1, 900), st.integers(0, MAX_DELAY // MS), st.integers(0, 4)),
-    min_size=1,
+    min_size=4,
     max_size=12,
 )
 

@@ -145,7 +145,7 @@ def test_numbers_become_floats(flow: Flow) -> None:
 
 
 @given(
-    arrivals=st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), max_size=30),
+    arrivals=st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), min_size=3, max_size=30),
     others=st.lists(st.integers(0, 90), max_size=30),
     gap=st.integers(1, 12),
     max_delay=st.integers(0, 8),

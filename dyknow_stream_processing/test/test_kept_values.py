@@ -85,7 +85,7 @@ def test_only_what_is_kept_is_owed() -> None:
 
 
 MESSAGES = st.lists(
-    st.tuples(st.sampled_from(['mode', 'speed']), st.integers(1, 3000)), max_size=12
+    st.tuples(st.sampled_from(['mode', 'speed']), st.integers(1, 3000)), min_size=3, max_size=12
 )
 
 

@@ -72,7 +72,10 @@ def test_a_second_sample_of_a_tick_is_where_the_line_begins(flow: Flow) -> None:
 
 
 series = st.lists(
-    st.tuples(st.integers(0, 40), st.integers(-100, 100)), max_size=12, unique_by=lambda s: s[0]
+    st.tuples(st.integers(0, 40), st.integers(-100, 100)),
+    min_size=3,
+    max_size=12,
+    unique_by=lambda s: s[0],
 ).map(sorted)
 
 

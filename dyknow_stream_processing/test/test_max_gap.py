@@ -68,7 +68,7 @@ def test_a_period_and_a_gap_are_both_checked(flow: Flow) -> None:
 
 
 @given(
-    arrivals=st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), max_size=30),
+    arrivals=st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), min_size=3, max_size=30),
     gap=st.integers(1, 12),
     max_delay=st.none() | st.integers(0, 8),
     end=st.none() | st.integers(0, 60),

@@ -138,7 +138,9 @@ class NaiveOrder:
 
 @given(
     arrivals=st.lists(
-        st.tuples(st.integers(0, 60), st.integers(0, 12), st.integers(0, 2)), max_size=30
+        st.tuples(st.integers(0, 60), st.integers(0, 12), st.integers(0, 2)),
+        min_size=3,
+        max_size=30,
     ),
     second=st.integers(0, 60),
     third=st.integers(0, 60),

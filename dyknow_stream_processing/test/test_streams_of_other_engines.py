@@ -167,8 +167,18 @@ def case() -> st.SearchStrategy[Case]:
     never, killed = st.just(range(0)), times.map(lambda time: range(time, 10 * END))
     return st.builds(
         Case,
-        st.lists(st.tuples(times, st.integers(0, 5)), max_size=25, unique_by=lambda each: each[0]),
-        st.lists(st.tuples(times, st.integers(0, 3)), max_size=25, unique_by=lambda each: each[0]),
+        st.lists(
+            st.tuples(times, st.integers(0, 5)),
+            min_size=3,
+            max_size=25,
+            unique_by=lambda each: each[0],
+        ),
+        st.lists(
+            st.tuples(times, st.integers(0, 3)),
+            min_size=3,
+            max_size=25,
+            unique_by=lambda each: each[0],
+        ),
         st.one_of(never, stops, killed),
         st.lists(st.integers(0, 12), min_size=1, max_size=9),
     )

@@ -97,7 +97,7 @@ def test_a_start_in_the_future_keeps_what_it_needs(flow: Flow) -> None:
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from('ab'), st.integers(0, 30)), max_size=30),
+    st.lists(st.tuples(st.sampled_from('ab'), st.integers(0, 30)), min_size=4, max_size=30),
     st.integers(1, 9),
     st.sampled_from(['latest', 'linear']),
 )

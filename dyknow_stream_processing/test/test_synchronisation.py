@@ -168,7 +168,9 @@ def situations(
     for each in inputs:
         if each.receipt_time:
             each.max_delay, each.sent_time = None, False
-    arrivals = draw(st.lists(st.tuples(st.integers(0, 40), st.integers(-6, 10)), max_size=25))
+    arrivals = draw(
+        st.lists(st.tuples(st.integers(0, 40), st.integers(-6, 10)), min_size=3, max_size=25)
+    )
     ports = st.integers(0, len(inputs) - 1)
     events = []
     for now, delay in sorted(arrivals, key=lambda each: each[0]):

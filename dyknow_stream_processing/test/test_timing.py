@@ -343,7 +343,7 @@ def test_available_times_strictly_increase_when_samples_are_released_together(fl
     assert [each.available_time for each in flow.samples] == [50_000_000, 50_000_001, 50_000_002]
 
 
-@given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), max_size=30))
+@given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), min_size=3, max_size=30))
 def test_max_delay_keeps_all_that_is_in_time_in_order(
     flow_class: type[Flow], arrivals: list[tuple[int, int]]
 ) -> None:
@@ -358,7 +358,7 @@ def test_max_delay_keeps_all_that_is_in_time_in_order(
     assert flow.drops == ({'max_delay': late} if late else {})
 
 
-@given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), max_size=30))
+@given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 12)), min_size=3, max_size=30))
 def test_every_sample_comes_out_or_is_counted(
     flow_class: type[Flow], arrivals: list[tuple[int, int]]
 ) -> None:
@@ -377,7 +377,7 @@ def test_every_sample_comes_out_or_is_counted(
 
 
 @given(
-    arrivals=st.lists(st.tuples(st.integers(0, 60), st.integers(-6, 12)), max_size=30),
+    arrivals=st.lists(st.tuples(st.integers(0, 60), st.integers(-6, 12)), min_size=3, max_size=30),
     period=st.integers(1, 12),
     deviation=st.integers(0, 12),
     max_delay=st.none() | st.integers(0, 8),
@@ -438,7 +438,11 @@ def test_a_period_against_its_definition(
 
 
 @given(
-    st.lists(st.tuples(st.sampled_from('abc'), st.integers(0, 40), st.integers(0, 9)), max_size=30)
+    st.lists(
+        st.tuples(st.sampled_from('abc'), st.integers(0, 40), st.integers(0, 9)),
+        min_size=4,
+        max_size=30,
+    )
 )
 def test_a_merge_is_all_samples_of_all_inputs_by_their_available_times(
     flow_class: type[Flow], arrivals: list[tuple[str, int, int]]

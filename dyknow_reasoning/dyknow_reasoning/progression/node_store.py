@@ -104,13 +104,11 @@ class NodeStore:
 
     def junction(self, parts: Iterable[Node], *, universal: bool) -> Node:
         """Return the simplified conjunction (universal) or disjunction of the parts."""
-        absorbing, is_final = constant(value=not universal), False
+        is_final = False
         flat = _flat(parts, universal=universal)
         while len(flat) > 1 and not is_final:
             simpler, is_final = self._simplified(flat, universal=universal)
             flat = simpler if is_final else _flat(simpler, universal=universal)
-        if absorbing in flat:
-            return absorbing
         if not flat:
             return constant(value=universal)
         if len(flat) == 1:

@@ -204,7 +204,7 @@ def test_a_violation_that_waits_while_the_next_stream_catches_up(
         assert made.progressed == expected
 
 
-STEPS = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), max_size=30)
+STEPS = st.lists(st.tuples(st.booleans(), st.integers(1, 4)), min_size=4, max_size=30)
 
 
 @given(STEPS, st.lists(st.integers(1, 3), max_size=3), st.integers(0, 9))
@@ -227,7 +227,10 @@ def test_states_after_a_take_over(
         assert made.progressed == reference.expected(after)
 
 
-@given(st.lists(st.tuples(st.booleans(), st.integers(0, 2)), max_size=30), st.integers(1, 9))
+@given(
+    st.lists(st.tuples(st.booleans(), st.integers(0, 2)), min_size=4, max_size=30),
+    st.integers(1, 9),
+)
 @example([(False, 0), (True, 2), (False, 0), (False, 0), (True, 0), (True, 0), (False, 9)], 3)
 def test_states_that_wait_while_a_better_stream_catches_up(
     steps: list[tuple[bool, int]], begin: int
