@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
-from dyknow_interfaces.msg import Episode, FormulaEpisodes, FormulaProgress
+from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 
 from dyknow_common import NANOSECONDS, SECOND_NS
@@ -15,10 +15,11 @@ from dyknow_common.ros import (
     margin_to_message,
     nanoseconds_to_time,
     probability_to_message,
+    to_message,
 )
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.results import FormulaResult
-from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode
+from dyknow_reasoning.standing import EpisodeSummary
 
 PERIOD_NS: Final = SECOND_NS
 """The time after which a report is published again."""
@@ -29,17 +30,9 @@ _SHORTEST_NS: Final = 100 * NANOSECONDS['ms']
 
 def result_to_message(result: FormulaResult, group_id: int, stamp: Time) -> FormulaResultMessage:
     """Return the message of a result of a formula in a group."""
-    message = FormulaResultMessage(
-        formula_group_id=group_id,
-        formula_id=result.formula_id,
-        formula_name=result.name,
-        verdict=int(result.verdict),
-        explanation=result.explanation,
-        margin=margin_to_message(result.margin),
-    )
+    message = FormulaResultMessage(formula_group_id=group_id, formula_name=result.name)
     message.header.stamp = stamp
-    if result.decided_at is not None:
-        message.decided_at = nanoseconds_to_time(result.decided_at)
+    to_message(result, message)
     if result.error is not None:
         fill_exit_status(message.exit_status, result.error)
     return message
@@ -67,28 +60,7 @@ def progress_to_message(
 
 def summary_to_message(summary: EpisodeSummary) -> FormulaEpisodes:
     """Return the message of the verdicts on a formula, without the formula."""
-    counts = summary.counts
-    return FormulaEpisodes(
-        holds=counts.holds,
-        fails=counts.fails,
-        undecided=counts.undecided,
-        unknown=counts.unknown,
-        is_violated=summary.is_violated,
-        episode_count=summary.episode_count,
-        latest_episodes=[_episode_to_message(each) for each in summary.latest_episodes],
-    )
-
-
-def _episode_to_message(episode: FailureEpisode) -> Episode:
-    return Episode(
-        begin=nanoseconds_to_time(episode.begin),
-        end=nanoseconds_to_time(episode.end),
-        decided_at=nanoseconds_to_time(episode.decided_at),
-        states=episode.states,
-        has_ended=episode.has_ended,
-        explanation=episode.explanation,
-        worst=margin_to_message(episode.worst),
-    )
+    return to_message(summary.counts, to_message(summary, FormulaEpisodes()))
 
 
 class EpisodeReports:
