@@ -23,6 +23,7 @@ from dyknow_reasoning.execution.recorded_symbols import RecordedSymbols
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
+    SharedVectors,
     UnreadableError,
     batch_key,
 )
@@ -52,7 +53,8 @@ class InstanceMonitor:
 
     def __init__(self, node_limit: int) -> None:
         self._node_limit = node_limit
-        self.histories = Histories(node_limit)
+        self._shared_vectors = SharedVectors()
+        self.histories = Histories(node_limit, self._shared_vectors)
         self.latest: int | None = None
         """The valid time of the latest state, in nanoseconds; None before the first state."""
         self._gap_follows = False
@@ -60,7 +62,7 @@ class InstanceMonitor:
         self._templates: dict[Node, Template] = {}
         # The instances that begin with the next state.
         self._new: list[InstanceState] = []
-        self._pool = InstancePool()
+        self._pool = InstancePool(self._shared_vectors)
         # The time before which states like earlier ones change nothing.
         self._wakes_at = -inf
         # True if a formula may be near the node limit.
@@ -311,7 +313,7 @@ class InstanceMonitor:
         if remaining == before:
             return _NO_OUTCOMES
         outcomes, _ = self._aggregation.apply(verdicts)
-        self._pool = InstancePool()
+        self._pool = InstancePool(self._shared_vectors)
         self._place([each for each in remaining if each.instance in self._aggregation], gap.after)
         return _by_id(outcomes)
 

@@ -13,7 +13,11 @@ from dyknow_reasoning.execution.automata.automaton import Location
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import FormulaInstance, InstanceState
 from dyknow_reasoning.execution.single_instance import SingleInstance
-from dyknow_reasoning.execution.vectors.atom_vectors import Array, FieldVectors
+from dyknow_reasoning.execution.vectors.atom_vectors import (
+    Array,
+    FieldVectors,
+    SharedVectors,
+)
 from dyknow_reasoning.execution.vectors.batch import Batch
 from dyknow_reasoning.execution.vectors.instance_vectors import MAX_VECTOR_TIME
 from dyknow_reasoning.progression.atoms import Values
@@ -30,12 +34,16 @@ class InstancePool:
 
     The lists `singles` and `batches` are replaced, not changed, if instances come or go. `latest`
     is the valid time of the latest state, in nanoseconds.
+
+    Args:
+        shared: the vectors that others read, too.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, shared: SharedVectors) -> None:
+        self._shared = shared
         self.singles: list[SingleInstance] = []
         self.batches: list[Batch] = []
-        self.fields = FieldVectors()
+        self.fields = FieldVectors(self._shared)
         self.apart = 0
         """The states until batches may form again, after values that fit into no vectors."""
         # How many they will be the next time.
@@ -156,7 +164,7 @@ class InstancePool:
         return locations
 
     def _attach(self) -> None:
-        self.fields = FieldVectors()
+        self.fields = FieldVectors(self._shared)
         for batch in self.batches:
             batch.attach(self.fields)
 

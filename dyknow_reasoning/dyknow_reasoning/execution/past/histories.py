@@ -25,10 +25,11 @@ from dyknow_reasoning.execution.past.past_comparisons import (
     past_terms,
     value_field,
 )
-from dyknow_reasoning.execution.past.register_groups import units
+from dyknow_reasoning.execution.past.register_groups import RegisterGroup, units
 from dyknow_reasoning.execution.past.registers import PastRegister, Register, StateTaker
 from dyknow_reasoning.execution.past.spatial_registers import SpatialRegister, SpatialTruths
 from dyknow_reasoning.execution.recording import Recording
+from dyknow_reasoning.execution.vectors.atom_vectors import SharedVectors, VectorState
 from dyknow_reasoning.language.formula import (
     Atom,
     Comparison,
@@ -54,9 +55,11 @@ class Histories:
 
     Args:
         node_limit: the most nodes that an instance may remember.
+        shared: the vectors that its formulas read, too.
     """
 
-    def __init__(self, node_limit: int) -> None:
+    def __init__(self, node_limit: int, shared: SharedVectors | None = None) -> None:
+        self._shared = SharedVectors() if shared is None else shared
         self._node_limit = node_limit
         self._store = NodeStore(Chronology())
         self._numbers = count(1)
@@ -68,6 +71,7 @@ class Histories:
         """The errors of formulas that begin now, and look back to states that are not known."""
         # What takes the states, in this order.
         self._units: list[StateTaker] = []
+        self._has_groups = False
         # True if something begins or ends with the next state.
         self._is_changed = False
         # The history of the formulas that begin with the next state.
@@ -178,11 +182,12 @@ class Histories:
             return values
         if self._is_changed:
             self._begin(time)
-        found: dict[str, Any] = dict(values)
+        # A faster copy than a VectorState if no group of registers needs that.
+        found: Any = VectorState(values) if self._has_groups else dict(values)
         for each in self._units:
             each.step(time, found)
         self._latest = time
-        return found
+        return cast('Values', found)
 
     def extended_recording(self, recording: Recording) -> Recording:
         """Return the states of a recording, whose times increase, with the fields of registers."""
@@ -227,7 +232,8 @@ class Histories:
         for register in new:
             register.first_state = time
         kept = [each for each in self._units if self.registers.keys() & each.fields]
-        self._units = [*kept, *units(new), *self.memories.values()]
+        self._units = [*kept, *units(new, self._shared), *self.memories.values()]
+        self._has_groups = any(isinstance(each, RegisterGroup) for each in self._units)
         beginning, self._beginning = self._beginning, {}
         for formula_id, memories in beginning.items():
             errors = (memory.error_at(time) for memory in memories)
@@ -304,7 +310,7 @@ class Histories:
             inner: dict[PastRegister, None] = {}
             places = atom.places.changed(lambda each: self._with_field(each, history, kinds, inner))
             known = [each for each in inner if isinstance(each, SpatialRegister)]
-            truths = SpatialTruths(atom, places, known, kinds)
+            truths = SpatialTruths(atom, places, known, kinds, self._shared)
             self._spatial[kind] = truths
         used.update(dict.fromkeys(truths.inner))
         make = partial(SpatialRegister, truths=truths)

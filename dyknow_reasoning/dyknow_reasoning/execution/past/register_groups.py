@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, MutableMapping, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from itertools import repeat
 from operator import attrgetter
 from typing import Any, Final
@@ -15,10 +15,13 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
     Columns,
     FieldVectors,
+    SharedVectors,
     Truths,
     UnreadableError,
+    VectorState,
     bits,
 )
+from dyknow_reasoning.language.type_checking import Kind
 from dyknow_reasoning.progression.gaps import Gap
 from dyknow_reasoning.progression.nodes import TRUE, Literal, Node, slots
 from dyknow_reasoning.progression.past_operators import ALL_ROWS, PastMemory
@@ -37,16 +40,17 @@ class RegisterGroup(StateTaker):
 
     Args:
         registers: the registers.
+        shared: the vectors that others read, too.
     """
 
-    def __init__(self, registers: Sequence[Register]) -> None:
+    def __init__(self, registers: Sequence[Register], shared: SharedVectors) -> None:
         self._registers = registers
         self.fields = [each.field for each in registers]
         """The fields that it sets."""
         first = registers[0]
         self._is_negated = first.is_negated
         self._memory: PastMemory | None = first.memory.of_row(0)
-        self._operands = FieldVectors()
+        self._operands = FieldVectors(shared)
         self._atoms: dict[int, Truths] = {
             slot: self._operands.truths(
                 [each.operands.atoms[slot] for each in registers], first.kinds
@@ -58,21 +62,21 @@ class RegisterGroup(StateTaker):
         left, right = first.operands.left, first.operands.right
         self._left = None if left is TRUE else self._truths_of(left, sides[:, 0] != 0)
         self._right = self._truths_of(right, sides[:, 1] != 0)
+        self._target = FieldVectors(shared).vector(tuple(self.fields), Kind.BOOLEAN)
 
-    def step(self, time: int, values: MutableMapping[str, Any]) -> None:
+    def step(self, time: int, state: VectorState) -> None:
         """Take a state, and set the fields of the registers."""
         if self._memory is not None:
             try:
-                self._operands.load(values)
+                self._operands.load(state)
                 left, right = self._left and self._left(), self._right()
             except UnreadableError:
                 self._split()
             else:
-                truths = self._stepped(self._memory, time, left, right)
-                values.update(zip(self.fields, truths.tolist(), strict=True))
+                self._target.compute(self._stepped(self._memory, time, left, right), state)
                 return
         for each in self._registers:
-            each.step(time, values)
+            each.step(time, state)
 
     def columns(self, recording: Recording) -> Columns:
         """Return the fields of the registers at the states of a recording."""
@@ -128,7 +132,7 @@ def _rows(truths: Array) -> int:
     return int.from_bytes(truths.tobytes(), 'little')
 
 
-def units(registers: Iterable[PastRegister]) -> list[StateTaker]:
+def units(registers: Iterable[PastRegister], shared: SharedVectors) -> list[StateTaker]:
     """Return groups of registers that are alike, and single registers, inner ones first."""
     forms: dict[Hashable, list[Any]] = {}
     for register in sorted(registers, key=attrgetter('depth')):
@@ -136,5 +140,5 @@ def units(registers: Iterable[PastRegister]) -> list[StateTaker]:
     found: list[StateTaker] = []
     for form, each in forms.items():
         is_group = type(form) is tuple and len(each) >= MIN_REGISTERS
-        found += [RegisterGroup(each)] if is_group else each
+        found += [RegisterGroup(each, shared)] if is_group else each
     return found

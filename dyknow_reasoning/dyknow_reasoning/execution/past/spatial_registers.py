@@ -24,6 +24,7 @@ from dyknow_reasoning.execution.vectors.atom_vectors import (
     Array,
     Columns,
     FieldVectors,
+    SharedVectors,
     Truths,
     UnreadableError,
     atom_form,
@@ -76,16 +77,22 @@ class SpatialTruths:
         places: its operands, whose spatial operators are atoms with fields.
         inner: the registers of these, and of those in them.
         kinds: the kinds of the features.
+        shared: the vectors that others read, too.
     """
 
     def __init__(
-        self, atom: SpatialAtom, places: Places, inner: Sequence[SpatialRegister], kinds: Kinds
+        self,
+        atom: SpatialAtom,
+        places: Places,
+        inner: Sequence[SpatialRegister],
+        kinds: Kinds,
+        shared: SharedVectors,
     ) -> None:
         self.formula, self.places, self.inner = atom.formula, places, inner
         self._is_each = bool(atom.target)
         self._kinds = kinds
         self._numbers = {name: index for index, name in enumerate(places.objects)}
-        self._vectors = FieldVectors()
+        self._vectors = FieldVectors(shared)
         self._sides = [places.links.conditions, places.lefts, places.rights]
         self._conditions, self._lefts, self._rights = map(self._vector, self._sides)
         self._lengths, self._places = map(
@@ -250,7 +257,7 @@ class SpatialTruths:
 
 def link_lengths(places: Places, formula: Spatial, kinds: Kinds) -> Callable[[Values], Array]:
     """Return a reader of the lengths of an operator's links; its errors are those of `operands`."""
-    read = SpatialTruths(SpatialAtom(formula, '', '', places), places, (), kinds)
+    read = SpatialTruths(SpatialAtom(formula, '', '', places), places, (), kinds, SharedVectors())
     return lambda values: read.operands(values)[0]
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from operator import countOf, itemgetter
 from struct import Struct
 from typing import Any, Final, TypeAlias
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -63,6 +64,31 @@ class UnreadableError(Exception):
     """The values do not fit into vectors."""
 
 
+VectorKey: TypeAlias = tuple[tuple[str, ...], Kind | None]
+"""The names of fields, and the kind of their values."""
+
+
+class VectorState(dict[str, Any]):
+    """The values of a state by the names of their fields; they do not change.
+
+    Fields whose values were computed as a vector are added when one of them is looked up.
+    """
+
+    _computed: tuple[tuple[Sequence[str], Array], ...] = ()
+
+    def add(self, fields: Sequence[str], vector: Array) -> None:
+        """Add fields with the values of a vector."""
+        self._computed += ((fields, vector),)
+
+    def __missing__(self, name: str) -> Any:
+        computed, self._computed = self._computed, ()
+        for names, vector in computed:
+            self.update(zip(names, vector.tolist(), strict=True))
+        if name in self:
+            return self[name]
+        raise KeyError(name)
+
+
 class FieldVector:
     """The value of one field for each instance.
 
@@ -77,17 +103,29 @@ class FieldVector:
         self._kind = kind
         self._items: Callable[[Values], Any] = itemgetter(*fields)
         self._pack = Struct(f'{len(fields)}d').pack
+        self._state: VectorState | None = None
 
     def load(self, values: Values) -> None:
         """Load the values of a state; raise UnreadableError if they do not fit."""
+        if values is self._state:
+            return
+        self._state = None
         try:
             items = self._items(values)
         except KeyError:
             raise UnreadableError from None
         self.values = self._array(items if len(self._fields) > 1 else (items,))
+        if isinstance(values, VectorState):
+            self._state = values
+
+    def compute(self, values: Array, state: VectorState) -> None:
+        """Set the values at a state, and add the fields to it."""
+        self.values, self._state = values, state
+        state.add(self._fields, values)
 
     def select(self, recording: Columns, states: slice) -> None:
         """Load states of a recording, as rows; raise UnreadableError if they do not fit."""
+        self._state = None
         try:
             arrays = [recording[name][states] for name in self._fields]
         except KeyError:
@@ -112,12 +150,20 @@ class FieldVector:
         return checked(found, self._kind)
 
 
-class FieldVectors:
-    """The vectors that instances read, each loaded once for all of them."""
+SharedVectors: TypeAlias = WeakValueDictionary[VectorKey, FieldVector]
+"""The vectors in use; each is loaded once for all that need it."""
 
-    def __init__(self) -> None:
-        # By the names of fields, and the kind of their values.
-        self._found: dict[tuple[tuple[str, ...], Kind | None], FieldVector] = {}
+
+class FieldVectors:
+    """The vectors that instances read, each loaded once for all of them.
+
+    Args:
+        shared: those that others read, too.
+    """
+
+    def __init__(self, shared: SharedVectors | None = None) -> None:
+        self._found: dict[VectorKey, FieldVector] = {}
+        self._shared = SharedVectors() if shared is None else shared
 
     def truths(self, atoms: Sequence[Atom], kinds: Kinds) -> Truths:
         """Return the truth of atoms of one form, one for each instance."""
@@ -134,6 +180,13 @@ class FieldVectors:
             return lambda: _compare_same_kind(compare, left(), right())
         return lambda: compare(left(), right())
 
+    def vector(self, fields: tuple[str, ...], kind: Kind | None) -> FieldVector:
+        """Return the vector of some fields."""
+        key = fields, kind
+        if key not in self._found:
+            self._found[key] = self._shared.setdefault(key, FieldVector(fields, kind))
+        return self._found[key]
+
     def load(self, values: Values) -> None:
         """Load the values of a state; raise UnreadableError if they do not fit."""
         for field in self._found.values():
@@ -145,10 +198,7 @@ class FieldVectors:
             field.select(recording, states)
 
     def _field(self, terms: Iterable[Term | Atom], kind: Kind | None) -> FieldVector:
-        key = tuple(map(field_name, terms)), kind
-        if key not in self._found:
-            self._found[key] = FieldVector(*key)
-        return self._found[key]
+        return self.vector(tuple(map(field_name, terms)), kind)
 
     def terms(self, terms: Sequence[Any], kinds: Kinds) -> Callable[[], Any]:
         """Return the values of terms of one form, one for each instance."""
