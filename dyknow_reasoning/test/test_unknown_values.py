@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from margin_reference import ended, margin
 from reasoning_reference import COMPARISONS, NAMES, Trace, formulas, holds
 
-from dyknow_common import Value, Verdict, format_time
+from dyknow_common import Alternatives, Value, Verdict, format_time
 from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures, parse_formula
 from dyknow_reasoning.language.formula import Comparison, Formula, Interval
 from dyknow_reasoning.language.terms import Arithmetic, Feature, Number, StateCount, ValueBefore
@@ -45,6 +45,10 @@ def verdict(text: str, *states: State, **ranges: tuple[float, float]) -> Verdict
     group = started(text, ('a', 'b'), UnknownFeatures(ranges, all_may_be=True))
     found = decided(group, ((number * 10**9, each) for number, each in enumerate(states)))
     return found and found[1]
+
+
+def between(low: float, high: float) -> Value:
+    return Alternatives.between((low, high), 'the sender omits small changes')
 
 
 @st.composite
@@ -218,7 +222,10 @@ def test_calculations_are_sound(formula: Formula, trace: PartialTrace) -> None:
     [
         ('x > 1 or x < 1 or y > 0', [{'x': None, 'y': 1}], Verdict.TRUE),
         ('x < y and y < z -> x < z', [{'x': None, 'y': None, 'z': None}], Verdict.TRUE),
+        ('x < y and y < z and z < 0', [dict.fromkeys('xyz')], None),
+        ('y < z and x < y and z < 0', [dict.fromkeys('xyz')], None),
         ('x > y', [{'x': None, 'y': float('inf')}], Verdict.FALSE),
+        ('always[0, 1 s] x < 2', [{'x': between(1, 3)}, {'x': between(3, 4)}], Verdict.FALSE),
         ('always[0, 1 s] x < 2', [{'x': 1}, {}], None),
         ('eventually[0, 1 s] x < 2', [{'x': float('nan')}, {'x': 1}], Verdict.TRUE),
         ('x - y > 1 or x - y <= 1', [{'x': None, 'y': 1}], Verdict.TRUE),
@@ -229,12 +236,23 @@ def test_calculations_are_sound(formula: Formula, trace: PartialTrace) -> None:
             Verdict.TRUE,
         ),
         ('eventually[1 s, 1 s] count(x > 1, 5 s) <= 2', [{'x': None}, {'x': None}], Verdict.TRUE),
+        ('count(x + y > 1, 5 s) = 0', [{'x': None, 'y': 1}], None),
         ('eventually[1 s, 1 s] (x > prev(x) or x <= prev(x))', [{'x': None}, {'x': 0}], None),
         ('not (m starts with "ab" and m starts with "ac")', [{'m': None}], Verdict.TRUE),
         ('m contains "ab" -> m contains "a"', [{'m': None}], Verdict.TRUE),
         ('m = "abc" -> m contains "b" and m starts with "a"', [{'m': None}], Verdict.TRUE),
         ('m contains "b" -> m starts with "a"', [{'m': None}], None),
         ('m = n and m != "a" -> n != "a"', [{'m': None, 'n': None}], Verdict.TRUE),
+        ('m starts with "ab" -> m = "ab"', [{'m': None}], None),
+        ('m contains "ab" -> m starts with "ab"', [{'m': None}], None),
+        ('m contains "a" and m contains "b" -> m contains "ab"', [{'m': None}], None),
+        (
+            'm = n or m = o or n = o or m = "a" or n = "a" or o = "a"',
+            [dict.fromkeys('mno')],
+            None,
+        ),
+        ('m contains n -> m = n', [{'m': None, 'n': 'ab'}], None),
+        ('"ab" contains m', [{'m': None}], None),
         ('p = q or p = r or q = r', [{'p': None, 'q': None, 'r': True}], None),
         ('p or q or p = q', [{'p': None, 'q': None}], Verdict.TRUE),
         ('at least 1 of (x > 1, x <= 1, y > 5)', [{'x': None, 'y': 0}], Verdict.TRUE),
@@ -329,6 +347,27 @@ def test_a_truth_that_decides_alone_is_named(text: str, states: list[State], exp
     found = group.residual(1)
     assert expected in found, found
     assert bool(DECIDES.search(found)) is bool(expected), found
+
+
+@pytest.mark.parametrize(
+    ('past', 'holds', 'fails', 'unknown'),
+    [
+        ('once[1 s, 1 s] x > 1', 1, 3, 1),
+        ('once[1 s, 1 s] eventually[0, 1 s] x > 1', 2, 1, 2),
+        ('prev(x) > 1', 1, 3, 1),
+    ],
+)
+def test_what_is_unknown_before_a_start(past: str, holds: int, fails: int, unknown: int) -> None:
+    """Objects share it."""
+    group = FormulaGroup()
+    for text in (past, f'forall u in S: u = a <-> {past}'):
+        group.add_formula(text, text, every_state=True)
+    group.begin({'S': ('a', 'b')}, ANY)
+    for second, x in enumerate((0, None, 0, 2, 0)):
+        assert not group.progress(second * 10**9, {'x': x})
+    alone, shared = (group.standing.summary(each).counts for each in (1, 2))
+    assert (alone.holds, alone.fails, alone.unknown) == (holds, fails, unknown)
+    assert (shared.holds, shared.fails, shared.unknown) == (0, 5, 0)
 
 
 def test_values_outside_of_their_range_do_not_count() -> None:
