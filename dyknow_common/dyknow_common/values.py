@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from itertools import product
 from math import isfinite, nan, prod
-from typing import Any, Final, Self, TypeVar
+from typing import Any, ClassVar, Final, Self, TypeVar
 
 Value = bool | int | float | str
 """A value of a field."""
@@ -67,6 +67,9 @@ class Alternatives(str):
 
     __slots__ = ('is_interval', 'reason', 'values')
 
+    _exist: ClassVar[bool] = False
+    """True once this process has made one: until then, none is among any values."""
+
     is_interval: bool
     """True if each number between the least and the greatest of the values is possible."""
     reason: str
@@ -86,6 +89,7 @@ class Alternatives(str):
         if not 1 < len(values) <= MAX_ALTERNATIVES or not {*map(type, values)} <= types:
             raise ValueError(text)
         made = super().__new__(cls, text)
+        Alternatives._exist = True
         made.values, made.reason, made.is_interval = values, reason, is_interval
         return made
 
@@ -132,7 +136,7 @@ class Alternatives(str):
     @staticmethod
     def are_among(values: Iterable[Value]) -> bool:
         """Return True if one of some values has alternatives."""
-        return Alternatives in map(type, values)
+        return Alternatives._exist and Alternatives in map(type, values)
 
 
 def earliest(fields: Mapping[_Key, Value]) -> dict[_Key, Value]:
