@@ -11,12 +11,11 @@ from dyknow_interfaces.msg import PlanVerdict as PlanVerdictMessage
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import fill_exit_status, from_message, time_to_nanoseconds, to_message
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import Answer, EvaluationRequest, Progress
+from dyknow_coordinator.evaluation import Answer, EvaluationRequest, Progress, StandingVerdicts
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plan import FormulaPosition, Holds, Plan, PlanVerdict
 from dyknow_coordinator.ros.reporting.evaluation_messages import (
     error_from_status,
-    verdicts_from_message,
 )
 
 
@@ -79,13 +78,13 @@ def answer_from_message(message: Any, *, every_state: bool = False) -> Answer:
         Answer,
         message,
         error=error_from_status(message.exit_status),
-        episodes=verdicts_from_message(message.episodes) if every_state else None,
+        episodes=from_message(StandingVerdicts, message.episodes) if every_state else None,
     )
 
 
 def progress_from_message(message: Any, *, every_state: bool = False) -> Progress:
     """Return the progress in the feedback of MonitorFormula."""
-    episodes = verdicts_from_message(message.episodes) if every_state else None
+    episodes = from_message(StandingVerdicts, message.episodes) if every_state else None
     return from_message(Progress, message, episodes=episodes)
 
 

@@ -28,6 +28,7 @@ from dyknow_common.ros import (
     ParameterLimits,
     margin_to_message,
     run,
+    to_message,
 )
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Answer, EvaluationRequest
@@ -47,7 +48,6 @@ from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluati
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
 from dyknow_coordinator.ros.plan_monitoring import PlanMonitoring
 from dyknow_coordinator.ros.reporting.changes import ChangeListener
-from dyknow_coordinator.ros.reporting.evaluation_messages import verdicts_to_message
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
 from dyknow_coordinator.ros.reporting.nodes_report import NodesReport
 from dyknow_coordinator.ros.reporting.verdict_publishers import VerdictPublishers
@@ -308,7 +308,7 @@ def _publish_feedback(goal: Any, evaluation: FormulaEvaluation) -> None:
             **{name: getattr(evaluation.progress, name) for name in _PROGRESS_FIELDS},
         )
         if evaluation.request.every_state:
-            feedback.episodes = verdicts_to_message(evaluation.episodes)
+            to_message(evaluation.episodes, feedback.episodes)
         goal.publish_feedback(feedback)
 
 

@@ -17,7 +17,7 @@ from dyknow_interfaces.srv import (
 )
 
 from dyknow_common import DyKnowError, read_file
-from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, RemoteNode, only_owner, run
+from dyknow_common.ros import RUNNING, DyKnowNode, RemoteNode, run
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.annotation_store import AnnotationStore
 from dyknow_semantics.annotations.checking import (
@@ -200,13 +200,8 @@ class StreamFields:
             node, name, patience_s=_TIMEOUT_S, timeout_s=_TIMEOUT_S, services=(StreamGetTopic,)
         )
         self._reported: Mapping[str, str] = {}
-        node.create_subscription(
-            StreamStatusArray,
-            f'{name}/streams',
-            self._on_report,
-            LATCHED,
-            callback_group=node.reentrant,
-            refusal=only_owner,
+        node.create_report_subscription(
+            StreamStatusArray, f'{name}/streams', self._on_report, callback_group=node.reentrant
         )
 
     def type_of(self, annotation: Annotation) -> str:

@@ -29,6 +29,7 @@ from dyknow_common import (
     one_line,
 )
 from dyknow_common.ros import (
+    from_message,
     margin_from_message,
     probability_from_message,
     time_to_nanoseconds,
@@ -61,7 +62,6 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import (
     EvaluationGroups,
     find_candidates,
 )
-from dyknow_coordinator.ros.reporting.evaluation_messages import verdicts_from_message
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -250,7 +250,8 @@ class FormulaEvaluation(Evaluation):
         """Record a FormulaEpisodes of the reasoning engine, and report what has changed."""
         if self.has_ended:
             return
-        before, self.episodes = self.episodes, self._with_units(verdicts_from_message(episodes))
+        before = self.episodes
+        self.episodes = self._with_units(from_message(StandingVerdicts, episodes))
         if change := self.episodes.change(before):
             self.history.add(change)
             self._log_change(change)

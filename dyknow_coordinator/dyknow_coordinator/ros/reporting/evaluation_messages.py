@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dyknow_interfaces.msg import EvaluationStatus as StatusMessage
-from dyknow_interfaces.msg import ExitStatus, FormulaEpisodes
+from dyknow_interfaces.msg import ExitStatus
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import fill_exit_status, from_message, to_message
@@ -19,16 +19,6 @@ _TEXTS: Final = tuple(
 
 _MAX_TEXT: Final = 10_000
 """The most characters of a text in a status: reports are sent each second."""
-
-
-def verdicts_to_message(verdicts: StandingVerdicts) -> FormulaEpisodes:
-    """Return a FormulaEpisodes message, without the names of the formula."""
-    return to_message(verdicts, FormulaEpisodes())
-
-
-def verdicts_from_message(message: FormulaEpisodes) -> StandingVerdicts:
-    """Return the verdicts in a FormulaEpisodes message."""
-    return from_message(StandingVerdicts, message)
 
 
 def status_to_message(status: EvaluationStatus) -> StatusMessage:
@@ -49,7 +39,7 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
         EvaluationStatus,
         message,
         error=error_from_status(message.exit_status),
-        episodes=verdicts_from_message(message.episodes) if message.every_state else None,
+        episodes=from_message(StandingVerdicts, message.episodes) if message.every_state else None,
     )
 
 

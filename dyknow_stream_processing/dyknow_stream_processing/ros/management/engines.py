@@ -19,11 +19,9 @@ from dyknow_interfaces.srv import ListStreams, StreamCreateFromSpec, StreamDestr
 
 from dyknow_common import SECOND_NS, DyKnowError
 from dyknow_common.ros import (
-    LATCHED,
     NODE_TYPE,
     DyKnowNode,
     RemoteNode,
-    only_owner,
     time_to_nanoseconds,
 )
 from dyknow_stream_processing.management.naming import Namespaces
@@ -169,13 +167,11 @@ class Engines:
         self._note_found(name)
         if name not in self.remotes:
             self.remotes[name] = self._candidates[name]
-            self._node.create_subscription(
+            self._node.create_report_subscription(
                 StreamStatusArray,
                 f'{name}/streams',
                 partial(self._on_message, name),
-                LATCHED,
                 callback_group=self._node.reentrant,
-                refusal=only_owner,
             )
         elif name in self._reports:
             self._on_report(name)
