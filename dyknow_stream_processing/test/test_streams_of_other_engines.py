@@ -14,7 +14,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from recorded_flow import Flow
 
-from dyknow_common import NO_CONSTRAINTS
+from dyknow_common import NO_CONSTRAINTS, REPAIR_NS
 from dyknow_stream_processing import (
     Dataflow,
     ReceivedViolations,
@@ -141,7 +141,7 @@ class Reader:
     def take(self, message: Message, now: int) -> None:
         flow, content = self.recorder.flow, message.content
         if isinstance(content, Sample):
-            assert self._watermarks.note_sample(ID, message.number) is SampleOrigin.SAME
+            assert self._watermarks.note_sample(ID, message.number, now=0) is SampleOrigin.SAME
             arrived = Sample(content.valid_time, now, content.fields, content.watermark)
             flow.push('far', arrived, is_checked=True)
         else:
@@ -283,16 +283,16 @@ def test_the_clock_reports_the_silence_of_an_engine(flow: Flow) -> None:
 
 def test_watermarks_wait_for_the_samples_before_them() -> None:
     received = ReceivedWatermarks()
-    assert received.note_sample(ID, 1) is SampleOrigin.SAME
+    assert received.note_sample(ID, 1, now=0) is SampleOrigin.SAME
     assert received.note_watermark(ID, 2, 20)
     assert received.due() is None
-    received.note_sample(ID, 2)
+    received.note_sample(ID, 2, now=0)
     assert (received.due(), received.due()) == (20, None)
 
 
 def test_samples_that_never_come_are_lost() -> None:
     received = ReceivedWatermarks()
-    received.note_sample(ID, 1)
+    received.note_sample(ID, 1, now=0)
     assert lost_before(received, SPACING) == [0] * (PATIENCE - 1) + [3]
     assert received.due() == 20
 
@@ -300,10 +300,10 @@ def test_samples_that_never_come_are_lost() -> None:
 def test_watermarks_that_come_all_at_once() -> None:
     """The samples before them may be the next messages that are taken."""
     received = ReceivedWatermarks()
-    received.note_sample(ID, 1)
+    received.note_sample(ID, 1, now=0)
     assert not any(lost_before(received, SPACING // PATIENCE))
     assert received.due() is None
-    received.note_sample(ID, 4)
+    received.note_sample(ID, 4, now=0)
     assert received.due() == 20
 
 
@@ -321,32 +321,52 @@ def lost_before(received: ReceivedWatermarks, spacing: int) -> list[int]:
 
 def test_a_stream_that_was_replaced_is_heard_no_more() -> None:
     received = ReceivedWatermarks()
-    received.note_sample(ID, 5)
-    assert received.note_sample(9, 1) is SampleOrigin.RECREATED
-    assert received.note_sample(ID, 6) is SampleOrigin.FORMER
+    received.note_sample(ID, 5, now=0)
+    assert received.note_sample(9, 1, now=0) is SampleOrigin.RECREATED
+    assert received.note_sample(ID, 6, now=0) is SampleOrigin.FORMER
     received.note_watermark(ID, 6, 50)
     assert received.due() is None
-    assert received.note_sample(9, 2) is SampleOrigin.SAME
+    assert received.note_sample(9, 2, now=0) is SampleOrigin.SAME
 
 
 def test_a_stream_that_was_chosen_before_its_first_sample() -> None:
     received = ReceivedWatermarks()
     assert received.expect(ID) is SampleOrigin.SAME
-    assert received.note_sample(9, 1) is SampleOrigin.RECREATED
+    assert received.note_sample(9, 1, now=0) is SampleOrigin.RECREATED
     # It was chosen by who knew less: it may still be made.
-    assert received.note_sample(ID, 1) is SampleOrigin.RECREATED
-    assert received.note_sample(9, 2) is SampleOrigin.FORMER
+    assert received.note_sample(ID, 1, now=0) is SampleOrigin.RECREATED
+    assert received.note_sample(9, 2, now=0) is SampleOrigin.FORMER
 
 
 def test_a_stream_that_was_chosen_in_place_of_the_one_so_far() -> None:
     received = ReceivedWatermarks()
-    received.note_sample(ID, 5)
+    received.note_sample(ID, 5, now=0)
     assert received.expect(ID) is SampleOrigin.SAME
     assert received.expect(9) is SampleOrigin.RECREATED
-    assert received.note_sample(9, 1) is SampleOrigin.SAME
+    assert received.note_sample(9, 1, now=0) is SampleOrigin.SAME
     # The one so far may come again, as its last samples may still be on their way.
-    assert received.note_sample(ID, 6) is SampleOrigin.RECREATED
+    assert received.note_sample(ID, 6, now=0) is SampleOrigin.RECREATED
     assert received.expect(9) is SampleOrigin.FORMER
+
+
+def test_a_stream_that_was_replaced_by_late_samples_of_its_predecessor() -> None:
+    """An engine that was stopped sends on, until it hears that another one makes its stream."""
+    received = ReceivedWatermarks()
+    received.expect(9)
+    received.note_sample(9, 1, now=0)
+    assert received.note_sample(ID, 70, now=1) is SampleOrigin.RECREATED
+    assert received.note_sample(9, 2, now=2) is SampleOrigin.FORMER
+    # A watermark or a sample shows that the stream taken for the present one is still made.
+    received.note_watermark(ID, 70, 50)
+    assert received.note_sample(9, 3, now=REPAIR_NS + 2) is SampleOrigin.FORMER
+    assert received.note_sample(ID, 71, now=REPAIR_NS + 3) is SampleOrigin.SAME
+    assert received.note_sample(9, 4, now=REPAIR_NS + 4) is SampleOrigin.FORMER
+    assert received.note_sample(9, 5, now=2 * REPAIR_NS + 3) is SampleOrigin.FORMER
+    assert received.expect(9) is SampleOrigin.FORMER
+    assert received.note_sample(9, 6, now=2 * REPAIR_NS + 4) is SampleOrigin.RECREATED
+    assert received.note_sample(9, 7, now=2 * REPAIR_NS + 5) is SampleOrigin.SAME
+    assert received.note_sample(ID, 72, now=2 * REPAIR_NS + 5) is SampleOrigin.FORMER
+    assert received.expect(9) is SampleOrigin.SAME
 
 
 @given(st.lists(st.booleans(), max_size=12), st.integers(0, 6), st.data())

@@ -77,7 +77,10 @@ class ReceivedWatermarks:
     """The watermarks of a topic, each held until the samples before it have been received.
 
     A topic may get another stream: its engine was restarted, another one makes it, or a person has
-    replaced it. From then on, samples and watermarks of the former stream are refused.
+    replaced it. From then on, samples and watermarks of the former stream are refused. An engine
+    that was stopped may send the last samples of a former stream after the first ones of its
+    successor, so which of two streams is the later one is a guess. A former stream is therefore
+    taken again once nothing else was received for `REPAIR_NS`.
     """
 
     def __init__(self) -> None:
@@ -85,6 +88,8 @@ class ReceivedWatermarks:
         self._stream_id = 0
         self._is_expected = False
         self._former: set[int] = set()
+        # When the first sample of a former stream was refused since a sign of the present one.
+        self._refused_since: int | None = None
         self._number: int | None = None
         self._held: _Watermark | None = None
         self._overtaken = 0
@@ -102,15 +107,24 @@ class ReceivedWatermarks:
             return SampleOrigin.SAME
         origin = SampleOrigin.RECREATED if self._stream_id else SampleOrigin.SAME
         self._stream_id, self._held, self._is_expected = stream_id, None, True
-        self._number, self._overtaken = None, 0
+        self._number, self._overtaken, self._refused_since = None, 0, None
         return origin
 
-    def note_sample(self, stream_id: int, number: int) -> SampleOrigin:
-        """Record the receipt of a sample; a publisher that is no engine has the id 0."""
+    def note_sample(self, stream_id: int, number: int, now: int) -> SampleOrigin:
+        """Record the receipt of a sample.
+
+        Args:
+            stream_id: of the sample; 0 if its publisher is no engine.
+            number: of the sample within its stream.
+            now: the time of a steady clock, in nanoseconds.
+        """
         if stream_id == 0:
             return SampleOrigin.SAME
         if stream_id in self._former:
-            return SampleOrigin.FORMER
+            if not self._is_alone(now):
+                return SampleOrigin.FORMER
+            self._former.remove(stream_id)
+        self._refused_since = None
         origin = SampleOrigin.SAME
         if stream_id != self._stream_id:
             if self._stream_id:
@@ -132,7 +146,14 @@ class ReceivedWatermarks:
         if stream_id != self._stream_id:
             return False
         self._held, self._is_expected = _Watermark(number, watermark), False
+        self._refused_since = None
         return self._is_overtaking
+
+    def _is_alone(self, now: int) -> bool:
+        """Return True if only samples of former streams have been received for long."""
+        if self._refused_since is None:
+            self._refused_since = now
+        return now - self._refused_since >= REPAIR_NS
 
     def lost(self, now: int) -> int:
         """Return the number of samples before the watermark that are lost; 0 while they may come.

@@ -50,7 +50,7 @@ def test_samples_that_wait_in_a_busy_node_are_not_lost(
     monkeypatch.setattr(topic_feed, 'monotonic_ns', lambda: next(times))
     listener, node = Listener(), cast('Any', None)
     feed = TopicFeed(topics, node, '/far', None, None, (cast('Any', listener),))
-    feed.watermarks.note_sample(ID, 1)
+    feed.watermarks.note_sample(ID, 1, now=0)
     for _ in range(PATIENCE):
         feed.vouch(StreamWatermark(stream_id=ID, number=4), 0)
     assert listener.lost == lost

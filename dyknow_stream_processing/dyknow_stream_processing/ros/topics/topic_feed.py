@@ -190,7 +190,7 @@ class TopicFeed:
 
     def _admits(self, sample: Any) -> bool:
         """Return False for a sample of a stream that another one has replaced on the topic."""
-        origin = self.watermarks.note_sample(sample.stream_id, sample.number)
+        origin = self.watermarks.note_sample(sample.stream_id, sample.number, monotonic_ns())
         if origin is SampleOrigin.RECREATED and not self.is_recreated:
             self._on_gap(0)
         return origin is not SampleOrigin.FORMER
