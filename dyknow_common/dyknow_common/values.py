@@ -67,7 +67,7 @@ class Alternatives(str):
 
     __slots__ = ('is_interval', 'reason', 'values')
 
-    _exist: ClassVar[bool] = False
+    exist: ClassVar[bool] = False
     """True once this process has made one: until then, none is among any values."""
 
     is_interval: bool
@@ -89,7 +89,7 @@ class Alternatives(str):
         if not 1 < len(values) <= MAX_ALTERNATIVES or not {*map(type, values)} <= types:
             raise ValueError(text)
         made = super().__new__(cls, text)
-        Alternatives._exist = True
+        Alternatives.exist = True
         made.values, made.reason, made.is_interval = values, reason, is_interval
         return made
 
@@ -136,7 +136,7 @@ class Alternatives(str):
     @staticmethod
     def are_among(values: Iterable[Value]) -> bool:
         """Return True if one of some values has alternatives."""
-        return Alternatives._exist and Alternatives in map(type, values)
+        return Alternatives.exist and Alternatives in map(type, values)
 
 
 def earliest(fields: Mapping[_Key, Value]) -> dict[_Key, Value]:

@@ -87,7 +87,7 @@ class FormulaGroup:
 
     def __init__(self, limits: FormulaLimits = DEFAULT_LIMITS) -> None:
         self._limits = limits
-        # For each formula, the number of its parts: in its text, and for all objects after `begin`.
+        # The parts of each formula: of its text, and of it for all objects after `begin`.
         self._sizes: dict[int, int] = {}
         self._ids = count(1)
         self._formulas: dict[int, NamedFormula] = {}
@@ -106,8 +106,10 @@ class FormulaGroup:
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
         self._domains: Domains = {}
-        self._monitor: InstanceMonitor | None = None
         self._remainders: Remainders | None = None
+        self._monitor: InstanceMonitor | None = None
+        self._alone: InstanceMonitor | None = None
+        """The monitor, if nothing else depends on the states."""
 
     @property
     def formulas(self) -> Mapping[int, NamedFormula]:
@@ -244,6 +246,7 @@ class FormulaGroup:
         check_size(formula_size(formula, self._counts), self._limits)
         instances = self._instances_of(formula, self._domains)
         histories.keep(formula, instances, check_types(formula, text))
+        self._alone = None
 
     @property
     def keeps_history(self) -> bool:
@@ -269,8 +272,15 @@ class FormulaGroup:
             valid_time: the valid time of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
-        if Alternatives.are_among(values.values()):
-            return self._progress_alternatives(valid_time, values)
+        if Alternatives.exist:
+            if Alternatives.are_among(values.values()):
+                return self._progress_alternatives(valid_time, values)
+        elif self._alone is not None:
+            try:
+                outcomes = self._alone.progress(valid_time, values)
+            except ReasoningError as error:
+                return self.fail(error, valid_time)
+            return self._results_of(outcomes, valid_time, values) if outcomes else []
         return self._progress(valid_time, values, values)
 
     def _progress_alternatives(self, valid_time: int, values: Values) -> list[FormulaResult]:
@@ -294,24 +304,27 @@ class FormulaGroup:
     ) -> list[FormulaResult]:
         """Progress over values without alternatives, and those that met some over the `given`."""
         monitor, possible = self._monitor or self._begun(), self._possible
+        results = self._results_of_known() if self._known else []
         if possible.waiting and (met := possible.met(values)):
             self._take_as_possible(met, monitor)
-        if self._margins.running:
+        if margins := self._margins.running:
             self._margins.progress(valid_time, values)
-        if monitor.histories.registers or monitor.histories.memories:
+        if looks_back := monitor.histories.registers or monitor.histories.memories:
             values = monitor.histories.extended(valid_time, values)
         try:
             outcomes: Mapping[int, Outcome | PossibleVerdict] = monitor.progress(valid_time, values)
         except ReasoningError as error:
-            return self.fail(error, valid_time)
+            return results + self.fail(error, valid_time)
         standing = self.standing
         if standing.formulas and (failures := standing.progress(valid_time, values, omitted)):
             outcomes = {**outcomes, **failures}
         if possible.formulas:
             outcomes = {**outcomes, **possible.progress(valid_time, given)}
-        if outcomes or self._known:
-            return self._results_of_known() + self._results_of(outcomes, valid_time, values)
-        return []
+        if outcomes:
+            return results + self._results_of(outcomes, valid_time, values)
+        others = margins or looks_back or standing.formulas or possible.waiting or possible.formulas
+        self._alone = None if others else monitor
+        return results
 
     def progress_many(
         self, valid_times: Iterable[int], columns: Mapping[str, Iterable[Any]]
@@ -327,13 +340,12 @@ class FormulaGroup:
         """
         monitor = self._begun()
         recording = Recording.read(valid_times, columns)
-        usable = recording.increasing(monitor.latest)
-        results = self._results_of_known() if len(usable) else []
         one_by_one = self.standing.formulas or self._margins.running
         if one_by_one or not self._possible.are_known(recording.columns):
-            for time, values in recording.rows(recording.columns.keys()):
-                results += self.progress(time, values)
-            return results
+            rows = recording.rows(recording.columns.keys())
+            return list(chain.from_iterable(self.progress(*each) for each in rows))
+        usable = recording.increasing(monitor.latest)
+        results = self._results_of_known() if len(usable) else []
         if monitor.histories.registers or monitor.histories.memories:
             usable = monitor.histories.extended_recording(usable)
         for index, outcomes in monitor.progress_many(usable):
@@ -473,6 +485,7 @@ class FormulaGroup:
         instances = histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
         self._undecided.add(formula_id)
+        self._alone = None
         self._watched.watch(formula_id, named, instances, self._domains)
         if named.every_state:
             given = formula_id, named, self._counts, instances, histories, self._limits
@@ -582,7 +595,6 @@ class FormulaGroup:
 
 def _reason(formula: Formula, verdict: Verdict) -> VerdictReasons:
     """Return the reason of a verdict that needs no state."""
-    symbols = symbols_of(formula)
-    sorts = dict.fromkeys(each.name for each in symbols if each.kind is SymbolKind.SORT)
+    sorts = dict.fromkeys(s.name for s in symbols_of(formula) if s.kind is SymbolKind.SORT)
     objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
     return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')

@@ -178,3 +178,10 @@ def test_recordings_have_the_same_margins(formula: Formula, steps: list, first: 
     found += many.progress_many(times[first:], {'x': column[first:]})
     assert [each.margin for each in found] == [each.margin for each in results]
     assert many.margin(many_id) == group.margin(formula_id)
+
+
+@pytest.mark.parametrize('is_recorded', [False, True])
+def test_the_margin_of_a_formula_that_needs_no_state_is_not_known(*, is_recorded: bool) -> None:
+    group, _ = group_of('forall x in S: x = x', {'S': OBJECTS})
+    [result] = group.progress_many([1, 2], {}) if is_recorded else group.progress(1, {})
+    assert (result.verdict, result.margin) == (Verdict.TRUE, Margin())

@@ -63,6 +63,8 @@ class InstanceMonitor:
         # The instances that begin with the next state.
         self._new: list[InstanceState] = []
         self._pool = InstancePool(self._shared_vectors)
+        # True if all instances are progressed individually, and nothing precedes the next state.
+        self._is_settled = False
         # The time before which states like earlier ones change nothing.
         self._wakes_at = -inf
         # True if a formula may be near the node limit.
@@ -76,7 +78,7 @@ class InstanceMonitor:
             instances: its instances; those that need no state are ignored.
             kinds: the kinds of its features.
         """
-        self._wakes_at = -inf
+        self._is_settled = False
         for order, each in enumerate(instances):
             node = each.node
             if type(node) is Constant:
@@ -104,7 +106,7 @@ class InstanceMonitor:
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
-        self._gap_follows, self._wakes_at = self.latest is not None, -inf
+        self._gap_follows, self._is_settled = self.latest is not None, False
         self.histories.gap()
 
     def progress(self, valid_time: int, values: Values) -> Outcomes:
@@ -119,15 +121,34 @@ class InstanceMonitor:
         Raises:
             ReasoningError: if the valid time is not later than the latest state's.
         """
+        latest = self.latest
+        if latest is None or latest >= valid_time or not self._is_settled:
+            return self._progress_unsettled(valid_time, values)
+        singles = self._pool.singles
+        try:
+            if valid_time < self._wakes_at:
+                for single in singles:
+                    if single.read(values) not in single.idle:
+                        break
+                else:
+                    self.latest = valid_time
+                    return _NO_OUTCOMES
+            symbols = [single.read(values) for single in singles]
+        except ReasoningError:
+            return self._progress_unsettled(valid_time, values)
+        outcomes = self._step((symbols, ()), valid_time, valid_time - latest)
+        return _by_id(outcomes) if outcomes else _NO_OUTCOMES
+
+    def _progress_unsettled(self, valid_time: int, values: Values) -> Outcomes:
+        """Do the same where instances begin, join, cross a gap or cannot read the values."""
         latest = valid_time if self.latest is None else self.latest
         elapsed = valid_time - latest
         if elapsed <= 0 and self.latest is not None:
             raise late_state(valid_time, latest)
-        joins = self._pool.apart and self._pool.may_join()
-        is_quiet = valid_time < self._wakes_at and not joins and self._changes_nothing(values)
-        if is_quiet or not self._aggregation:
+        if not self._aggregation:
             self.latest = valid_time
             return _NO_OUTCOMES
+        joins = self._pool.apart and self._pool.may_join()
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
         crossed = self._cross_gap(Gap(latest, valid_time)) if self._gap_follows else _NO_OUTCOMES
         if self._new or joins:
@@ -139,6 +160,7 @@ class InstanceMonitor:
         except (UnreadableError, ReasoningError):
             symbols, unreadable = self._read_apart(values, latest)
             failures = {**failures, **unreadable}
+        self._is_settled = not (self._pool.batches or self._pool.apart)
         outcomes = self._step(symbols, valid_time, elapsed)
         if outcomes or failures or crossed:
             return {**crossed, **_by_id({**failures, **outcomes})}
@@ -171,7 +193,7 @@ class InstanceMonitor:
             # Where blocks cannot be completed, smaller ones waste less work.
             size = min(2 * size, _MOST_STATES) if reached == end else max(size // 8, _FEWEST_STATES)
             index = reached
-        self._wakes_at = -inf
+        self._is_settled = False
         self.latest = recording.time(-1) if count else self.latest
 
     def _read_apart(self, values: Values, latest: int) -> tuple[Symbols, dict[int, ReasoningError]]:
@@ -183,16 +205,6 @@ class InstanceMonitor:
         failures = self._pool.errors(values)
         self.remove(failures)
         return self._pool.read(values), failures
-
-    def _changes_nothing(self, values: Values) -> bool:
-        """Return True if the truth of the atoms changes nothing, as at states before."""
-        try:
-            for each in self._pool.singles:
-                if each.read(values) not in each.idle:
-                    return False
-        except ReasoningError:
-            return False
-        return True
 
     def _refused(self) -> Mapping[int, Outcome]:
         """Remove undecided formulas that begin now and cannot; return their errors."""
@@ -268,7 +280,7 @@ class InstanceMonitor:
         pool = self._pool
         singles, batches = symbols
         verdicts: list[InstanceVerdict] = []
-        wakes_at: float = -inf if batches else inf
+        wakes_at: float = inf
         for single, symbol in zip(pool.singles, singles):  # noqa: B905 - strict is slower
             verdict = single.step(symbol & single.mask, now, elapsed)
             if verdict:
@@ -350,7 +362,7 @@ class InstanceMonitor:
         self._is_large = any(template.is_large for template in self._templates.values())
 
     def _remove(self, formulas: Collection[int], instances: Iterable[FormulaInstance] = ()) -> None:
-        self._wakes_at = -inf
+        self._is_settled = False
         self._pool.remove(formulas, instances)
         self._new = [each for each in self._new if each.instance.formula_id not in formulas]
 

@@ -141,9 +141,10 @@ class InstancePool:
             UnreadableError: if the values of a batch do not fit into vectors.
             ReasoningError: for unusable values of an individual instance.
         """
+        batches: Sequence[Array] = ()
         if self.batches:
             self.fields.load(values)
-        batches = [batch.symbols() for batch in self.batches]
+            batches = [batch.symbols() for batch in self.batches]
         return [single.read(values) for single in self.singles], batches
 
     def sizes(self) -> Mapping[int, int]:

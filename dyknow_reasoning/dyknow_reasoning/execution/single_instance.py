@@ -91,9 +91,14 @@ class SingleInstance:
             previous = now - elapsed
             moment = DecidingMoment.of(self.state, symbol, now, previous)
             return InstanceVerdict(self.instance, target.verdict, moment)
-        if target is not location:
+        self.location, self.clocks = target, move.select(times)
+        if move.is_alike:
+            # Often the next state is like this one.
+            self.idle = frozenset((symbol,))
+            self.wakes_at = wake_time(target, symbol, (*self.clocks, now))
+        else:
+            self.wakes_at = -inf
             self._enter(target, location, now)
-        self.location, self.clocks, self.wakes_at = target, move.select(times), -inf
         return None
 
     def _rest(self, symbol: int, now: int, wakes_at: float) -> None:

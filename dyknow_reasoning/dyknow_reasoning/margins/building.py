@@ -40,7 +40,7 @@ from dyknow_reasoning.language.terms import Feature, FieldReference, Truth, Vari
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.language.uncertain_features import asks_for_probability
 from dyknow_reasoning.language.writing import as_written
-from dyknow_reasoning.margins.comparisons import AtomMargins
+from dyknow_reasoning.margins.comparisons import AtomMargins, StateReader
 from dyknow_reasoning.margins.operators import (
     ExtremumMargin,
     JunctionMargin,
@@ -155,7 +155,7 @@ class MarginBuilder:
     def __init__(
         self, kinds: Kinds, domains: Domains, limit: int, links: LinkReader | None = None
     ) -> None:
-        self.signals: list[AtomMargins | LinkSignal] = []
+        self.signals: list[StateReader] = []
         self.atoms: list[str] = []
         self.fields: set[str] = set()
         self.past: list[Comparison] = []

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from itertools import product
 from math import inf, isfinite, isnan
 from operator import itemgetter
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias, cast
 
 import numpy as np
 
@@ -45,8 +45,27 @@ _DISTANCES: dict[str, Callable[[Any, Any], Any]] = {
     '!=': lambda left, right: abs(left - right),
 }
 
+_MAX_FIELDS = 256
+"""The most fields for which code is generated, as Python compiles it recursively."""
+
 _EXACT_LIMIT = 1 << 53
 """Integers up to this one are exact as floats."""
+
+
+class StateReader(Protocol):
+    """What the operators of a formula need of a state."""
+
+    def read(self, values: Values) -> Any:
+        """Return it; raise `UNUSABLE`."""
+
+    def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:
+        """Return it, or a bound of it where the values are unusable.
+
+        Args:
+            values: of the features; an UnknownValueError for one that is unknown.
+            unknown: the least or the greatest margin, of which a bound is returned.
+            range_of: returns the bounds of an unknown feature.
+        """
 
 
 class AtomMargins:
@@ -60,6 +79,8 @@ class AtomMargins:
 
     Attributes:
         read: returns the margin at a state.
+        limits: what each atom compares, if it is of the commonest form.
+        numbers: the numbers of the atoms.
     """
 
     def __init__(
@@ -70,21 +91,16 @@ class AtomMargins:
             _reader(atom, kinds, limit, number, positive=positive)
             for atom, limit, number in zip(atoms, limits, numbers, strict=True)
         ]
+        self.limits = limits
         self._readers = readers
         self._bounded = [_bounded(atom, kinds, positive=positive) for atom in atoms]
-        self._numbers = numbers
+        self.numbers = numbers
         self.read = readers[0] if len(readers) == 1 else _array_reader(readers, limits, numbers)
 
     def read_usable(self, values: Values, unknown: Robustness, range_of: RangeOf) -> Any:
-        """Return the margin at a state, or a bound of it where the values are unusable.
-
-        Args:
-            values: of the features; an UnknownValueError for one that is unknown.
-            unknown: the least or the greatest margin, of which a bound is returned.
-            range_of: returns the bounds of an unknown feature.
-        """
+        """Return the margin at a state, or a bound of it where the values are unusable."""
         found = []
-        for read, bounds, number in zip(self._readers, self._bounded, self._numbers, strict=True):
+        for read, bounds, number in zip(self._readers, self._bounded, self.numbers, strict=True):
             try:
                 found.append(read(values))
             except UNUSABLE:
@@ -93,6 +109,40 @@ class AtomMargins:
                 infinite = HIGHEST if bound > 0 else LOWEST
                 found.append((bound, number) if isfinite(bound) else infinite)
         return found[0] if len(found) == 1 else vector(found)
+
+
+def signals_reader(signals: Sequence[StateReader]) -> Callable[[Values], Sequence[Any]]:
+    """Return a function that returns all signals at a state; it raises `UNUSABLE`.
+
+    It is generated code, which reads each field once. Unusual values are left to the signals.
+    """
+    names: dict[str, Any] = {f'read_{index}': each.read for index, each in enumerate(signals)}
+    margins = [f'{each}(values)' for each in names]
+    fields: dict[str, str] = {}
+    for index, each in enumerate(signals):
+        if isinstance(each, AtomMargins) and len(each.limits) == 1 and (limit := each.limits[0]):
+            field = fields.setdefault(limit.field, f'field_{len(fields)}')
+            names[f'number_{index}'] = float(limit.number)
+            sides = (field, f'number_{index}') if limit.is_above else (f'number_{index}', field)
+            margins[index] = f'({" - ".join(sides)}, {each.numbers[0]})'
+    if not 0 < len(fields) <= _MAX_FIELDS:
+        return lambda values: [each.read(values) for each in signals]
+    reads = '; '.join(f'{field} = values[{name!r}]' for name, field in fields.items())
+    unusual = ' or '.join(
+        f'type({each}) is not float or {each} != {each}' for each in fields.values()
+    )
+    names['careful'] = lambda values: [each.read(values) for each in signals]
+    exec(  # noqa: S102 - built from checked parts
+        f"""
+def read(values):
+    try: {reads}
+    except KeyError: return careful(values)
+    if {unusual}: return careful(values)
+    return [{', '.join(margins)}]
+""",
+        names,
+    )
+    return cast('Callable[[Values], Sequence[Any]]', names['read'])
 
 
 def _bounded(

@@ -19,7 +19,7 @@ from dyknow_common import Margin
 from dyknow_reasoning.language.formula import Comparison, Formula
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.building import MarginBuilder
-from dyknow_reasoning.margins.comparisons import UNUSABLE
+from dyknow_reasoning.margins.comparisons import UNUSABLE, signals_reader
 from dyknow_reasoning.margins.operators import Assumption, MarginOperator, Signals
 from dyknow_reasoning.margins.robustness import (
     HIGHEST,
@@ -119,7 +119,7 @@ class BoundedMargins(ABC):
         self._steps: list[Step] = []
         self._most = min(_MAX_STEPS, 1 + _MAX_WORK // builder.operators)
         self.fields = builder.fields
-        self._signals = builder.signals
+        self._signals, self._read = builder.signals, signals_reader(builder.signals)
         self._atoms = builder.atoms
         self._latest: int | None = None
         self._gap_follows = False
@@ -134,7 +134,7 @@ class BoundedMargins(ABC):
         if self._past is not None:
             values = self._past.extended(valid_time, values)
         try:
-            signals = [each.read(values) for each in self._signals]
+            signals = self._read(values)
         except UNUSABLE:
             self._process_unusable(valid_time, values)
             return

@@ -262,12 +262,14 @@ def _location(node: Node, clocks: int, *, is_fresh: bool) -> Location:
 
 
 def wake_time(location: Location, symbol: int, times: Times) -> float:
-    """Return the time before which states with the same truth of the atoms change nothing.
+    """Return the time before which states with some truth of the atoms change nothing.
+
+    Return the present time if such a state changes something, or its move is not known.
 
     Args:
-        location: at which the present state changes nothing.
+        location: of the present time.
         symbol: the truth of the atoms.
-        times: the clocks, and the time of the present state, in nanoseconds.
+        times: the clocks, and the present time, in nanoseconds.
     """
     found: float = inf
     decision, now = location.moves.get(symbol), location.clocks
@@ -281,7 +283,7 @@ def wake_time(location: Location, symbol: int, times: Times) -> float:
             if later == now:
                 found = min(found, times[earlier] + more_than + 1)
             decision = decision.no
-    return found
+    return found if type(decision) is Move and decision.is_idle else times[now]
 
 
 def _followed(decisions: Mapping[int, Decision], symbol: int, times: Times) -> Move | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias, cast
 
+from dyknow_common import Value
 from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
 from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Term, TextLiteral
 from dyknow_reasoning.language.type_checking import Kind, Kinds
@@ -79,7 +80,7 @@ class _ReaderCode:
         bits = []
         for slot, holds in predicates.items():
             text = self._atom(atoms[slot]) or f'{self._name(holds)}(values)'
-            bits.append(f'({text}) << {slot}' if slot else f'({text})')
+            bits.append(f'({1 << slot} if {text} else 0)')
         careful = careful_reader(predicates)
         fields = self._fields.items()
         if not fields:
@@ -119,10 +120,18 @@ def read(values):
         kind = _kind(term, self._kinds)
         if isinstance(term, Feature | FieldReference) and kind:
             return self._field(term, kind)
-        return self._name(term.value if isinstance(term, Number | TextLiteral) else None)
+        return self._name(_literal(term))
 
     def _field(self, term: Feature | FieldReference | PastAtom, kind: Kind) -> str:
         return self._fields.setdefault((field_name(term), kind), f'value_{len(self._fields)}')
+
+
+def _literal(term: Term) -> Value | None:
+    """Return the value of a literal; a number as a float if it is exact, as most values are."""
+    if isinstance(term, Number):
+        is_exact = abs(term.value) < 1 << 53 or isinstance(term.value, float)
+        return float(term.value) if is_exact else term.value
+    return term.value if isinstance(term, TextLiteral) else None
 
 
 def _kind(term: Term, kinds: Kinds) -> Kind | None:
