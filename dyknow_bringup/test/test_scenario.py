@@ -2,10 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from dyknow_bringup.errors import BringupError
 from dyknow_bringup.simulation.scenario import Scenario, load_scenario
 from dyknow_common import NANOSECONDS, ExitCode
-from dyknow_configuration import RequestedFormula
+from dyknow_configuration import ConfigurationError, RequestedFormula
 
 BAD = sorted((Path(__file__).parent / 'bad_scenarios').glob('*.yaml'))
 
@@ -51,7 +50,7 @@ def test_every_scenario_says_how_every_formula_ends(
 
 @pytest.mark.parametrize('path', BAD, ids=[path.stem for path in BAD])
 def test_a_bad_scenario_is_explained(path: Path) -> None:
-    with pytest.raises(BringupError) as error:
+    with pytest.raises(ConfigurationError) as error:
         load_scenario(path)
     message = str(error.value).replace(f'{path.parent}/', '')
     assert message == path.with_suffix('.expected').read_text(encoding='utf-8').strip()
@@ -62,16 +61,11 @@ def test_there_are_bad_scenarios() -> None:
 
 
 def test_a_scenario_that_is_not_there(share: Path) -> None:
-    with pytest.raises(BringupError) as error:
+    with pytest.raises(ConfigurationError, match=r'cannot read .*nominall\.yaml') as error:
         load_scenario(share / 'scenarios' / 'nominall.yaml')
     assert error.value.code == ExitCode.NOT_FOUND
-    assert str(error.value).endswith(
-        'nominall.yaml: no such file '
-        '(there are: delivery, geofence, gps_loss, near_miss, nominal, '
-        'power_surge, telemetry_loss, windy_delivery)'
-    )
 
 
 def test_a_folder_is_no_scenario(share: Path) -> None:
-    with pytest.raises(BringupError, match='cannot read'):
+    with pytest.raises(ConfigurationError, match='cannot read'):
         load_scenario(share)

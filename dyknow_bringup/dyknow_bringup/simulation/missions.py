@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from dyknow_bringup.document import YamlEntry, read_document
+from dyknow_configuration import YamlValue, read_yaml
 from dyknow_coordinator import Holds, Plan, PlanAction, PlanFormula
 
 
@@ -36,17 +37,15 @@ def load_mission(path: Path) -> Mission:
     """Return the mission of a YAML file.
 
     Raises:
-        BringupError: if the file is not a mission; the message names the key and the correction.
+        ConfigurationError: if the file is not a mission; the message shows the place of the fault.
     """
-    entries = read_document(path).record(('name', 'actions'), {'formulas': []})
-    actions = [
-        action.record(('name', 'goal', 'within'), {'formulas': []})
-        for action in entries['actions'].items()
-    ]
+    values = read_yaml(path).mapping(('name', 'actions', 'formulas'), ('name', 'actions'))
+    keys = 'name', 'goal', 'within'
+    actions = [each.mapping((*keys, 'formulas'), keys) for each in values['actions'].items()]
     plan = Plan(
-        name=entries['name'].text(),
+        name=values['name'].text(),
         actions=tuple(PlanAction(each['name'].text(), _formulas(each)) for each in actions),
-        formulas=_formulas(entries),
+        formulas=_formulas(values),
     )
     tasks = (
         Task(each['name'].text(), each['goal'].text(), each['within'].duration())
@@ -55,16 +54,14 @@ def load_mission(path: Path) -> Mission:
     return Mission(plan, tuple(tasks))
 
 
-def _formulas(entries: dict[str, YamlEntry]) -> tuple[PlanFormula, ...]:
-    return tuple(_formula(entry) for entry in entries['formulas'].items())
+def _formulas(values: Mapping[str, YamlValue]) -> tuple[PlanFormula, ...]:
+    return tuple(map(_formula, values['formulas'].items())) if 'formulas' in values else ()
 
 
-def _formula(entry: YamlEntry) -> PlanFormula:
+def _formula(value: YamlValue) -> PlanFormula:
+    values = value.mapping(('name', 'formula', 'holds'), ('name', 'formula'))
     known = {each.name.lower(): each for each in Holds}
-    entries = entry.record(('name', 'formula'), {'holds': Holds.WHILE_EXECUTING.name.lower()})
-    holds = entries['holds'].text()
-    if holds not in known:
-        raise entries['holds'].error(
-            f"a formula cannot hold '{holds}'; write one of {', '.join(known)}"
-        )
-    return PlanFormula(entries['name'].text(), entries['formula'].text(), known[holds])
+    holds = Holds.WHILE_EXECUTING
+    if 'holds' in values:
+        holds = known[values['holds'].choice('time of a formula', known)]
+    return PlanFormula(values['name'].text(), values['formula'].text(), holds)

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from dyknow_bringup.document import Point, YamlEntry, read_document
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.simulation.telemetry import Channel
-from dyknow_bringup.simulation.vehicle import FlightPlan, Vector, Waypoint
-from dyknow_common import NANOSECONDS, ExitCode, Verdict
+from dyknow_bringup.simulation.vehicle import FlightPlan, Point, Vector, Waypoint
+from dyknow_common import NANOSECONDS, ExitCode, Verdict, unknown
+from dyknow_configuration import YamlValue, read_yaml
 
 LANE_WIDTH: Final = 20.0
 """Distance between neighbouring lanes, in m; lanes run east."""
@@ -160,76 +161,114 @@ def load_scenario(path: Path) -> Scenario:
     """Return the scenario of a YAML file.
 
     Raises:
-        BringupError: if the file is not a scenario; the message names the key and the correction.
+        ConfigurationError: if the file is not a scenario; the message shows the place of the fault.
     """
-    entries = read_document(path).record(
-        required=('description', 'duration', 'seed', 'expected'),
-        optional={'vehicles': {}, 'gusts': [], 'telemetry_losses': [], 'gps_losses': []},
-    )
+    required = 'description', 'duration', 'seed', 'expected'
+    lists = 'gusts', 'telemetry_losses', 'gps_losses'
+    values = read_yaml(path).mapping((*required, 'vehicles', *lists), required)
+    gusts, losses, gps = (values[each].items() if each in values else [] for each in lists)
+    plans = values['vehicles'].entries('the plans of vehicles') if 'vehicles' in values else []
+    outcomes = values['expected'].entries('the outcomes of formulas')
     return Scenario(
         name=path.stem,
-        description=' '.join(entries['description'].text().split()),
-        duration=entries['duration'].duration(),
-        seed=entries['seed'].whole_number(),
-        plans={name: _plan(entry) for name, entry in entries['vehicles'].mapping().items()},
-        gusts=tuple(_gust(entry) for entry in entries['gusts'].items()),
-        telemetry_losses=tuple(
-            _telemetry_loss(entry) for entry in entries['telemetry_losses'].items()
-        ),
-        gps_losses=tuple(_gps_loss(entry) for entry in entries['gps_losses'].items()),
-        expected={
-            name: _expectation(entry) for name, entry in entries['expected'].mapping().items()
-        },
+        description=values['description'].line(),
+        duration=_duration(values['duration']),
+        seed=_seed(values['seed']),
+        plans={name.text(): _plan(value) for name, value in plans},
+        gusts=tuple(map(_gust, gusts)),
+        telemetry_losses=tuple(map(_telemetry_loss, losses)),
+        gps_losses=tuple(map(_gps_loss, gps)),
+        expected={name.text(): _expectation(value) for name, value in outcomes},
     )
 
 
-def _plan(entry: YamlEntry) -> FlightPlan:
-    entries = entry.record(('start', 'waypoints'))
-    waypoints = tuple(_waypoint(item) for item in entries['waypoints'].items())
-    return FlightPlan(entries['start'].point(), waypoints)
+def _plan(value: YamlValue) -> FlightPlan:
+    start, waypoints = _record(value, 'start', 'waypoints')
+    return FlightPlan(_point(start), tuple(map(_waypoint, waypoints.items())))
 
 
-def _waypoint(entry: YamlEntry) -> Waypoint:
-    entries = entry.record(('to', 'speed'))
-    speed = entries['speed'].number()
-    if speed <= 0:
-        raise entries['speed'].error(f'write a speed above 0 m/s instead of {speed:g}')
-    return Waypoint(entries['to'].point(), speed)
+def _waypoint(value: YamlValue) -> Waypoint:
+    place, speed = _record(value, 'to', 'speed')
+    if (found := _number(speed)) <= 0:
+        raise speed.error(f'write a speed above 0 m/s instead of {found:g}')
+    return Waypoint(_point(place), found)
 
 
-def _gust(entry: YamlEntry) -> Gust:
-    entries = entry.record(('vehicle', 'between', 'wind'))
-    begin, end = entries['between'].interval()
-    return Gust(entries['vehicle'].text(), begin, end, entries['wind'].point())
+def _gust(value: YamlValue) -> Gust:
+    vehicle, between, wind = _record(value, 'vehicle', 'between', 'wind')
+    return Gust(vehicle.text(), *_interval(between), _point(wind))
 
 
-def _telemetry_loss(entry: YamlEntry) -> TelemetryLoss:
-    entries = entry.record(('vehicle', 'channel', 'between'))
-    begin, end = entries['between'].interval()
-    channel = entries['channel']
-    if channel.text() not in tuple(Channel):
-        raise channel.error(f'no channel {channel.value!r}; the channels are {", ".join(Channel)}')
-    return TelemetryLoss(entries['vehicle'].text(), begin, end, Channel(channel.text()))
+def _telemetry_loss(value: YamlValue) -> TelemetryLoss:
+    vehicle, channel, between = _record(value, 'vehicle', 'channel', 'between')
+    found = Channel(channel.choice('channel', tuple(Channel)))
+    return TelemetryLoss(vehicle.text(), *_interval(between), found)
 
 
-def _gps_loss(entry: YamlEntry) -> Disturbance:
-    entries = entry.record(('vehicle', 'between'))
-    return Disturbance(entries['vehicle'].text(), *entries['between'].interval())
+def _gps_loss(value: YamlValue) -> Disturbance:
+    vehicle, between = _record(value, 'vehicle', 'between')
+    return Disturbance(vehicle.text(), *_interval(between))
 
 
-def _expectation(entry: YamlEntry) -> Expectation:
-    entries = entry.record(('outcome',), {'decided_between': None})
-    outcome = entries['outcome'].value
-    if isinstance(outcome, bool):  # In YAML, a bare true or false is a boolean.
-        outcome = str(outcome).lower()
+def _expectation(value: YamlValue) -> Expectation:
+    values = value.mapping(('outcome', 'decided_between'), ('outcome',))
+    outcome = values['outcome'].word()
     if outcome not in OUTCOMES:
-        raise entries['outcome'].error(
-            f'no outcome {outcome!r}; write one of {", ".join(OUTCOMES)}'
-        )
+        raise values['outcome'].error(unknown('outcome', outcome, OUTCOMES))
+    between = values.get('decided_between')
     if outcome == _UNDECIDED:
-        if 'decided_between' in entry.value:
-            raise entry.error("leave out 'decided_between': nothing is decided")
+        if between is not None:
+            raise between.error("leave out 'decided_between': nothing is decided")
         return Expectation(outcome, None)
-    if 'decided_between' not in entry.value:
-        raise entry.error("add the key 'decided_between'")
-    return Expectation(outcome, entries['decided_between'].interval())
+    if between is None:
+        raise value.error("add the key 'decided_between'")
+    return Expectation(outcome, _interval(between))
+
+
+def _record(value: YamlValue, *keys: str) -> list[YamlValue]:
+    """Return the values of a mapping that must have some keys, and no others."""
+    values = value.mapping(keys, keys)
+    return [values[key] for key in keys]
+
+
+def _seed(value: YamlValue) -> int:
+    found = value.plain()
+    if not isinstance(found, int) or isinstance(found, bool) or found < 0:
+        raise value.expected('a whole number from 0 on')
+    return found
+
+
+def _duration(value: YamlValue) -> int:
+    """Return a duration that is not negative, in nanoseconds."""
+    found = value.duration()
+    if found < 0:
+        raise value.error(f"'{value.text()}' is negative; write a duration from 0 s on")
+    return found
+
+
+def _interval(value: YamlValue) -> tuple[int, int]:
+    """Return two durations after the start, the earlier one first, in nanoseconds."""
+    begin, end = map(_duration, _elements(value, 2, 'two times, [from, to]'))
+    if end <= begin:
+        raise value.error('the interval is empty; write the earlier time first')
+    return begin, end
+
+
+def _point(value: YamlValue) -> Point:
+    x, y, z = map(_number, _elements(value, 3, 'three numbers, [x, y, z]'))
+    return x, y, z
+
+
+def _elements(value: YamlValue, count: int, description: str) -> list[YamlValue]:
+    found = value.items(description)
+    if len(found) != count:
+        raise value.error(f'write {description}; this has {len(found)}')
+    return found
+
+
+def _number(value: YamlValue) -> float:
+    """Return a finite number."""
+    found = value.number()
+    if not isfinite(found):
+        raise value.error('write a finite number')
+    return found

@@ -13,8 +13,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from dyknow_bringup.document import Point
-from dyknow_bringup.simulation.vehicle import CAPACITY, Vehicle, battery_load
+from dyknow_bringup.simulation.vehicle import CAPACITY, Point, Vehicle, battery_load
 from dyknow_common import NANOSECONDS, SECOND_NS
 
 _MS = NANOSECONDS['ms']

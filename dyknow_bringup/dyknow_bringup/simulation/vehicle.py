@@ -13,8 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_bringup.document import Point
 from dyknow_bringup.errors import BringupError
+
+Point = tuple[float, float, float]
+"""Coordinates or components along x, y and z."""
 
 Vector = NDArray[np.float64]
 """Three components, along x, y and z."""
