@@ -146,7 +146,7 @@ class InstanceMonitor:
         if elapsed <= 0 and self.latest is not None:
             raise late_state(valid_time, latest)
         if not self._aggregation:
-            self.latest = valid_time
+            self.latest, self._is_settled, self._wakes_at = valid_time, True, inf
             return _NO_OUTCOMES
         joins = self._pool.apart and self._pool.may_join()
         failures = self._refused() if self.histories.refused else _NO_OUTCOMES
