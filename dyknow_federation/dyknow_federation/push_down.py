@@ -15,7 +15,8 @@ What remains here is `v1 and v2 and v3`, each of which is
 
 A part contains an operator of time, and no operator of time contains it: so it begins when the
 formula begins, and is decided once. Its verdict is that of the same formula here, over the same
-samples, but for the bounds of the clocks: its host needs none.
+samples, but for the bounds of the clocks: its host needs none. What remains here does not know that
+two parts contradict each other, so its verdict may come later than that of the whole formula.
 """
 
 from __future__ import annotations

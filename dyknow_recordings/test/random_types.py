@@ -106,7 +106,20 @@ def messages(draw: Any) -> tuple[dict[str, list[Member]], list[Any], list[bytes]
         for message, order in zip(drawn, orders, strict=True)
     ]
     decoded = [store.deserialize_cdr(data, NAME) for data in serialised]
+    for message in decoded:
+        make_bytes_unsigned(message, made)
     return made, decoded, serialised
+
+
+def make_bytes_unsigned(message: Any, made: dict[str, list[Member]], name: str = 'Top') -> None:
+    """Make the bytes of a message numbers from 0 to 255, as in ROS; rosbags has signed ones."""
+    for i, member in enumerate(made[name]):
+        value = getattr(message, f'f{i}')
+        if member.kind in made:
+            for each in value if member.array else [value]:
+                make_bytes_unsigned(each, made, member.kind)
+        elif member.kind == 'byte':
+            setattr(message, f'f{i}', value.view(np.uint8) if member.array else value % 256)
 
 
 def all_values(message: Any, made: dict[str, list[Member]], name: str = 'Top') -> dict[str, Any]:
@@ -122,6 +135,5 @@ def all_values(message: Any, made: dict[str, list[Member]], name: str = 'Top') -
                 nested = all_values(item, made, member.kind)
                 found |= {f'{path}.{rest}': each for rest, each in nested.items()}
             else:
-                # The byte of ROS is an int from 0 to 255 in Python.
-                found[path] = int(item) % 256 if member.kind == 'byte' else item
+                found[path] = item
     return found

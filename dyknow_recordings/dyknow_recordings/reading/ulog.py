@@ -207,7 +207,9 @@ class _LoggedTopic:
         self.name = name
         self.message_type = f'px4/{data.name}'
         self._columns = data.data
-        types = {each.field_name: each.type_str for each in data.field_data}
+        # A damaged format may name a field that has no column.
+        known = (each for each in data.field_data if each.field_name in data.data)
+        types = {each.field_name: each.type_str for each in known}
         self._kinds = {path: _VALUE_TYPES.get(kind, ValueType.INT) for path, kind in types.items()}
         self.fields = _listed(self._kinds)
         stamps = data.data['timestamp'].astype(np.uint64)
