@@ -7,6 +7,7 @@ import pytest
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.resources import plan_path
 from dyknow_bringup.simulation.missions import Task, load_mission
+from dyknow_configuration import ConfigurationError
 from dyknow_coordinator import FormulaPosition, Holds, PlanExecution
 from dyknow_reasoning import check_types, parse_formula
 
@@ -25,18 +26,21 @@ def test_the_shipped_mission_is_valid() -> None:
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('name: p', "add the key 'actions'"),
-        ('{name: p, actions: [{name: a, goal: g}]}', "actions[0]: add the key 'within'"),
+        ('name: p', "mission.yaml:1:1: add the key 'actions'"),
+        (
+            '{name: p, actions: [{name: a, goal: g}]}',
+            "mission.yaml:1:21: add the key 'within'",
+        ),
         (
             '{name: p, actions: [], formulas: [{name: f, formula: g, holds: now}]}',
-            "formulas[0].holds: a formula cannot hold 'now'; write one of while_executing",
+            "mission.yaml:1:64: unknown time of a formula 'now'; use while_executing",
         ),
     ],
 )
 def test_an_invalid_mission(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / 'mission.yaml'
     path.write_text(text)
-    with pytest.raises(BringupError) as caught:
+    with pytest.raises(ConfigurationError) as caught:
         load_mission(path)
     assert words in str(caught.value)
 
