@@ -328,16 +328,18 @@ def test_two_robots_use_what_their_policy_permits(tmp_path: Path) -> None:
             stack.enter_context(running(line, environment))
         engines = {f'/{robot}/stream_processing_engine' for robot in ('robot1', 'robot2')}
 
-        def engines_are_watched() -> bool:
+        def missing() -> set[object]:
             recorder.look()
-            return not recorder.without_enclave and all(
+            watches = {
                 Use(f'{engine.rpartition("/")[0]}/{node}', 'subscribe', f'{engine}/_heartbeat')
-                in recorder.uses
                 for engine in engines
                 for node in ('stream_manager', 'stream_reasoning_coordinator')
-            )
+            }
+            return {*recorder.without_enclave, *(watches - recorder.uses)}
 
-        client.spin_until(engines_are_watched, 'the engines are watched', pause=POLL)
+        client.spin_until(
+            lambda: not missing(), 'the engines are watched', instead=missing, pause=POLL
+        )
     assert_permitted(recorder, rules(shipped))
 
 
