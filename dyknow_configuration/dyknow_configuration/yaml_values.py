@@ -244,6 +244,13 @@ class YamlValue:
             raise self.expected('a duration with a unit, such as 500 ms,')
         return self.read(parse_duration, self.text())
 
+    def non_negative_duration(self) -> int:
+        """Return a duration with a unit that is not negative, in nanoseconds."""
+        found = self.duration()
+        if found < 0:
+            raise self.error(f"'{self.text()}' is negative; write a duration from 0 s on")
+        return found
+
     def truth(self) -> bool:
         """Return true or false."""
         found = self.plain()

@@ -43,12 +43,14 @@ def load_mission(path: Path) -> Mission:
     keys = 'name', 'goal', 'within'
     actions = [each.mapping((*keys, 'formulas'), keys) for each in values['actions'].items()]
     plan = Plan(
-        name=values['name'].text(),
-        actions=tuple(PlanAction(each['name'].text(), _formulas(each)) for each in actions),
+        name=values['name'].line(),
+        actions=tuple(PlanAction(each['name'].line(), _formulas(each)) for each in actions),
         formulas=_formulas(values),
     )
     tasks = (
-        Task(each['name'].text(), each['goal'].text(), each['within'].duration())
+        Task(
+            each['name'].line(), each['goal'].text().strip(), each['within'].non_negative_duration()
+        )
         for each in actions
     )
     return Mission(plan, tuple(tasks))
@@ -64,4 +66,4 @@ def _formula(value: YamlValue) -> PlanFormula:
     holds = Holds.WHILE_EXECUTING
     if 'holds' in values:
         holds = known[values['holds'].choice('time of a formula', known)]
-    return PlanFormula(values['name'].text(), values['formula'].text(), holds)
+    return PlanFormula(values['name'].line(), values['formula'].text().strip(), holds)

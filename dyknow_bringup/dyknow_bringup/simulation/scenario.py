@@ -172,13 +172,13 @@ def load_scenario(path: Path) -> Scenario:
     return Scenario(
         name=path.stem,
         description=values['description'].line(),
-        duration=_duration(values['duration']),
+        duration=values['duration'].non_negative_duration(),
         seed=_seed(values['seed']),
-        plans={name.text(): _plan(value) for name, value in plans},
+        plans={name.line(): _plan(value) for name, value in plans},
         gusts=tuple(map(_gust, gusts)),
         telemetry_losses=tuple(map(_telemetry_loss, losses)),
         gps_losses=tuple(map(_gps_loss, gps)),
-        expected={name.text(): _expectation(value) for name, value in outcomes},
+        expected={name.line(): _expectation(value) for name, value in outcomes},
     )
 
 
@@ -196,23 +196,25 @@ def _waypoint(value: YamlValue) -> Waypoint:
 
 def _gust(value: YamlValue) -> Gust:
     vehicle, between, wind = _record(value, 'vehicle', 'between', 'wind')
-    return Gust(vehicle.text(), *_interval(between), _point(wind))
+    return Gust(vehicle.line(), *_interval(between), _point(wind))
 
 
 def _telemetry_loss(value: YamlValue) -> TelemetryLoss:
     vehicle, channel, between = _record(value, 'vehicle', 'channel', 'between')
     found = Channel(channel.choice('channel', tuple(Channel)))
-    return TelemetryLoss(vehicle.text(), *_interval(between), found)
+    return TelemetryLoss(vehicle.line(), *_interval(between), found)
 
 
 def _gps_loss(value: YamlValue) -> Disturbance:
     vehicle, between = _record(value, 'vehicle', 'between')
-    return Disturbance(vehicle.text(), *_interval(between))
+    return Disturbance(vehicle.line(), *_interval(between))
 
 
 def _expectation(value: YamlValue) -> Expectation:
     values = value.mapping(('outcome', 'decided_between'), ('outcome',))
-    outcome = values['outcome'].word()
+    found = values['outcome'].plain()
+    # In YAML, a bare true or false is a boolean.
+    outcome = str(found).lower() if isinstance(found, bool) else values['outcome'].text().strip()
     if outcome not in OUTCOMES:
         raise values['outcome'].error(unknown('outcome', outcome, OUTCOMES))
     between = values.get('decided_between')
@@ -238,17 +240,10 @@ def _seed(value: YamlValue) -> int:
     return found
 
 
-def _duration(value: YamlValue) -> int:
-    """Return a duration that is not negative, in nanoseconds."""
-    found = value.duration()
-    if found < 0:
-        raise value.error(f"'{value.text()}' is negative; write a duration from 0 s on")
-    return found
-
-
 def _interval(value: YamlValue) -> tuple[int, int]:
     """Return two durations after the start, the earlier one first, in nanoseconds."""
-    begin, end = map(_duration, _elements(value, 2, 'two times, [from, to]'))
+    times = _elements(value, 2, 'two times, [from, to]')
+    begin, end = (each.non_negative_duration() for each in times)
     if end <= begin:
         raise value.error('the interval is empty; write the earlier time first')
     return begin, end

@@ -32,6 +32,10 @@ def test_the_shipped_mission_is_valid() -> None:
             "mission.yaml:1:21: add the key 'within'",
         ),
         (
+            '{name: p, actions: [{name: a, goal: g, within: -5 s}]}',
+            "mission.yaml:1:48: '-5 s' is negative",
+        ),
+        (
             '{name: p, actions: [], formulas: [{name: f, formula: g, holds: now}]}',
             "mission.yaml:1:64: unknown time of a formula 'now'; use while_executing",
         ),

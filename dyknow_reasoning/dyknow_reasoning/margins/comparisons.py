@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from itertools import product
 from math import inf, isfinite, isnan
 from operator import itemgetter
-from typing import Any, NamedTuple, Protocol, TypeAlias, cast
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -21,9 +21,11 @@ from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Obj
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, vector
 from dyknow_reasoning.progression.atoms import (
+    MAX_GENERATED,
     NEGATED_COMPARISONS,
     NoStateBeforeError,
     Values,
+    generated_reader,
     predicate,
     term_reader,
 )
@@ -44,9 +46,6 @@ _DISTANCES: dict[str, Callable[[Any, Any], Any]] = {
     '=': lambda left, right: -abs(left - right),
     '!=': lambda left, right: abs(left - right),
 }
-
-_MAX_FIELDS = 256
-"""The most fields for which code is generated, as Python compiles it recursively."""
 
 _EXACT_LIMIT = 1 << 53
 """Integers up to this one are exact as floats."""
@@ -88,8 +87,8 @@ class AtomMargins:
     ) -> None:
         limits = [_limit(each, positive=positive) for each in atoms]
         readers = [
-            _reader(atom, kinds, limit, number, positive=positive)
-            for atom, limit, number in zip(atoms, limits, numbers, strict=True)
+            _reader(atom, kinds, number, positive=positive)
+            for atom, number in zip(atoms, numbers, strict=True)
         ]
         self.limits = limits
         self._readers = readers
@@ -125,24 +124,17 @@ def signals_reader(signals: Sequence[StateReader]) -> Callable[[Values], Sequenc
             names[f'number_{index}'] = float(limit.number)
             sides = (field, f'number_{index}') if limit.is_above else (f'number_{index}', field)
             margins[index] = f'({" - ".join(sides)}, {each.numbers[0]})'
-    if not 0 < len(fields) <= _MAX_FIELDS:
-        return lambda values: [each.read(values) for each in signals]
-    reads = '; '.join(f'{field} = values[{name!r}]' for name, field in fields.items())
+
+    def careful(values: Values) -> Sequence[Any]:
+        return [each.read(values) for each in signals]
+
+    if not 0 < len(fields) <= MAX_GENERATED:
+        return careful
     unusual = ' or '.join(
         f'type({each}) is not float or {each} != {each}' for each in fields.values()
     )
-    names['careful'] = lambda values: [each.read(values) for each in signals]
-    exec(  # noqa: S102 - built from checked parts
-        f"""
-def read(values):
-    try: {reads}
-    except KeyError: return careful(values)
-    if {unusual}: return careful(values)
-    return [{', '.join(margins)}]
-""",
-        names,
-    )
-    return cast('Callable[[Values], Sequence[Any]]', names['read'])
+    variables = {variable: field for field, variable in fields.items()}
+    return generated_reader(variables, unusual, f'[{", ".join(margins)}]', names, careful)
 
 
 def _bounded(
@@ -195,28 +187,13 @@ def _limit(atom: Atom, *, positive: bool) -> _Limit | None:
     return None
 
 
-def _reader(
-    atom: Atom, kinds: Kinds, limit: _Limit | None, number: int, *, positive: bool
-) -> MarginReader:
+def _reader(atom: Atom, kinds: Kinds, number: int, *, positive: bool) -> MarginReader:
     """Return the margin of an atom, or of its negation."""
     if not isinstance(atom, Comparison) or atom.operator in TEXT_COMPARISONS:
         return _truth(atom, kinds, positive=positive)
     operator = atom.operator if positive else NEGATED_COMPARISONS[atom.operator]
-    slow = _comparison(Comparison(operator, atom.left, atom.right), kinds, number)
-    if limit is None:
-        return _false_without_past(slow, positive=positive)
-    name, bound, is_above = limit
-
-    def read(values: Values) -> Robustness:
-        value = values.get(name)
-        if type(value) is float:
-            margin = value - bound if is_above else bound - value
-            if margin == margin:  # noqa: PLR0124 - not NaN
-                return margin, number
-        found: Robustness = slow(values)
-        return found
-
-    return read
+    margin = _comparison(Comparison(operator, atom.left, atom.right), kinds, number)
+    return _false_without_past(margin, positive=positive)
 
 
 def _false_without_past(margin: MarginReader, *, positive: bool) -> MarginReader:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
-from typing import Any, TypeAlias, cast
+from typing import Any, Final, TypeAlias, cast
 
 from dyknow_common import COMPARISONS, Value
 from dyknow_reasoning.errors import ReasoningError
@@ -73,6 +73,10 @@ POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
 """One comparison operator of each pair of opposites."""
 
 
+MAX_GENERATED: Final = 256
+"""The most atoms or fields for which code is generated, as Python compiles it recursively."""
+
+
 class NoStateBeforeError(Exception):
     """A value of the past is asked for where there was no state before."""
 
@@ -91,6 +95,37 @@ def evaluate(term: Term | Comparison, values: Values) -> Value:
     """Return the value of a term without variables; the state must hold its features."""
     found: Value = term_reader(term, {})(values)
     return found
+
+
+def generated_reader(
+    variables: Mapping[str, str],
+    unusual: str,
+    result: str,
+    names: Mapping[str, Any],
+    careful: Callable[[Values], Any],
+) -> Callable[[Values], Any]:
+    """Return a function of a state, of generated code that reads each field once.
+
+    Args:
+        variables: the fields, by the names of their variables in the code.
+        unusual: the condition under which `careful` reads the state, also if a field is missing.
+        result: the expression for the result.
+        names: what other names in the expressions stand for.
+        careful: reads any state.
+    """
+    reads = '; '.join(f'{name} = values[{text!r}]' for name, text in variables.items())
+    known = {**names, 'careful': careful}
+    exec(  # noqa: S102 - built from checked parts
+        f"""
+def read(values):
+    try: {reads}
+    except KeyError: return careful(values)
+    if {unusual}: return careful(values)
+    return {result}
+""",
+        known,
+    )
+    return cast('Callable[[Values], Any]', known['read'])
 
 
 def predicate(atom: Atom, kinds: Kinds) -> Predicate:

@@ -7,13 +7,21 @@ Generated code reads values of the expected types. All other values are passed t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias, cast
+from typing import Any, TypeAlias
 
 from dyknow_common import Value
 from dyknow_reasoning.language.formula import Atom, Comparison, PastAtom
 from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Term, TextLiteral
 from dyknow_reasoning.language.type_checking import Kind, Kinds
-from dyknow_reasoning.progression.atoms import Predicate, Values, field_name, kind_of, predicate
+from dyknow_reasoning.progression.atoms import (
+    MAX_GENERATED,
+    Predicate,
+    Values,
+    field_name,
+    generated_reader,
+    kind_of,
+    predicate,
+)
 from dyknow_reasoning.progression.nodes import slots
 
 Reader: TypeAlias = Callable[[Values], int]
@@ -24,8 +32,6 @@ _UNUSUAL: Mapping[Kind, str] = {
     Kind.BOOLEAN: '{0} is not True and {0} is not False',
     Kind.STRING: 'type({0}) is not str',
 }
-_MAX_SLOTS = 256
-"""The most atoms of an instance for which code is generated, as Python compiles it recursively."""
 _CODE = {
     '=': '{0} == {1}',
     '<': '{0} < {1}',
@@ -58,7 +64,7 @@ def quick_reader(atoms: Sequence[Atom], kinds: Kinds, mask: int) -> Reader:
         mask: the slots to read, as bits.
     """
     predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(mask)}
-    if len(predicates) > _MAX_SLOTS:
+    if len(predicates) > MAX_GENERATED:
         return careful_reader(predicates)
     return _ReaderCode(kinds).reader(atoms, predicates)
 
@@ -85,20 +91,9 @@ class _ReaderCode:
         fields = self._fields.items()
         if not fields:
             return careful
-        reads = '; '.join(f'{name} = values[{text!r}]' for (text, _), name in fields)
         unusual = ' or '.join(_UNUSUAL[kind].format(name) for (_, kind), name in fields)
-        names = {**self._names, 'careful': careful}
-        exec(  # noqa: S102 - built from checked parts
-            f"""
-def read(values):
-    try: {reads}
-    except KeyError: return careful(values)
-    if {unusual}: return careful(values)
-    return {' | '.join(bits)}
-""",
-            names,
-        )
-        return cast('Reader', names['read'])
+        variables = {name: text for (text, _), name in fields}
+        return generated_reader(variables, unusual, ' | '.join(bits), self._names, careful)
 
     def _name(self, thing: object) -> str:
         """Return a name by which the code can refer to an object."""
