@@ -109,7 +109,7 @@ class FormulaGroup:
         self._remainders: Remainders | None = None
         self._monitor: InstanceMonitor | None = None
         self._alone: InstanceMonitor | None = None
-        """The monitor, if nothing else depends on the states."""
+        """The monitor, if beside it only standing formulas depend on the states."""
 
     @property
     def formulas(self) -> Mapping[int, NamedFormula]:
@@ -280,6 +280,8 @@ class FormulaGroup:
                 outcomes = self._alone.progress(valid_time, values)
             except ReasoningError as error:
                 return self.fail(error, valid_time)
+            if self.standing.formulas and (failed := self.standing.progress(valid_time, values)):
+                outcomes = {**outcomes, **failed}
             return self._results_of(outcomes, valid_time, values) if outcomes else []
         return self._progress(valid_time, values, values)
 
@@ -322,7 +324,7 @@ class FormulaGroup:
             outcomes = {**outcomes, **possible.progress(valid_time, given)}
         if outcomes:
             return results + self._results_of(outcomes, valid_time, values)
-        others = margins or looks_back or standing.formulas or possible.waiting or possible.formulas
+        others = margins or looks_back or possible.waiting or possible.formulas
         self._alone = None if others else monitor
         return results
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from math import inf, nan
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,6 +17,7 @@ from dyknow_reasoning import FormulaGroup
 from dyknow_reasoning.execution import StandingMonitor
 from dyknow_reasoning.language.formula import Formula, PastFormula, walk
 from dyknow_reasoning.language.parsing import parse_formula
+from dyknow_reasoning.progression.atoms import MAX_GENERATED
 
 Domains = Mapping[str, Sequence[str]]
 OBJECTS = ('a', 'b', 'c')
@@ -171,3 +174,27 @@ def test_a_false_state_does_not_end_the_episode_before_it() -> None:
     values = {f'{name}[{each}]': False for name in 'pq' for each in OBJECTS}
     states = [(time, values, True) for time in (1, 2, 3, 4, 5, 7, 8)]
     check('forall x in S: p[x] until p[x]', {'S': OBJECTS}, states)
+
+
+@pytest.mark.parametrize('count', [1, 3, MAX_GENERATED // 2 + 1])
+@given(st.data())
+def test_values_of_several_types(count: int, data: st.DataObject) -> None:
+    """All objects are read at once; a value that is no number ends the formula."""
+    numbers = st.sampled_from([1, 3, 1.5, 3.5, np.float64(2.5), 10**400, inf])
+    unusable = st.sampled_from(['3', nan, None, True, np.int8(3)])
+    names = [f'x{number}' for number in range(count)]
+    text = 'forall x in S: A[x] > 2 -> eventually[0, 1 ns] A[x] < 3'
+    group, monitor = group_of(text, {'S': names})
+    single, fails = FormulaGroup(), 0
+    single.begin({'S': names})
+    for time in range(3):
+        values = dict.fromkeys((f'A[{name}]' for name in names), 1)
+        values[f'A[{names[-1]}]'] = data.draw(st.one_of(numbers, numbers, unusable))
+        single.add_formula('it', text)
+        expected, found = single.progress(time, values), group.progress(time, values)
+        if any(each.error for each in expected):
+            assert [str(each.error) for each in found] == [str(expected[0].error)]
+            return
+        fails += [each.verdict for each in expected].count(Verdict.FALSE)
+        assert not found
+        assert monitor.counts().fails == fails

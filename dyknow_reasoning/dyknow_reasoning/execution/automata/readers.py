@@ -27,6 +27,9 @@ from dyknow_reasoning.progression.nodes import slots
 Reader: TypeAlias = Callable[[Values], int]
 """The truth of atoms as bits; raises ReasoningError if the values are unusable."""
 
+JointReader: TypeAlias = Callable[[Values], list[int]]
+"""The same for each of several instances."""
+
 _UNUSUAL: Mapping[Kind, str] = {
     Kind.NUMBER: '(type({0}) is not float or {0} != {0}) and type({0}) is not int',
     Kind.BOOLEAN: '{0} is not True and {0} is not False',
@@ -64,9 +67,33 @@ def quick_reader(atoms: Sequence[Atom], kinds: Kinds, mask: int) -> Reader:
         mask: the slots to read, as bits.
     """
     predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(mask)}
+    careful = careful_reader(predicates)
     if len(predicates) > MAX_GENERATED:
-        return careful_reader(predicates)
-    return _ReaderCode(kinds).reader(atoms, predicates)
+        return careful
+    code = _ReaderCode(kinds)
+    return code.reader(code.symbol(atoms, predicates), careful)
+
+
+def joint_reader(parts: Sequence[tuple[Sequence[Atom], int]], kinds: Kinds) -> JointReader:
+    """Return a reader of several instances at once.
+
+    Args:
+        parts: for each, the atoms of all slots and the slots to read.
+        kinds: the kinds of the features.
+    """
+    if sum(mask.bit_count() for _, mask in parts) > MAX_GENERATED:
+        return in_turn([quick_reader(atoms, kinds, mask) for atoms, mask in parts])
+    code, symbols, careful = _ReaderCode(kinds), list[str](), list[Reader]()
+    for atoms, mask in parts:
+        predicates = {slot: predicate(atoms[slot], kinds) for slot in slots(mask)}
+        symbols.append(code.symbol(atoms, predicates))
+        careful.append(careful_reader(predicates))
+    return code.reader(f'[{", ".join(symbols)}]', in_turn(careful))
+
+
+def in_turn(readers: Sequence[Reader]) -> JointReader:
+    """Return a reader that calls others one after the other."""
+    return lambda values: [read(values) for read in readers]
 
 
 class _ReaderCode:
@@ -81,19 +108,22 @@ class _ReaderCode:
         self._names: dict[str, Any] = {}
         self._fields: dict[tuple[str, Kind], str] = {}
 
-    def reader(self, atoms: Sequence[Atom], predicates: Mapping[int, Predicate]) -> Reader:
-        """Return the reader of some atoms, given the predicates of their slots."""
+    def symbol(self, atoms: Sequence[Atom], predicates: Mapping[int, Predicate]) -> str:
+        """Return the expression for the truth of some atoms, given those of their slots."""
         bits = []
         for slot, holds in predicates.items():
             text = self._atom(atoms[slot]) or f'{self._name(holds)}(values)'
             bits.append(f'({1 << slot} if {text} else 0)')
-        careful = careful_reader(predicates)
+        return ' | '.join(bits) or '0'
+
+    def reader(self, result: str, careful: Callable[[Values], Any]) -> Callable[[Values], Any]:
+        """Return the reader whose result has an expression; `careful` reads unusual values."""
         fields = self._fields.items()
         if not fields:
             return careful
         unusual = ' or '.join(_UNUSUAL[kind].format(name) for (_, kind), name in fields)
         variables = {name: text for (text, _), name in fields}
-        return generated_reader(variables, unusual, ' | '.join(bits), self._names, careful)
+        return generated_reader(variables, unusual, result, self._names, careful)
 
     def _name(self, thing: object) -> str:
         """Return a name by which the code can refer to an object."""

@@ -90,8 +90,6 @@ class OpenStarts:
     def __init__(self, instance: FormulaInstance, template: Template, times: StateTimes) -> None:
         self.instance = instance
         self.template = template
-        self.reader = self._reader()
-        """Returns the truth of the atoms at a state, for `step`."""
         self.wakes_at: float = -inf
         """The time before which states with the same truth of the atoms need no `step`, ns."""
         self.fades_at: float = inf
@@ -112,7 +110,8 @@ class OpenStarts:
         self._symbol = -1
         self._counted = len(times)
 
-    def _reader(self) -> Reader:
+    def reader(self) -> Reader:
+        """Return a reader of the truth of the atoms at a state, for `step`."""
         instance = self.instance
         if instance.keeps_values:
             return KeptReader(instance, self.template, lambda: [instance.node, *self._nodes()])

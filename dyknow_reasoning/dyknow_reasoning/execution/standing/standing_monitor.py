@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from itertools import chain, takewhile
+from itertools import chain, compress, takewhile
 from math import inf
+from operator import ne, or_
 from typing import Any, Final, TypeAlias
 
 from dyknow_reasoning.errors import ReasoningError
@@ -15,6 +16,7 @@ from dyknow_reasoning.execution.automata.instance_states import (
     InstanceState,
     InstanceVerdict,
 )
+from dyknow_reasoning.execution.automata.readers import JointReader, in_turn, joint_reader
 from dyknow_reasoning.execution.past.registers import PastRegister
 from dyknow_reasoning.execution.standing.groups import DecidedStarts
 from dyknow_reasoning.execution.standing.open_starts import OpenStarts, open_starts
@@ -88,7 +90,7 @@ class StandingMonitor:
         # Instead of these, once the formula has met unknown values.
         self._possible: PossibleStarts | None = None
         self._keeps_times = False
-        self._readers = [each.reader for each in self._starts]
+        self._read = self._reader(kinds)
         # The truth of the atoms of each instance at the latest state, as bits; -1 if unknown.
         self._symbols = [-1] * len(self._starts)
         self._limits = limits
@@ -103,6 +105,12 @@ class StandingMonitor:
         self._unprovable: list[Run] = []
         # With more times, what is no longer needed is dropped.
         self._most_kept = _CLEANUP_STATES
+
+    def _reader(self, kinds: Kinds) -> JointReader:
+        if any(each.instance.keeps_values for each in self._starts):
+            return in_turn([each.reader() for each in self._starts])
+        instances = (each.instance for each in self._starts)
+        return joint_reader([(each.atoms, each.node.mask) for each in instances], kinds)
 
     def keep_all(self) -> VerdictLog:
         """Keep all failures, and return a log of all verdicts; call it before the first state."""
@@ -137,7 +145,8 @@ class StandingMonitor:
         possible = PossibleStarts(beginning, self._times, self._limits.possibility_limit)
         self._move_starts(possible, of)
         self._possible = possible
-        self._starts, self._readers, self._symbols, self._ends = [], [], [], []
+        self._starts, self._symbols, self._ends = [], [], []
+        self._read = in_turn(())
         self._templates, self._wakes_at = [], -inf
         return True
 
@@ -217,10 +226,9 @@ class StandingMonitor:
         Raises:
             ReasoningError: for values that cannot be used, or too many undecided starts.
         """
-        symbols = [read(values) for read in self._readers]
-        is_quiet = now < self._wakes_at and len(self._times.kept) < self._most_kept
-        if is_quiet and symbols == self._symbols:
-            self._times.append(now)
+        symbols, kept = self._read(values), self._times.kept
+        if symbols == self._symbols and now < self._wakes_at and len(kept) < self._most_kept:
+            kept.append(now)
             return False
         return self._step(symbols, now, values)
 
@@ -266,12 +274,13 @@ class StandingMonitor:
         if self._possible:
             possible = self._possible
             decided += [(possible.verdict, found) for found in possible.step(values)]
-        pairs = enumerate(zip(symbols, self._symbols, self._ends))  # noqa: B905 - strict is slower
-        for index, (new, old, end) in pairs:
-            if new != old or now >= end:
-                starts = self._starts[index]
-                decided += [(starts.verdict, found) for found in starts.step(new)]
-                self._ends[index] = starts.wakes_at
+        has_changed = map(ne, symbols, self._symbols)
+        if now >= self._wakes_at:
+            has_changed = map(or_, has_changed, [now >= end for end in self._ends])
+        for index in compress(range(len(symbols)), has_changed):
+            starts = self._starts[index]
+            decided += [(starts.verdict, found) for found in starts.step(symbols[index])]
+            self._ends[index] = starts.wakes_at
         self._symbols = symbols
         changed |= self._apply(decided, now, values)
         self._limit_memory()
