@@ -161,14 +161,12 @@ class FormulaGroup:
             instances = self._instances_of(formula, self._domains)
         formula_id = next(self._ids)
         if margin:
-            self._margins.add(formula_id, named, looks_back=self._looks_back(formula))
+            looks_back = self._monitor is not None and self._monitor.histories.keeps(formula)
+            self._margins.add(formula_id, named, looks_back=looks_back)
         self._formulas[formula_id], self._sizes[formula_id] = named, size.parts
         if self._monitor:
             self._begin_formula(formula_id, instances, self._monitor)
         return formula_id
-
-    def _looks_back(self, formula: Formula) -> bool:
-        return self._monitor is not None and self._monitor.histories.keeps(formula)
 
     def remove_formula(self, formula_id: int) -> None:
         """Remove a formula."""
