@@ -161,12 +161,14 @@ class FormulaGroup:
             instances = self._instances_of(formula, self._domains)
         formula_id = next(self._ids)
         if margin:
-            looks_back = self._monitor is not None and self._monitor.histories.keeps(formula)
-            self._margins.add(formula_id, named, looks_back=looks_back)
+            self._margins.add(formula_id, named, looks_back=self._looks_back(formula))
         self._formulas[formula_id], self._sizes[formula_id] = named, size.parts
         if self._monitor:
             self._begin_formula(formula_id, instances, self._monitor)
         return formula_id
+
+    def _looks_back(self, formula: Formula) -> bool:
+        return self._monitor is not None and self._monitor.histories.keeps(formula)
 
     def remove_formula(self, formula_id: int) -> None:
         """Remove a formula."""
@@ -409,10 +411,7 @@ class FormulaGroup:
         return possible.wants if possible else {}
 
     def margin(self, formula_id: int) -> Margin | None:
-        """Return the margin at present or at the end, or the least so far if it is standing.
-
-        Return None if it was not requested.
-        """
+        """Return the margin at present or at the end, the least so far if standing; or None."""
         self._find(formula_id)
         return self._margins.of(formula_id)
 
