@@ -216,7 +216,7 @@ class Progress:
 
     Args:
         states_progressed: number of states so far.
-        latest_valid_time: of the last state, in nanoseconds.
+        latest_valid_time: of the last state, in nanoseconds; 0 before the first.
         residual_formula: the formula that the remaining states must satisfy.
         presumably_false: True if the formula would be false without further states.
         streams: the specifications of the streams in use.
@@ -227,9 +227,9 @@ class Progress:
         episodes: for a formula that is asked at every state.
     """
 
-    states_progressed: int
-    latest_valid_time: int
-    residual_formula: str
+    states_progressed: int = 0
+    latest_valid_time: int = 0
+    residual_formula: str = ''
     presumably_false: bool = False
     streams: tuple[str, ...] = ()
     events: tuple[str, ...] = ()
