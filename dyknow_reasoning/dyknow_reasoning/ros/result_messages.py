@@ -17,7 +17,6 @@ from dyknow_common.ros import (
 )
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.results import FormulaResult
-from dyknow_reasoning.standing import EpisodeSummary
 
 PERIOD_NS: Final = SECOND_NS
 """The time after which a report is published again."""
@@ -59,11 +58,6 @@ def progress_to_message(
     return message
 
 
-def summary_to_message(summary: EpisodeSummary) -> FormulaEpisodes:
-    """Return the message of the verdicts on a formula, without the formula."""
-    return to_message(summary.counts, to_message(summary, FormulaEpisodes()))
-
-
 class EpisodeReports:
     """Publishes a report when an episode begins or ends, and each second.
 
@@ -101,7 +95,7 @@ class EpisodeReports:
 
     def _publish(self, formula_id: int) -> None:
         name = self._group.formulas[formula_id].name
-        message = summary_to_message(self._group.standing.summary(formula_id))
+        message = to_message(self._group.standing.summary(formula_id), FormulaEpisodes())
         message.formula_group_id, message.formula_id = self._group_id, formula_id
         message.formula_name = name
         message.header.stamp = self._node.get_clock().now().to_msg()

@@ -21,6 +21,7 @@ from dyknow_common import (
     DyKnowError,
     ExitCode,
     Margin,
+    StandingVerdicts,
     StreamConstraints,
     Symbol,
     Verdict,
@@ -39,7 +40,6 @@ from dyknow_coordinator.evaluation import (
     EvaluationRequest,
     History,
     Progress,
-    StandingVerdicts,
 )
 from dyknow_coordinator.grounding.candidate_search import check_symbols, sort_names
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
