@@ -156,6 +156,7 @@ def test_annotations_come_and_go(nodes: Nodes) -> None:
         (POWER, EXISTING, (POWER,)),
         ('stream a contains Powr[uav1] = b', MISSING, ("'Powr'", "'Power'", '^')),
         ('stream a contains Power[uav3] = b', MISSING, ("'uav3'", "'uav1'", '^')),
+        (' ' * 20_001, INVALID, ("'max_characters' of stream_semantics_manager",)),
     ],
 )
 def test_an_annotation_that_is_refused(

@@ -134,7 +134,13 @@ from dyknow_common.values import (
     choices,
     earliest,
 )
-from dyknow_common.verdict import Margin, ProbabilityInterval, Verdict
+from dyknow_common.verdict import (
+    Margin,
+    ProbabilityInterval,
+    StandingVerdicts,
+    Verdict,
+    ViolationEpisode,
+)
 
 __all__ = [
     'AGGREGATES',
@@ -192,6 +198,7 @@ __all__ = [
     'PathStep',
     'PositionedError',
     'ProbabilityInterval',
+    'StandingVerdicts',
     'StreamConstraints',
     'Symbol',
     'SymbolKind',
@@ -204,6 +211,7 @@ __all__ = [
     'Value',
     'ValueType',
     'Verdict',
+    'ViolationEpisode',
     'absence',
     'add_utc_option',
     'all_elements',

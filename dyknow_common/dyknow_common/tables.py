@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, replace
 from enum import Enum
 from functools import partial
+from math import isinf
 from typing import Any
 
 from rich.cells import cell_len
@@ -186,7 +187,7 @@ def details_table(details: Iterable[tuple[str, Cell]]) -> Table:
 
 
 def json_document(report: Any, times: Collection[str]) -> dict[str, Any]:
-    """Return a dataclass as a JSON document, with the names of enumeration members.
+    """Return a dataclass as a JSON document: members of enumerations are names, infinities texts.
 
     Args:
         report: the dataclass.
@@ -194,7 +195,12 @@ def json_document(report: Any, times: Collection[str]) -> dict[str, Any]:
     """
 
     def document(fields: list[tuple[str, Any]]) -> dict[str, Any]:
-        plain = ((name, value.name if isinstance(value, Enum) else value) for name, value in fields)
-        return {f'{name}_ns' if name in times else name: value for name, value in plain}
+        return {f'{name}_ns' if name in times else name: _plain(value) for name, value in fields}
 
     return asdict(report, dict_factory=document)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Enum):
+        return value.name
+    return str(value) if isinstance(value, float) and isinf(value) else value

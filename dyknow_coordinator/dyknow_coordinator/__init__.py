@@ -1,13 +1,12 @@
 """Coordination: ground formulas, run their evaluations and report the answers."""
 
+from dyknow_common import StandingVerdicts, ViolationEpisode
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import (
     FOLLOWED,
     Answer,
     EvaluationPhase,
     Progress,
-    StandingVerdicts,
-    ViolationEpisode,
 )
 from dyknow_coordinator.grounding.candidate_search import (
     CandidateSearch,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Self
@@ -15,122 +15,13 @@ from dyknow_common import (
     ExitCode,
     Margin,
     ProbabilityInterval,
+    StandingVerdicts,
     StreamConstraints,
     Verdict,
-    round_time,
     without_generated_text,
 )
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding
-
-
-@dataclass(frozen=True, slots=True)
-class ViolationEpisode:
-    """Consecutive start states: a formula is false from each of them.
-
-    Args:
-        begin: valid time of the first of these states, in nanoseconds.
-        end: valid time of the last one so far.
-        decided_at: valid time of the state that decided the formula of the first one.
-        states: how many there are.
-        has_ended: True if the formula holds again after the last one.
-        explanation: the reason for the verdict on the first one, for people.
-        worst: the least margin from one of these states; None if margins were not asked for.
-    """
-
-    begin: int
-    end: int
-    decided_at: int
-    states: int
-    has_ended: bool
-    explanation: str
-    worst: Margin | None = None
-
-    @property
-    def text(self) -> str:
-        """The reason and the worst margin, for people."""
-        return f'{self.explanation}{f"; at worst {self.worst}" if self.worst else ""}'
-
-    @property
-    def past_text(self) -> str:
-        """The times of an episode that has ended, and its reason, for people."""
-        begin, end = round_time(self.begin), round_time(self.end)
-        return f'it was violated from {begin} to {end}: {self.text}'
-
-
-@dataclass(frozen=True, slots=True)
-class StandingVerdicts:
-    """Verdicts on a formula that is asked at every state.
-
-    Args:
-        holds: the number of states from which it is true.
-        fails: from which it is false.
-        undecided: from which it is undecided yet.
-        unknown: from which no state decides it any more: states are missing, or values are unknown.
-        is_violated: True if an episode has not ended.
-        episode_count: the number of episodes.
-        latest_episodes: the last ten, the latest last.
-    """
-
-    holds: int = 0
-    fails: int = 0
-    undecided: int = 0
-    unknown: int = 0
-    is_violated: bool = False
-    episode_count: int = 0
-    latest_episodes: tuple[ViolationEpisode, ...] = ()
-
-    @property
-    def verdict(self) -> Verdict:
-        """FALSE if it is false from a state, TRUE if it is true from all states."""
-        if self.fails:
-            return Verdict.FALSE
-        is_known = self.holds and not (self.undecided or self.unknown)
-        return Verdict.TRUE if is_known else Verdict.UNDECIDED
-
-    @property
-    def text(self) -> str:
-        """The verdicts in one line, for people."""
-        states = self.holds + self.fails + self.undecided + self.unknown
-        episodes = f' in {_plural(self.episode_count, "episode")}'
-        others = (
-            f', fails from {self.fails}{episodes}' if self.fails else '',
-            f', undecided from {self.undecided}' if self.undecided else '',
-            f', unknown from {self.unknown}' if self.unknown else '',
-        )
-        return f'holds from {self.holds} of {_plural(states, "state")}{"".join(others)}'
-
-    def change(self, before: StandingVerdicts) -> str:
-        """Return what has happened since earlier verdicts, for people; empty if nothing has."""
-        more = self.episode_count - before.episode_count
-        latest = self.latest_episodes[-1] if self.latest_episodes else None
-        if latest is None or (more <= 0 and self.is_violated == before.is_violated):
-            return ''
-        others = f' ({more} episodes since the last report)' if more > 1 else ''
-        if self.is_violated:
-            return f'violated from {round_time(latest.begin)} on{others}: {latest.text}'
-        since = f'{round_time(latest.begin)} to {round_time(latest.end)}'
-        return f'holds again, after it was false from {since}{others}: {latest.text}'
-
-    def changes(self, before: StandingVerdicts) -> Iterator[tuple[ViolationEpisode, bool]]:
-        """Yield the episodes that have begun or ended since earlier verdicts, in their order.
-
-        An episode comes with False for its begin, and with True for its end. Of more than ten
-        episodes since then, the last ten are known.
-        """
-        # A formula that restarts with other objects counts its episodes from 0.
-        known = before.episode_count if before.episode_count <= self.episode_count else 0
-        first = self.episode_count - len(self.latest_episodes) + 1
-        for number, each in enumerate(self.latest_episodes, start=first):
-            if number > known:
-                yield each, False
-            if each.has_ended and (number > known or (number == known and before.is_violated)):
-                yield each, True
-
-
-def _plural(count: int, noun: str) -> str:
-    return f'{count} {noun}' if count == 1 else f'{count} {noun}s'
-
 
 FOLLOWED: Final = 'followed'
 """The last part of the name of the logger of formulas whose clients report their outcomes."""
@@ -216,7 +107,7 @@ class Progress:
 
     Args:
         states_progressed: number of states so far.
-        latest_valid_time: of the last state, in nanoseconds.
+        latest_valid_time: of the last state, in nanoseconds; 0 before the first.
         residual_formula: the formula that the remaining states must satisfy.
         presumably_false: True if the formula would be false without further states.
         streams: the specifications of the streams in use.
@@ -227,9 +118,9 @@ class Progress:
         episodes: for a formula that is asked at every state.
     """
 
-    states_progressed: int
-    latest_valid_time: int
-    residual_formula: str
+    states_progressed: int = 0
+    latest_valid_time: int = 0
+    residual_formula: str = ''
     presumably_false: bool = False
     streams: tuple[str, ...] = ()
     events: tuple[str, ...] = ()

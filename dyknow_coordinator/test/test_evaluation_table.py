@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from rich.console import Console, RenderableType
 
-from dyknow_common import ExitCode, Verdict
+from dyknow_common import ExitCode, Margin, StandingVerdicts, Verdict, ViolationEpisode
 from dyknow_coordinator import (
     CoordinationError,
     EvaluationPhase,
@@ -115,6 +115,15 @@ def test_an_evaluation_for_programs() -> None:
     assert failed['exit_status'] == 'NOT_FOUND'
     assert failed['message'].startswith('no stream carries p')
     assert failed['decided_at_ns'] is None
+
+
+def test_margins_without_bounds_are_texts_as_json_has_no_infinite_numbers() -> None:
+    """The margin of an episode was written as -Infinity."""
+    episode = ViolationEpisode(1, 2, 2, 1, True, 'too late', Margin())
+    episodes = StandingVerdicts(fails=1, episode_count=1, latest_episodes=(episode,))
+    told = json.loads(json.dumps(as_json(replace(RUNNING, episodes=episodes)), allow_nan=False))
+    (found,) = told['episodes']['latest_episodes']
+    assert (found['worst']['lower'], found['worst']['upper']) == ('-inf', 'inf')
 
 
 def test_a_waiting_evaluation_says_for_what() -> None:

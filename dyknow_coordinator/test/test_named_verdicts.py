@@ -8,8 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import ExitCode, Margin, Verdict
-from dyknow_coordinator import CoordinationError, EvaluationPhase, EvaluationStatus
-from dyknow_coordinator.evaluation import StandingVerdicts, ViolationEpisode
+from dyknow_coordinator import (
+    CoordinationError,
+    EvaluationPhase,
+    EvaluationStatus,
+    StandingVerdicts,
+    ViolationEpisode,
+)
 from dyknow_coordinator.reporting.verdict_topics import (
     MAX_TOKEN,
     NamedVerdict,

@@ -39,7 +39,8 @@ class World:
         inputs = FormulaInputs(
             (), Grounding.AUTO, ('F', 'G'), Candidates(found), {}, NO_CONSTRAINTS
         )
-        self.session = SourceSession(inputs, lambda: known, self._exclude, can_wait=can_wait)
+        self.session = SourceSession(inputs, lambda: known, can_wait=can_wait)
+        self.session.standby.exclude = self._exclude  # type: ignore[method-assign]
         self.session.chosen = self.session.choose(inputs.candidates, 0)
 
     def _exclude(self, sources: object, _now: int) -> None:

@@ -20,8 +20,8 @@ A, B, C = source('a'), source('b'), source('c')
 @pytest.fixture
 def sources() -> StandbySources:
     """Return the sources that stand by for B; C does."""
-    found = StandbySources(lambda: KnownStreams([], lambda _: True))
-    found.in_use, found.candidates, found.chosen = (B,), Candidates((A, B, C)), (C,)
+    found = StandbySources(lambda: KnownStreams([], lambda _: True), Candidates((A, B, C)))
+    found.in_use, found.chosen = (B,), (C,)
     return found
 
 
@@ -92,7 +92,8 @@ def test_all_sources_of_a_standby_must_be_well(
     is_well: bool,  # noqa: FBT001
 ) -> None:
     topics = [{f'/{each}' for each in letters}.__contains__ for letters in (published, begun)]
-    sources = StandbySources(lambda: KnownStreams([], topics[0], has_begun=topics[1]))
+    known = KnownStreams([], topics[0], has_begun=topics[1])
+    sources = StandbySources(lambda: known, Candidates(()))
     sources.chosen = (A, C)
     sources.exclude([source(failed)], 0)
     assert sources.is_well(1) == is_well

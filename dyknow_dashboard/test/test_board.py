@@ -10,8 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, ProbabilityInterval, Verdict
-from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, Level, SymbolGrounding
-from dyknow_coordinator.evaluation import StandingVerdicts, ViolationEpisode
+from dyknow_coordinator import (
+    EvaluationPhase,
+    EvaluationStatus,
+    Grounding,
+    Level,
+    StandingVerdicts,
+    SymbolGrounding,
+    ViolationEpisode,
+)
 from dyknow_coordinator.reporting.node_status import NodeState
 from dyknow_dashboard.model.board import MAX_KEPT, MAX_KEPT_SIGNALS, Board, PageState
 from dyknow_dashboard.model.formulas import MAX_ENDED, MAX_MARGINS, MAX_SHOWN

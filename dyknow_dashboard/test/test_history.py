@@ -16,8 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Verdict
-from dyknow_coordinator import EvaluationPhase, EvaluationStatus
-from dyknow_coordinator.evaluation import StandingVerdicts, ViolationEpisode
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts, ViolationEpisode
 from dyknow_dashboard.errors import DashboardError
 from dyknow_dashboard.model import history as history_module
 from dyknow_dashboard.model.board import Board

@@ -9,8 +9,14 @@ from test_board import messages, opened
 
 from dyknow_common import SECOND_NS, Verdict
 from dyknow_configuration import RobotMap
-from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, SymbolGrounding
-from dyknow_coordinator.evaluation import StandingVerdicts, ViolationEpisode
+from dyknow_coordinator import (
+    EvaluationPhase,
+    EvaluationStatus,
+    Grounding,
+    StandingVerdicts,
+    SymbolGrounding,
+    ViolationEpisode,
+)
 from dyknow_dashboard.model.board import Board
 from dyknow_dashboard.model.live_map import MAX_POSITIONS, MapSample
 from dyknow_space import Region, geometry_of

@@ -82,7 +82,7 @@ from dyknow_reasoning.progression.unknown_features import (
     is_unknown,
 )
 from dyknow_reasoning.results import FormulaResult
-from dyknow_reasoning.standing import EpisodeSummary, FailureEpisode, start_verdicts
+from dyknow_reasoning.standing import FailureEpisode, start_verdicts
 from dyknow_reasoning.state_line import Breach, ReadStream, StateLine
 from dyknow_reasoning.trace import RecordedState, read_trace
 from dyknow_reasoning.trial import TrialFormula, asked_of_each_state, check_trial
@@ -105,7 +105,6 @@ __all__ = [
     'Count',
     'CountOf',
     'Domains',
-    'EpisodeSummary',
     'Eventually',
     'Exists',
     'FailureEpisode',

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Final
 
-from dyknow_common import ExitCode, Margin, Verdict
+from dyknow_common import ExitCode, Margin, StandingVerdicts, Verdict, ViolationEpisode
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
     KEPT_FAILURES,
@@ -16,7 +16,6 @@ from dyknow_reasoning.execution import (
     InstanceState,
     PossibleFormula,
     StandingMonitor,
-    StartCounts,
     VerdictLog,
 )
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
@@ -39,45 +38,15 @@ _CLEANUP_STATES: Final = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class FailureEpisode:
-    """Consecutive start states: a formula is false from each of them.
+class FailureEpisode(ViolationEpisode):
+    """An episode, and what decides it.
 
     Args:
-        begin: the valid time of the first of these states, in nanoseconds.
-        end: of the last one so far.
-        decided_at: of the state that decided the formula of the first one.
-        states: how many there are.
-        has_ended: True if the formula holds again after the last one.
-        explanation: the reason for the verdict on the first one.
-        objects: the objects that decide it, `u = uav1`; empty if there is no choice.
-        worst: the least margin from one of these states; None if margins were not requested.
+        objects: the objects that decide the formula of its first state, `u = uav1`; empty if there
+            is no choice.
     """
 
-    begin: int
-    end: int
-    decided_at: int
-    states: int
-    has_ended: bool
-    explanation: str
     objects: str = ''
-    worst: Margin | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class EpisodeSummary:
-    """The verdicts on a formula that is asked at every state.
-
-    Args:
-        counts: the numbers of states from which it has each verdict.
-        is_violated: True if an episode has not ended.
-        episode_count: the number of episodes.
-        latest_episodes: the last ten, the latest last.
-    """
-
-    counts: StartCounts = field(default_factory=StartCounts)
-    is_violated: bool = False
-    episode_count: int = 0
-    latest_episodes: tuple[FailureEpisode, ...] = ()
 
 
 class StandingFormula:
@@ -147,14 +116,13 @@ class StandingFormula:
             )
         self.monitor.gap()
 
-    def summary(self) -> EpisodeSummary:
+    def summary(self) -> StandingVerdicts:
         """Return the verdicts so far."""
-        counts = self.monitor.counts()
-        return EpisodeSummary(
-            counts,
-            self.monitor.is_violated,
-            self.monitor.failure_count,
-            self.episodes(KEPT_FAILURES),
+        return replace(
+            self.monitor.counts(),
+            is_violated=self.monitor.is_violated,
+            episode_count=self.monitor.failure_count,
+            latest_episodes=self.episodes(KEPT_FAILURES),
         )
 
     def episodes(self, most: int) -> tuple[FailureEpisode, ...]:
@@ -173,8 +141,8 @@ class StandingFormula:
                 each.run.last - each.run.first + 1,
                 each.has_ended,
                 reason.text,
-                reason.objects,
                 margin,
+                reason.objects,
             )
             for (each, reason), margin in zip(self._reasons.items(), worst, strict=True)
         )
@@ -309,10 +277,10 @@ class StandingFormulas:
         if found := self.formulas.get(formula_id):
             found.margins = None
 
-    def summary(self, formula_id: int) -> EpisodeSummary:
+    def summary(self, formula_id: int) -> StandingVerdicts:
         """Return the verdicts so far on a formula; none if it has failed."""
         found = self.formulas.get(formula_id)
-        return found.summary() if found else EpisodeSummary()
+        return found.summary() if found else StandingVerdicts()
 
     def changed(self) -> list[int]:
         """Return the formulas with an episode that has begun or ended since the last call."""

@@ -30,7 +30,7 @@ def test_an_invariant_is_violated_twice() -> None:
             changes.append((second, group.presumably_false(formula_id)))
     assert changes == [(1, True), (3, False), (5, True), (6, False)]
     summary = group.standing.summary(formula_id)
-    assert (summary.counts.holds, summary.counts.fails, summary.counts.undecided) == (4, 3, 0)
+    assert (summary.holds, summary.fails, summary.undecided) == (4, 3, 0)
     assert (summary.episode_count, summary.is_violated) == (2, False)
     first, second = summary.latest_episodes
     assert (first.begin, first.end, first.states) == (1 * SECOND, 2 * SECOND, 2)
@@ -46,9 +46,9 @@ def test_a_response_that_comes_too_late() -> None:
         assert not group.progress(second * SECOND, values)
         if second == 3:
             summary = group.standing.summary(formula_id)
-            assert summary.counts.undecided == 1
+            assert summary.undecided == 1
     summary = group.standing.summary(formula_id)
-    assert (summary.counts.holds, summary.counts.fails, summary.counts.undecided) == (9, 1, 0)
+    assert (summary.holds, summary.fails, summary.undecided) == (9, 1, 0)
     assert group.residual(formula_id) == 'alarm -> (eventually[0 s, 2 s] stopped)'
     (episode,) = summary.latest_episodes
     assert (episode.begin, episode.decided_at) == (1 * SECOND, 3 * SECOND)
@@ -64,7 +64,7 @@ def test_an_unusable_value_fails_the_formula_as_a_whole() -> None:
     assert str(result.error) == "at 0.000 s: the field 'x' holds the number nan, not a number"
     assert not group.undecided
     assert not group.progress(3, {'x': 1.0})
-    assert group.standing.summary(formula_id).counts.holds == 0
+    assert group.standing.summary(formula_id).holds == 0
 
 
 def test_states_must_come_in_order() -> None:
@@ -83,7 +83,7 @@ def test_formulas_of_both_kinds_share_a_group() -> None:
     assert result.formula_id == once
     for time in range(31, 60):
         assert not group.progress(time, {'p': True})
-    counts = group.standing.summary(formula_id).counts
+    counts = group.standing.summary(formula_id)
     assert (counts.holds, counts.fails) == (58, 1)
     group.remove_formula(formula_id)
     assert not group.standing.formulas
@@ -105,12 +105,12 @@ def test_what_needs_no_state_has_a_verdict_at_each() -> None:
     group, formula_id = begun('forall u in UAV: p[u]', UAV=[])
     for time in range(3):
         assert not group.progress(time, {})
-    assert group.standing.summary(formula_id).counts.holds == 3
+    assert group.standing.summary(formula_id).holds == 3
     group, formula_id = begun('1 > 2')
     for time in range(3):
         assert not group.progress(time, {})
     summary = group.standing.summary(formula_id)
-    assert summary.counts.fails == 3
+    assert summary.fails == 3
     assert summary.latest_episodes[0].explanation == 'it is false, whatever the states are'
 
 
@@ -121,7 +121,7 @@ def test_unknown_starts_are_counted_and_not_violated() -> None:
     group.gap()
     for second in range(10, 15):
         assert not group.progress(second * SECOND, {'p': True})
-    counts = group.standing.summary(formula_id).counts
+    counts = group.standing.summary(formula_id)
     assert (counts.holds, counts.unknown, counts.undecided, counts.fails) == (4, 2, 2, 0)
 
 
@@ -134,7 +134,7 @@ def test_memory_stays_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         group.progress(second * SECOND, {'p': second % 3 == 0, 'q': second % 7 == 0})
         assert len(monitor.failures) < 100
         assert len(monitor._times.kept) < 200
-    counts = group.standing.summary(formula_id).counts
+    counts = group.standing.summary(formula_id)
     assert counts.holds + counts.fails + counts.undecided == 5000
     fails = [s for s in range(0, 4996, 3) if not any(t % 7 == 0 for t in range(s, s + 4))]
     assert counts.fails == len(fails) == monitor.failure_count
@@ -156,7 +156,7 @@ def test_memory_stays_bounded_while_states_are_alike(
     for number in range(1000):
         assert not group.progress(step * number + number % step, values)
     assert len(monitor._times.kept) < 100
-    counts = group.standing.summary(formula_id).counts
+    counts = group.standing.summary(formula_id)
     assert (counts.holds, counts.fails) == ((1000, 0) if truth else (0, 1000))
 
 

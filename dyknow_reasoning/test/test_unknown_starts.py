@@ -105,8 +105,7 @@ def test_a_start_that_no_state_decides_is_unknown() -> None:
     for second, x in enumerate((2, None, 2, 2, 0, 2, 2)):
         assert not group.progress(second * SECOND, {'x': x})
     summary = group.standing.summary(1)
-    counts = summary.counts
-    assert (counts.holds, counts.fails, counts.undecided, counts.unknown) == (2, 2, 1, 2)
+    assert (summary.holds, summary.fails, summary.undecided, summary.unknown) == (2, 2, 1, 2)
     (episode,) = summary.latest_episodes
     assert (episode.begin, episode.end) == (3 * SECOND, 4 * SECOND)
     assert episode.explanation == 'x = 0 at 4.000 s is not > 1 (always must hold since 3.000 s)'
@@ -129,7 +128,7 @@ def test_starts_with_one_future_are_progressed_together() -> None:
     for second in range(200):
         results = group.progress(second * SECOND, {'p': True, 'q': None if second == 9 else False})
         assert not results
-    counts = group.standing.summary(1).counts
+    counts = group.standing.summary(1)
     assert (counts.undecided, counts.unknown) == (200, 0)
 
 
@@ -148,7 +147,7 @@ def test_a_gap_leaves_open_starts_unknown_and_later_ones_known() -> None:
     group.gap()
     for second in range(10, 14):
         assert not group.progress(second * SECOND, {'p': True})
-    counts = group.standing.summary(1).counts
+    counts = group.standing.summary(1)
     assert (counts.holds, counts.fails, counts.undecided, counts.unknown) == (2, 0, 2, 3)
 
 
@@ -158,5 +157,5 @@ def test_unknown_values_after_a_gap() -> None:
     group.gap()
     for second, p in ((1, None), (2, True), (3, True), (5, True)):
         assert not group.progress(second * SECOND, {'p': p})
-    counts = group.standing.summary(1).counts
+    counts = group.standing.summary(1)
     assert (counts.holds, counts.unknown, counts.undecided) == (2, 2, 1)

@@ -365,7 +365,7 @@ def test_what_is_unknown_before_a_start(past: str, holds: int, fails: int, unkno
     group.begin({'S': ('a', 'b')}, ANY)
     for second, x in enumerate((0, None, 0, 2, 0)):
         assert not group.progress(second * 10**9, {'x': x})
-    alone, shared = (group.standing.summary(each).counts for each in (1, 2))
+    alone, shared = (group.standing.summary(each) for each in (1, 2))
     assert (alone.holds, alone.fails, alone.unknown) == (holds, fails, unknown)
     assert (shared.holds, shared.fails, shared.unknown) == (0, 5, 0)
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from dyknow_common import NO_CONSTRAINTS
-from dyknow_coordinator import Candidates, FeatureSource, FormulaInputs, Grounding, KnownStreams
+from dyknow_coordinator import Candidates, FeatureSource, KnownStreams, StandbySources
 from dyknow_coordinator.grounding.source_session import EXCLUSION_NS
 from dyknow_reasoning import StateLine
 from dyknow_recordings.errors import RecordingError
@@ -33,13 +32,13 @@ def test_sources_that_no_stream_can_be_made_of_leave_the_standby_to_others() -> 
         known=KnownStreams([], lambda _: True), destroy=lambda name: made.remove(name_of[name])
     )
     name_of = {'one': (C,)}
-    inputs = FormulaInputs((), Grounding.AUTO, ('F',), Candidates((A, B, C)), {}, NO_CONSTRAINTS)
-    standby = RecordedStandby(inputs, streams, create, StateLine(lambda _: None))
+    sources = StandbySources(lambda: streams.known, Candidates((A, B, C)))
+    standby = RecordedStandby(sources, streams, create, StateLine(lambda _: None))
     standby.follow('one', (A,), (A,), 0)  # As B stands by in vain, C does.
     assert made == [(C,)]
     assert standby.due == EXCLUSION_NS
     unusable.add(C)
-    standby.exclude([C], 1)
+    sources.exclude([C], 1)
     standby.follow('two', (A,), (A,), 1)
     assert made == []
     assert standby.stream is None

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from dataclasses import asdict, replace
-from typing import Any, cast
+from dataclasses import replace
+from typing import Any, Final, cast
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -25,12 +25,15 @@ from dyknow_common import (
 )
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
 from dyknow_common.ros import start_ros
+from dyknow_common.tables import json_document
 from dyknow_configuration import warn_of_notes
 from dyknow_coordinator import Answer, Grounding, Progress, StandingVerdicts
 from dyknow_coordinator.ros import FormulaClient
 from dyknow_reasoning import check_types, parse_formula
 
 GROUNDINGS = {grounding.name.lower(): grounding for grounding in Grounding}
+
+_EPISODE_TIMES: Final = ('begin', 'end', 'decided_at')
 
 COORDINATOR_TIMEOUT_S = 10.0
 """Time to wait for the coordinator, which may just have been started."""
@@ -106,6 +109,7 @@ class _Feedback:
 
 def _as_json(answer: Answer) -> dict[str, Any]:
     code = ExitCode.SUCCESS if answer.error is None else answer.error.code
+    episodes = answer.episodes
     return {
         'formula': answer.canonical_formula,
         'verdict': answer.verdict.name.lower(),
@@ -114,17 +118,8 @@ def _as_json(answer: Answer) -> dict[str, Any]:
         'margin': answer.margin and answer.margin.document,
         'exit_status': code.name,
         'message': '' if answer.error is None else answer.error.message,
-        **({} if answer.episodes is None else {'every_state': _episodes_as_json(answer.episodes)}),
+        **({} if episodes is None else {'every_state': json_document(episodes, _EPISODE_TIMES)}),
     }
-
-
-def _episodes_as_json(verdicts: StandingVerdicts) -> dict[str, Any]:
-    document = asdict(verdicts)
-    for episode, each in zip(document['latest_episodes'], verdicts.latest_episodes, strict=True):
-        episode['worst'] = each.worst and each.worst.document
-        for name in ('begin', 'end', 'decided_at'):
-            episode[f'{name}_ns'] = episode.pop(name)
-    return document
 
 
 def _print(text: str) -> None:

@@ -27,12 +27,11 @@ from dyknow_interfaces import msg
 from dyknow_common.ros.time_messages import (
     constraints_from_message,
     constraints_to_message,
-    margin_from_message,
-    margin_to_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
     time_to_nanoseconds,
 )
+from dyknow_common.verdict import Margin
 
 Content = TypeVar('Content')
 
@@ -46,10 +45,16 @@ class _FieldConversion(NamedTuple):
     read: Callable[[Any], Any]
 
 
+_NO_MARGIN: Final = msg.Margin()
+"""A message that nobody has filled: a margin of 0 has a comparison."""
+
 _LEAVES: Final = {
     'builtin_interfaces/Time': _FieldConversion(nanoseconds_to_time, time_to_nanoseconds),
     'builtin_interfaces/Duration': _FieldConversion(nanoseconds_to_duration, time_to_nanoseconds),
-    'dyknow_interfaces/Margin': _FieldConversion(margin_to_message, margin_from_message),
+    'dyknow_interfaces/Margin': _FieldConversion(
+        lambda margin: to_message(margin, msg.Margin()),
+        lambda message: None if message == _NO_MARGIN else from_message(Margin, message),
+    ),
     'dyknow_interfaces/StreamConstraints': _FieldConversion(
         constraints_to_message, constraints_from_message
     ),

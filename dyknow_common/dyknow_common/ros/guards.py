@@ -75,10 +75,22 @@ def create_guarded_subscription(
     refusal: Refusal | None = None,
     **options: Any,
 ) -> Any:
-    """Create a subscription with a `MessageGuard`, as `DyKnowNode` does."""
-    guard: Any = MessageGuard(node, node.resolve_topic_name(topic), callback, refusal)
+    """Create a subscription with a `MessageGuard`, by default without event handlers.
+
+    Args:
+        node: that subscribes.
+        msg_type: the message class.
+        topic: its name.
+        callback: receives each message, with its info if it takes two arguments.
+        qos_profile: the quality of service.
+        refusal: decides whose messages are taken; None: all.
+        options: of rclpy.
+    """
+    guard: Any = callback
+    if not isinstance(callback, MessageGuard):
+        guard = MessageGuard(node, node.resolve_topic_name(topic), callback, refusal)
     options = {'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
-    return node.create_subscription(msg_type, topic, guard, qos_profile, **options)
+    return Node.create_subscription(node, msg_type, topic, guard, qos_profile, **options)
 
 
 class NodeEndError(DyKnowError):

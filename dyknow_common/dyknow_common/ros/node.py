@@ -22,13 +22,12 @@ from rclpy.node import Node
 
 from dyknow_common.errors import DyKnowError, ExitCode, one_line, shortened
 from dyknow_common.ros.deadlines import Deadlines
-from dyknow_common.ros.guards import MessageGuard, NodeEndError, Refusal, only_owner
+from dyknow_common.ros.guards import NodeEndError, create_guarded_subscription, only_owner
 from dyknow_common.ros.heartbeat import NodeHeartbeat
 from dyknow_common.ros.liveliness import Heartbeats
 from dyknow_common.ros.qos import (
     LATCHED,
     NO_PUBLISHER_EVENTS,
-    NO_SUBSCRIPTION_EVENTS,
     SERVICE,
     STATUS,
 )
@@ -99,30 +98,7 @@ class DyKnowNode(Node):
             *arguments, **{'event_callbacks': NO_PUBLISHER_EVENTS, **options}
         )
 
-    def create_subscription(
-        self,
-        msg_type: Any,
-        topic: str,
-        callback: Any,
-        qos_profile: Any,
-        *,
-        refusal: Refusal | None = None,
-        **options: Any,
-    ) -> Any:
-        """Create a subscription with a `MessageGuard`, by default without event handlers.
-
-        Args:
-            msg_type: the message class.
-            topic: its name.
-            callback: receives each message, with its info if it takes two arguments.
-            qos_profile: the quality of service.
-            refusal: decides whose messages are taken; None: all.
-            options: of rclpy.
-        """
-        if not isinstance(callback, MessageGuard):
-            callback = MessageGuard(self, self.resolve_topic_name(topic), callback, refusal)
-        options = {'event_callbacks': NO_SUBSCRIPTION_EVENTS, **options}
-        return super().create_subscription(msg_type, topic, callback, qos_profile, **options)
+    create_subscription = create_guarded_subscription
 
     def create_report_subscription(
         self, report_type: Any, topic: str, callback: Any, **options: Any

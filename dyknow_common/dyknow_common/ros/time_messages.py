@@ -6,18 +6,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from builtin_interfaces.msg import Duration, Time
-from dyknow_interfaces.msg import Margin as MarginMessage
-from dyknow_interfaces.msg import ProbabilityInterval as ProbabilityMessage
 from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
 from dyknow_interfaces.msg import StreamIdentity
 
 from dyknow_common.constraints import CONSTRAINT_KINDS, ConstraintKind, StreamConstraints
 from dyknow_common.durations import SECOND_NS
 from dyknow_common.errors import DyKnowError
-from dyknow_common.verdict import Margin, ProbabilityInterval
-
-_NO_MARGIN = MarginMessage()
-"""A message that nobody has filled: a margin of 0 has a comparison."""
 
 
 def time_to_nanoseconds(message: Any) -> int:
@@ -78,28 +72,3 @@ def identities_from_message(message: Iterable[Any]) -> dict[str, int]:
 def identities_to_message(identities: Mapping[str, int]) -> list[Any]:
     """Return StreamIdentity messages."""
     return [StreamIdentity(topic=topic, stream_id=number) for topic, number in identities.items()]
-
-
-def margin_to_message(margin: Margin | None) -> Any:
-    """Return a Margin message; an empty one if the margin was not asked for."""
-    if margin is None:
-        return MarginMessage()
-    return MarginMessage(lower=margin.lower, upper=margin.upper, unit=margin.unit, atom=margin.atom)
-
-
-def margin_from_message(message: Any) -> Margin | None:
-    """Return the margin in a message; None if the message is empty."""
-    if message == _NO_MARGIN:
-        return None
-    return Margin(message.lower, message.upper, message.unit, message.atom)
-
-
-def probability_to_message(probability: ProbabilityInterval | None) -> list[Any]:
-    """Return a list of the ProbabilityInterval message; an empty one for None."""
-    return [] if probability is None else [ProbabilityMessage(**probability.document)]
-
-
-def probability_from_message(messages: Iterable[Any]) -> ProbabilityInterval | None:
-    """Return the interval in a list of at most one message."""
-    found = (ProbabilityInterval(each.lower, each.upper, each.assumption) for each in messages)
-    return next(found, None)

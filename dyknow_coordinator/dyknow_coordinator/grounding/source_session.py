@@ -226,19 +226,15 @@ class SourceSession:
     Args:
         inputs: of the group.
         known: returns all streams.
-        on_exclude: called with sources that have failed.
         can_wait: True if a stream that cannot be made now may be made later.
     """
 
     def __init__(
-        self,
-        inputs: FormulaInputs,
-        known: Callable[[], KnownStreams],
-        on_exclude: Callable[[Iterable[FeatureSource], int], None],
-        *,
-        can_wait: bool = True,
+        self, inputs: FormulaInputs, known: Callable[[], KnownStreams], *, can_wait: bool = True
     ) -> None:
         self.inputs = inputs
+        self.standby = StandbySources(known, inputs.candidates)
+        """Which others stand by; whatever is excluded is so for them, too."""
         self.chosen: tuple[FeatureSource, ...] = ()
         """The sources in use."""
         self.faults: list[StateFault] = []
@@ -247,7 +243,7 @@ class SourceSession:
         """Why states may be missing: the latest reason to replace sources; empty without any."""
         self.silence_limit = SILENCE_LIMIT_NS
         """The time without a message after which a topic is silent."""
-        self._known, self._on_exclude, self._can_wait = known, on_exclude, can_wait
+        self._known, self._can_wait = known, can_wait
         self._choice = SourceChoice()
         # Why the latest attempt to replace sources has failed, and the faults that it was about.
         self._obstacle, self._faults_met = '', 0
@@ -316,7 +312,7 @@ class SourceSession:
     def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
         """Record that sources have failed."""
         self._choice.exclude(sources, now)
-        self._on_exclude(sources, now)
+        self.standby.exclude(sources, now)
 
     def have_failed(self, sources: Iterable[FeatureSource], now: int) -> bool:
         """Return True if one of some sources has failed recently."""
@@ -414,11 +410,12 @@ class StandbySources:
 
     Args:
         known: returns all streams.
+        candidates: all sources.
     """
 
-    def __init__(self, known: Callable[[], KnownStreams]) -> None:
+    def __init__(self, known: Callable[[], KnownStreams], candidates: Candidates) -> None:
         self.in_use: tuple[FeatureSource, ...] = ()
-        self.candidates = Candidates(())
+        self.candidates = candidates
         self.chosen: tuple[FeatureSource, ...] = ()
         """The sources of the standby; none without one."""
         self.is_broken = False

@@ -12,13 +12,14 @@ from dyknow_common import (
     ExitCode,
     Margin,
     ProbabilityInterval,
+    StandingVerdicts,
     Verdict,
     date_time,
     round_duration,
     time_since,
     with_readable_times,
 )
-from dyknow_coordinator.evaluation import EvaluationPhase, StandingVerdicts
+from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
 
 

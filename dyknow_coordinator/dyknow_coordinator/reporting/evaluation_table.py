@@ -63,7 +63,6 @@ def as_json(status: EvaluationStatus) -> dict[str, Any]:
     error = document.pop('error')
     return {
         **document,
-        'margin': status.margin and status.margin.document,
         'exit_status': (ExitCode.SUCCESS if error is None else error.code).name,
         'message': '' if error is None else error.message,
     }

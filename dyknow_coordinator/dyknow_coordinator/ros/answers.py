@@ -8,10 +8,10 @@ from typing import Any
 from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.msg import PlanVerdict as PlanVerdictMessage
 
-from dyknow_common import SECOND_NS
+from dyknow_common import SECOND_NS, StandingVerdicts
 from dyknow_common.ros import fill_exit_status, from_message, time_to_nanoseconds, to_message
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import Answer, EvaluationRequest, Progress, StandingVerdicts
+from dyknow_coordinator.evaluation import Answer, EvaluationRequest, Progress
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plan import FormulaPosition, Holds, Plan, PlanVerdict
 from dyknow_coordinator.ros.reporting.evaluation_messages import (

@@ -26,7 +26,6 @@ from dyknow_common.ros import (
     Background,
     DyKnowNode,
     ParameterLimits,
-    margin_to_message,
     run,
     to_message,
 )
@@ -58,15 +57,6 @@ from dyknow_stream_processing.ros import PAUSES
 
 _STATES: Final = '_states'
 """The beginning of the names of state streams; tools such as `ros2 topic list` hide the topics."""
-
-_PROGRESS_FIELDS: Final = (
-    'states_progressed',
-    'latest_valid_time',
-    'residual_formula',
-    'presumably_false',
-    'probability',
-)
-"""The fields that FormulaProgress and the feedback of MonitorFormula have in common."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,16 +290,7 @@ class StreamReasoningCoordinator(DyKnowNode):
 
 def _publish_feedback(goal: Any, evaluation: FormulaEvaluation) -> None:
     if not evaluation.has_ended:
-        feedback = MonitorFormula.Feedback(
-            streams=[each.stream for each in evaluation.groundings()],
-            waits_for=evaluation.waits_for,
-            events=evaluation.history.read(),
-            margin=margin_to_message(evaluation.margin),
-            **{name: getattr(evaluation.progress, name) for name in _PROGRESS_FIELDS},
-        )
-        if evaluation.request.every_state:
-            to_message(evaluation.episodes, feedback.episodes)
-        goal.publish_feedback(feedback)
+        goal.publish_feedback(to_message(evaluation.report(), MonitorFormula.Feedback()))
 
 
 def main() -> int:

@@ -12,6 +12,7 @@ import pytest
 from dyknow_common import SECOND_NS, ExitCode, StreamConstraints
 from dyknow_coordinator import CoordinationError, KnownStream, KnownStreams
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
+from dyknow_coordinator.grounding.source_session import StandbySources
 from dyknow_coordinator.ros.evaluation.standby import Standby
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
 from dyknow_stream_processing import ViolationKind
@@ -49,7 +50,8 @@ class World:
         context.node.spawn = self._looks.append
         # All waits are over, as when a node ends: each look is then the last one.
         context.node.deadlines.after.return_value.done.return_value = True
-        self.standby = Standby(context, GROUP, StreamConstraints(), self._new_stream)
+        self.sources = StandbySources(lambda: context.streams.known, Candidates(()))
+        self.standby = Standby(context, self.sources, GROUP, StreamConstraints(), self._new_stream)
 
     def _report(self, *names: str) -> None:
         """Report the streams with some names, besides those before; some topics are streams."""
@@ -126,7 +128,7 @@ def test_the_same_standby_stays(world: World) -> None:
 
 def test_a_better_source_does_not_replace_a_standby(world: World) -> None:
     """Its states are kept since a while."""
-    world.standby.exclude([B], 0)
+    world.sources.exclude([B], 0)
     world.follow(A, G)
     world.follow(A, G, seconds=12)
     assert world.kept == ['/states_2']
@@ -201,7 +203,7 @@ def test_a_clock_that_was_set_back_ends_the_standby(world: World) -> None:
 
 def test_no_failed_source_is_taken(world: World) -> None:
     world.follow(A, G)
-    world.standby.exclude([G], 0)
+    world.sources.exclude([G], 0)
     assert world.taken() is None
 
 

@@ -23,7 +23,7 @@ from dyknow_reasoning.execution.probability.formula_probability import (
 )
 from dyknow_reasoning.execution.recording import Recording
 from dyknow_reasoning.execution.standing.standing_monitor import KEPT_FAILURES, StandingMonitor
-from dyknow_reasoning.execution.standing.verdicts import Failure, StartCounts, VerdictLog
+from dyknow_reasoning.execution.standing.verdicts import Failure, VerdictLog
 from dyknow_reasoning.execution.unknown.possible_formulas import (
     PossibleFormula,
     PossibleFormulas,
@@ -49,7 +49,6 @@ __all__ = [
     'Recording',
     'SpatialTruths',
     'StandingMonitor',
-    'StartCounts',
     'VerdictLog',
     'link_lengths',
     'past_terms',

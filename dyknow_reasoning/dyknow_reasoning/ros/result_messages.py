@@ -5,21 +5,18 @@ from __future__ import annotations
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
-from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress
+from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress, ProbabilityInterval
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 
 from dyknow_common import NANOSECONDS, SECOND_NS
 from dyknow_common.ros import (
     DyKnowNode,
     fill_exit_status,
-    margin_to_message,
     nanoseconds_to_time,
-    probability_to_message,
     to_message,
 )
 from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.results import FormulaResult
-from dyknow_reasoning.standing import EpisodeSummary
 
 PERIOD_NS: Final = SECOND_NS
 """The time after which a report is published again."""
@@ -48,19 +45,17 @@ def progress_to_message(
         formula_id: the id of the formula.
         latest: the valid time of its latest state in nanoseconds; None before the first.
     """
-    return FormulaProgress(
+    message = FormulaProgress(
         formula_id=formula_id,
         latest_valid_time=nanoseconds_to_time(latest or 0),
         residual_formula=group.residual(formula_id),
         presumably_false=group.presumably_false(formula_id),
-        margin=margin_to_message(group.margin(formula_id)),
-        probability=probability_to_message(group.probability(formula_id)),
     )
-
-
-def summary_to_message(summary: EpisodeSummary) -> FormulaEpisodes:
-    """Return the message of the verdicts on a formula, without the formula."""
-    return to_message(summary.counts, to_message(summary, FormulaEpisodes()))
+    if margin := group.margin(formula_id):
+        to_message(margin, message.margin)
+    if probability := group.probability(formula_id):
+        message.probability = [to_message(probability, ProbabilityInterval())]
+    return message
 
 
 class EpisodeReports:
@@ -100,7 +95,7 @@ class EpisodeReports:
 
     def _publish(self, formula_id: int) -> None:
         name = self._group.formulas[formula_id].name
-        message = summary_to_message(self._group.standing.summary(formula_id))
+        message = to_message(self._group.standing.summary(formula_id), FormulaEpisodes())
         message.formula_group_id, message.formula_id = self._group_id, formula_id
         message.formula_name = name
         message.header.stamp = self._node.get_clock().now().to_msg()

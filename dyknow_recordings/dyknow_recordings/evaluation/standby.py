@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from dyknow_common import DyKnowError
-from dyknow_coordinator import FeatureSource, FormulaInputs, StandbySources
+from dyknow_coordinator import FeatureSource, StandbySources
 from dyknow_reasoning import ReadStream, StateLine
 from dyknow_recordings.evaluation.streams import RecordedStreams
 from dyknow_recordings.reading.recording import LostMessages
@@ -52,10 +52,8 @@ class RecordedStates(ReadStream[Sample]):
 class RecordedStandby:
     """Keeps the states of other sources than those in use, for features that have some.
 
-    `StandbySources` decides which, as in the coordinator.
-
     Args:
-        inputs: of the formulas.
+        sources: decides which, as in the coordinator.
         streams: of the recording.
         create: makes a stream, whose states and violations reach `receive` and `note_violation`
             until it is taken.
@@ -64,7 +62,7 @@ class RecordedStandby:
 
     def __init__(
         self,
-        inputs: FormulaInputs,
+        sources: StandbySources,
         streams: RecordedStreams,
         create: Callable[[RecordedStates], None],
         line: StateLine[RecordedStates],
@@ -72,11 +70,10 @@ class RecordedStandby:
         self.stream: RecordedStates | None = None
         self.due: int | None = None
         """The log time at which sources may be used again that have failed; None without any."""
+        self._sources = sources
         self._streams = streams
         self._create = create
         self._line = line
-        self._sources = StandbySources(lambda: streams.known)
-        self._sources.candidates = inputs.candidates
 
     def follow(
         self,
@@ -119,10 +116,6 @@ class RecordedStandby:
     def is_outdated(self, now: int) -> bool:
         """Return True if another standby is to be made."""
         return self._sources.is_broken or (self.due is not None and self.due <= now)
-
-    def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
-        """Use no states of sources that have failed."""
-        self._sources.exclude(sources, now)
 
     def note_violation(self, stream: RecordedStates, violation: Violation) -> None:
         """Use no sources that a violation concerns, in the stream in use or in the standby."""

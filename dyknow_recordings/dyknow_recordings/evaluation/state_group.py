@@ -65,11 +65,9 @@ class StateGroup:
         self._name, self._inputs, self._streams = name, inputs, streams
         self._begin, self._on_fault = begin, on_fault
         self._line: StateLine[RecordedStates] = StateLine(episodes.gap, episodes.end_gap)
-        self._standby = RecordedStandby(inputs, streams, self._create, self._line)
-        self._session = SourceSession(
-            inputs, lambda: streams.known, self._standby.exclude, can_wait=False
-        )
+        self._session = SourceSession(inputs, lambda: streams.known, can_wait=False)
         self._session.silence_limit = silence_limit
+        self._standby = RecordedStandby(self._session.standby, streams, self._create, self._line)
         found = Counter(each.feature for each in inputs.candidates.found)
         self._is_replaceable = any(found[each] > 1 for each in inputs.features)
         self.origins = frozenset(

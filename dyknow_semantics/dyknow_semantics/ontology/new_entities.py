@@ -11,11 +11,9 @@ from dyknow_common import (
     FORMULA_WORDS,
     FUNCTIONS,
     SSL_WORDS,
-    DyKnowError,
     ExitCode,
     ValueType,
     check_name,
-    check_unit,
     shortened,
 )
 from dyknow_semantics.errors import SemanticsError
@@ -164,8 +162,8 @@ def checked_signature(
             f"the value type '{shortened(stated.value_type)}' of the feature '{name}' is unknown; "
             f'give one of {", ".join(ValueType)}'
         )
-    if stated.unit:
-        _check_unit(name, parents, stated, knowledge)
+    if stated.unit:  # Whether it is known is checked with the features of the result.
+        _check_has_numbers(name, parents, stated, knowledge)
     return replace(stated, argument_sorts=tuple(sorts))
 
 
@@ -182,13 +180,9 @@ def _argument_sort(feature: str, number: int, sort: str, knowledge: Knowledge) -
     return iri
 
 
-def _check_unit(
+def _check_has_numbers(
     name: str, parents: tuple[str, ...], stated: StatedSignature, knowledge: Knowledge
 ) -> None:
-    try:
-        check_unit(stated.unit)
-    except DyKnowError as error:
-        raise SemanticsError(f"the feature '{name}': {error}") from None
     features = (knowledge.feature(iri) for iri in parents if knowledge.is_feature(iri))
     types = {stated.value_type} if stated.value_type else {each.value_type for each in features}
     if types & _NO_UNIT:

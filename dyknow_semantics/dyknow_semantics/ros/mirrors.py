@@ -1,11 +1,11 @@
-"""Shared by the semantic nodes: copies of contents, versions that date them, lengths of texts."""
+"""Shared by the semantic nodes: copies of contents, versions that date them, limits of texts."""
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from dyknow_interfaces.msg import SemanticsVersion
 from dyknow_interfaces.srv import ListSemanticSpecifications, OntologyQuery
@@ -18,6 +18,9 @@ from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.bridges import Bridge, bridged, parse_bridges
 from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
+
+# Texts are parsed in the thread of the node: it takes 1 s for 100,000 words.
+TEXT_LIMITS: Final = {'max_characters': (20_000, 'Characters of a text in a request.')}
 
 Contents = TypeVar('Contents')
 
@@ -138,29 +141,4 @@ class VersionPublisher:
                 version=self.number,
                 concepts=list(concepts),
             )
-        )
-
-
-def max_characters(node: DyKnowNode) -> int:
-    """Return the number of characters that a text may have, a parameter of the node.
-
-    Texts are parsed in the thread of the node: it takes 1 s for 100,000 words.
-    """
-    return int(
-        node.parameter(
-            'max_characters', 20_000, 'Characters of a text in a request.', (100, 1_000_000)
-        )
-    )
-
-
-def check_length(kind: str, text: str, most: int) -> None:
-    """Check the length of a text.
-
-    Raises:
-        SemanticsError: if it is too long.
-    """
-    if len(text) > most:
-        raise SemanticsError(
-            f'the {kind} has {len(text):,} characters, more than {most:,}; split it, or increase '
-            'max_characters'
         )

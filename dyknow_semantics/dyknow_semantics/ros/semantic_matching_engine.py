@@ -7,17 +7,12 @@ from typing import Any
 from dyknow_interfaces.srv import FindAllMatchingStreams
 
 from dyknow_common import DyKnowError, ExitCode
-from dyknow_common.ros import RUNNING, DyKnowNode, run
+from dyknow_common.ros import RUNNING, DyKnowNode, ParameterLimits, run
 from dyknow_semantics.annotations.parsing import parse_concept
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.matching.matching import MAX_MATCHES, Matcher
 from dyknow_semantics.ontology.knowledge import Knowledge
-from dyknow_semantics.ros.mirrors import (
-    check_length,
-    max_characters,
-    mirror_annotations,
-    mirror_ontologies,
-)
+from dyknow_semantics.ros.mirrors import TEXT_LIMITS, mirror_annotations, mirror_ontologies
 
 
 class SemanticMatchingEngine(DyKnowNode):
@@ -31,10 +26,8 @@ class SemanticMatchingEngine(DyKnowNode):
                 'sorts follow bridges, too'
             )
         self.set_status(RUNNING)
-        self._max_characters = max_characters(self)
-        self._max_matches = self.changing_parameter(
-            'max_matches', MAX_MATCHES, 'Streams that match a concept.', (1, 10**7)
-        )
+        limits = {**TEXT_LIMITS, 'max_matches': (MAX_MATCHES, 'Streams that match a concept.')}
+        self._limits = ParameterLimits(self, limits, SemanticsError)
         self._ontologies = mirror_ontologies(self)
         self._annotations = mirror_annotations(self)
         self._matcher = Matcher(Knowledge(()))
@@ -44,10 +37,11 @@ class SemanticMatchingEngine(DyKnowNode):
         self.serve(FindAllMatchingStreams, self._find_all_matching_streams)
 
     async def _find_all_matching_streams(self, request: Any, response: Any) -> None:
-        check_length('concept', request.concept, self._max_characters)
+        length, text = len(request.concept), 'characters in the concept'
+        self._limits.check('max_characters', length, text, ExitCode.INVALID_ARGUMENT)
         concept = parse_concept(request.concept)
         await self._update()
-        matches = self._matcher.match(concept, self._max_matches())
+        matches = self._matcher.match(concept, self._limits['max_matches'])
         if not matches:
             raise SemanticsError(self._matcher.nearest(concept), ExitCode.NOT_FOUND)
         response.stream_specifications = [found.specification for found in matches]

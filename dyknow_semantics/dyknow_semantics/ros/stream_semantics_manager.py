@@ -16,8 +16,8 @@ from dyknow_interfaces.srv import (
     StreamGetTopic,
 )
 
-from dyknow_common import DyKnowError, read_file
-from dyknow_common.ros import RUNNING, DyKnowNode, RemoteNode, run
+from dyknow_common import DyKnowError, ExitCode, read_file
+from dyknow_common.ros import RUNNING, DyKnowNode, ParameterLimits, RemoteNode, run
 from dyknow_semantics.annotations.annotation import Annotation
 from dyknow_semantics.annotations.annotation_store import AnnotationStore
 from dyknow_semantics.annotations.checking import (
@@ -33,9 +33,8 @@ from dyknow_semantics.annotations.parsing import parse_annotations
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.knowledge import Knowledge
 from dyknow_semantics.ros.mirrors import (
+    TEXT_LIMITS,
     VersionPublisher,
-    check_length,
-    max_characters,
     mirror_ontologies,
 )
 from dyknow_stream_processing import SAMPLE_TYPE
@@ -62,10 +61,8 @@ class StreamSemanticsManager(DyKnowNode):
         store = self.parameter(
             'store', '', 'SQLite file that keeps the annotations over restarts; empty: in memory.'
         )
-        self._max_characters = max_characters(self)
-        self._max_annotations = self.changing_parameter(
-            'max_annotations', 10_000, 'Annotations that clients may add.', (1, 10**7)
-        )
+        limits = {**TEXT_LIMITS, 'max_annotations': (10_000, 'Annotations that clients may add.')}
+        self._limits = ParameterLimits(self, limits, SemanticsError)
         self._ontologies = mirror_ontologies(self)
         self._store = AnnotationStore(Path(store) if store else None)
         self._fields = StreamFields(self)
@@ -94,9 +91,10 @@ class StreamSemanticsManager(DyKnowNode):
         super().destroy_node()
 
     async def _add_specification(self, request: Any, _response: Any) -> None:
-        check_length('semantic specification', request.ssl_statement, self._max_characters)
+        length, text = len(request.ssl_statement), 'characters in the semantic specification'
+        self._limits.check('max_characters', length, text, ExitCode.INVALID_ARGUMENT)
         annotations = parse_annotations(request.ssl_statement)
-        most = self._max_annotations()
+        most = self._limits['max_annotations']
         if len(self._store.texts) + len(annotations) > most:
             raise SemanticsError(
                 f'there would be more than {most:,} annotations; remove some, or '

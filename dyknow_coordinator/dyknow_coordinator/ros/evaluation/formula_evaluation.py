@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
 
-from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.msg import SymbolGrounding as SymbolGroundingMessage
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.task import Future
@@ -22,6 +21,7 @@ from dyknow_common import (
     DyKnowError,
     ExitCode,
     Margin,
+    StandingVerdicts,
     StreamConstraints,
     Symbol,
     Verdict,
@@ -30,9 +30,6 @@ from dyknow_common import (
 )
 from dyknow_common.ros import (
     from_message,
-    margin_from_message,
-    probability_from_message,
-    time_to_nanoseconds,
     to_message,
 )
 from dyknow_coordinator.errors import CoordinationError
@@ -42,7 +39,7 @@ from dyknow_coordinator.evaluation import (
     EvaluationPhase,
     EvaluationRequest,
     History,
-    StandingVerdicts,
+    Progress,
 )
 from dyknow_coordinator.grounding.candidate_search import check_symbols, sort_names
 from dyknow_coordinator.grounding.compared_objects import check_compared_objects
@@ -62,6 +59,7 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import (
     EvaluationGroups,
     find_candidates,
 )
+from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -95,7 +93,7 @@ class FormulaEvaluation(Evaluation):
 
     Attributes:
         outcome: a future of the `Answer`.
-        progress: the latest FormulaProgress.
+        progress: the latest of the reasoning engine.
         margin: the latest one, if it was asked for.
         episodes: the verdicts, if the formula is asked at every state.
         needs_peers: True if peers evaluate parts of it.
@@ -117,7 +115,7 @@ class FormulaEvaluation(Evaluation):
         # With its units, for guards, black boxes and pages, which explain it themselves.
         self._formula = ''
         self.outcome: Future = Future()
-        self.progress = FormulaProgress()
+        self.progress = Progress()
         self.margin: Margin | None = None
         self.on_progress: Callable[[], None] = lambda: None
         self.history = History()
@@ -209,7 +207,7 @@ class FormulaEvaluation(Evaluation):
             f'{sort}: {listed(found) or "none"}' for sort, found in self._domains.items()
         )
         self.add_event(f'restarted with {objects}')
-        self.progress, self.episodes = FormulaProgress(), StandingVerdicts()
+        self.progress, self.episodes = Progress(), StandingVerdicts()
         self.margin = None
         try:
             await self._start(prepared)
@@ -218,31 +216,26 @@ class FormulaEvaluation(Evaluation):
 
     def receive_result(self, result: Any) -> None:
         """End with a FormulaResult of the reasoning engine (step 8)."""
-        self._receive_margin(result.margin)
-        status = result.exit_status
-        if status.code != ExitCode.SUCCESS:
-            code, text = ExitCode(status.code), status.message
-            fault = self._group.states.fault if self._group else ''
-            if fault and code is ExitCode.CONSTRAINT_VIOLATION:
-                text = f'{text}; the streams were replaced: {fault}'
-            self.fail(CoordinationError(text, code))
-        else:
-            self.decide(
-                Verdict(result.verdict),
-                time_to_nanoseconds(result.decided_at) or None,
-                result.explanation,
-            )
+        answer = from_message(Answer, result, error=error_from_status(result.exit_status))
+        self._note_margin(answer.margin)
+        if (error := answer.error) is None:
+            self.decide(answer.verdict, answer.decided_at, answer.explanation)
+            return
+        fault = self._group.states.fault if self._group else ''
+        if fault and error.code is ExitCode.CONSTRAINT_VIOLATION:
+            text = f'{error.message}; the streams were replaced: {fault}'
+            error = CoordinationError(text, error.code)
+        self.fail(error)
 
-    def receive_progress(self, progress: Any) -> None:
+    def receive_progress(self, message: Any) -> None:
         """Record a FormulaProgress of the reasoning engine."""
-        self.progress = progress
-        self._receive_margin(progress.margin)
+        self.progress = progress = from_message(Progress, message)
+        self._note_margin(progress.margin)
         for event in progress.events:
             self.add_event(event)
         self.on_progress()
 
-    def _receive_margin(self, message: Any) -> None:
-        margin = margin_from_message(message)
+    def _note_margin(self, margin: Margin | None) -> None:
         if margin is not None:
             self.margin = with_unit(margin, self._units)
 
@@ -304,6 +297,17 @@ class FormulaEvaluation(Evaluation):
         self._on_change()
         self.on_progress()
 
+    def report(self) -> Progress:
+        """Return the progress for its client, with the events since the last report."""
+        return replace(
+            self.progress,
+            streams=tuple(each.stream for each in self.groundings()),
+            events=tuple(self.history.read()),
+            waits_for=self.waits_for,
+            margin=self.margin,
+            episodes=self.episodes if self.request.every_state else None,
+        )
+
     def status(self) -> EvaluationStatus:
         """Return the status for operators."""
         answer: Answer = self.outcome.result() if self.outcome.done() else Answer()
@@ -323,13 +327,13 @@ class FormulaEvaluation(Evaluation):
             record=request.record,
             events=self.history.latest,
             states_progressed=progress.states_progressed,
-            latest_valid_time=time_to_nanoseconds(progress.latest_valid_time) or None,
+            latest_valid_time=progress.latest_valid_time or None,
             residual_formula=progress.residual_formula,
             presumably_false=progress.presumably_false,
             episodes=self.episodes if request.every_state else None,
             waits_for=self.waits_for,
             margin=self.margin,
-            probability=probability_from_message(() if self.has_ended else progress.probability),
+            probability=None if self.has_ended else progress.probability,
             verdict=answer.verdict,
             decided_at=answer.decided_at,
             explanation=answer.explanation,

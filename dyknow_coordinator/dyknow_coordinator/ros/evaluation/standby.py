@@ -13,7 +13,7 @@ Example: the streams `a` (best), `b` and `c` carry `Power[uav1]`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Final
 
 from rclpy.task import Future
@@ -32,9 +32,8 @@ LOOK_PERIOD_S: Final = 2.0
 class Standby:
     """Keeps a state stream ready over other sources than those in use, for features that have some.
 
-    `StandbySources` decides which, as over recordings.
-
     Args:
+        sources: decides which, as over recordings.
         group_id: at the reasoning engine.
         constraints: of the state streams.
         new_stream: returns a stream with a name; its violations reach `note_violation`.
@@ -43,15 +42,16 @@ class Standby:
     def __init__(
         self,
         context: CoordinatorContext,
+        sources: StandbySources,
         group_id: int,
         constraints: StreamConstraints,
         new_stream: Callable[[str], StateStream],
     ) -> None:
         self._context = context
+        self._sources = sources
         self._group_id = group_id
         self._constraints = constraints
         self._new_stream = new_stream
-        self._sources = StandbySources(lambda: context.streams.known)
         self._stream: StateStream | None = None
         # True once the reasoning engine keeps the states of the stream.
         self._is_ready = False
@@ -76,10 +76,6 @@ class Standby:
         self._has_ended = True
         self._drop()
         self._wake()
-
-    def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
-        """Use no states of sources that have failed."""
-        self._sources.exclude(sources, now)
 
     def note_violation(self, stream: StateStream, violation: Violation) -> None:
         """Use no sources that a violation concerns, in whatever stream it was reported."""

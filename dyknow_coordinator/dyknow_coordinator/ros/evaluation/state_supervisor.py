@@ -97,8 +97,10 @@ class StateSupervisor:
         self._context = context
         self._group_id = group_id
         self._observer = observer
-        self._standby = Standby(context, group_id, inputs.constraints, self._new_stream)
-        self._session = SourceSession(inputs, lambda: context.streams.known, self._standby.exclude)
+        self._session = SourceSession(inputs, lambda: context.streams.known)
+        self._standby = Standby(
+            context, self._session.standby, group_id, inputs.constraints, self._new_stream
+        )
         self._doubtful_from: int | None = None
         self._settled_at_s = 0.0
         self._missing_since: float | None = None

@@ -7,10 +7,9 @@ from typing import Final
 from dyknow_interfaces.msg import EvaluationStatus as StatusMessage
 from dyknow_interfaces.msg import ExitStatus
 
-from dyknow_common import DyKnowError, ExitCode
+from dyknow_common import DyKnowError, ExitCode, StandingVerdicts
 from dyknow_common.ros import fill_exit_status, from_message, to_message
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import StandingVerdicts
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 
 _TEXTS: Final = tuple(

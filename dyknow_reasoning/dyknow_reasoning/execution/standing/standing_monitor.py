@@ -9,6 +9,7 @@ from math import inf
 from operator import ne, or_
 from typing import Any, Final, TypeAlias
 
+from dyknow_common import StandingVerdicts
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.configurations import Template
 from dyknow_reasoning.execution.automata.instance_states import (
@@ -31,7 +32,7 @@ from dyknow_reasoning.execution.standing.runs import (
     union,
     union_of,
 )
-from dyknow_reasoning.execution.standing.verdicts import Failure, Failures, StartCounts, VerdictLog
+from dyknow_reasoning.execution.standing.verdicts import Failure, Failures, VerdictLog
 from dyknow_reasoning.execution.unknown.parts import Instances
 from dyknow_reasoning.execution.unknown.possible_formulas import (
     NO_DOUBT,
@@ -237,8 +238,8 @@ class StandingMonitor:
         self._wakes_at = -inf
         self._gap_follows = len(self._times) > 0
 
-    def counts(self) -> StartCounts:
-        """Return the numbers of starts by their verdicts."""
+    def counts(self) -> StandingVerdicts:
+        """Return the numbers of starts by their verdicts, without the episodes."""
         self._settle()
         states = len(self._times)
         false = self._failures.runs
@@ -247,7 +248,7 @@ class StandingMonitor:
         fails = self._forgotten_fails + count_states(false)
         unknown = count_outside(self._unprovable, union(false, undecided))
         unknown += self._forgotten_unknown
-        return StartCounts(states - fails - pending - unknown, fails, pending, unknown)
+        return StandingVerdicts(states - fails - pending - unknown, fails, pending, unknown)
 
     @property
     def _all(self) -> Sequence[OpenStarts | PossibleStarts]:

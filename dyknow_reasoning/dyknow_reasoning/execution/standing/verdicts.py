@@ -90,24 +90,6 @@ class Failures:
         return [each.run for each in self.kept]
 
 
-@dataclass(frozen=True, slots=True)
-class StartCounts:
-    """The numbers of start states, by their verdicts.
-
-    Args:
-        holds: from which the formula is true.
-        fails: from which it is false.
-        undecided: from which it is undecided yet.
-        unknown: from which no state decides it any more: its verdict depends on states that are
-            missing in a gap, or on unknown values.
-    """
-
-    holds: int = 0
-    fails: int = 0
-    undecided: int = 0
-    unknown: int = 0
-
-
 class VerdictLog:
     """When the formula was decided from each state on, by the numbers of the states.
 
