@@ -34,6 +34,9 @@ from dyknow_common.ros.time_messages import time_to_nanoseconds
 MISSED_LIMIT: Final = 5
 """The number of periods without a heartbeat after which a node counts as dead."""
 
+_RESTART_LIMIT: Final = 2
+"""The number after which a younger node of its name counts as its restart."""
+
 
 class NodeLiveliness:
     """The liveliness of a node, from its heartbeats.
@@ -56,8 +59,10 @@ class NodeLiveliness:
 
     def note(self, started_at: int) -> None:
         """Record a sign of life of the run of the node that started at a time."""
-        # If two nodes of one name meet, the older one must not look like a restart of the younger.
-        if started_at >= self.alive_since:
+        known = self.alive_since
+        # If two nodes of one name meet, the younger one ends: it is no restart of the older one.
+        is_restart = started_at > known and self.silence >= _RESTART_LIMIT
+        if known in {0, started_at} or is_restart:
             self.started_at, self.silence = started_at, 0
             self.signs += 1
 

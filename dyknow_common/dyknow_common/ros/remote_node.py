@@ -231,16 +231,17 @@ class RemoteNode:
             await self._node.deadlines.after(POLL_PERIOD_S)
 
     def _on_status(self, message: Any) -> None:
-        self._use(message)
-        started_at = int(self._status.get(STARTED_AT, 0))
+        started_at = int(_values(message).get(STARTED_AT, 0))
         # A second node of this name ends, and the first one does not publish its status again.
         others = [each for each in self._statuses.items() if each[0] != started_at]
         self._statuses = {**dict(others[-1:]), started_at: message}
         self._liveliness.note(started_at)
+        if self._liveliness.started_at == started_at:
+            self._use(message)
         self._refresh()
 
     def _use(self, message: Any) -> None:
-        self._status = {value.key: value.value for value in message.values}
+        self._status = _values(message)
         self._message = message.message
         self.latest = message
 
@@ -264,6 +265,10 @@ class RemoteNode:
 
     def _cancelled(self) -> DyKnowError:
         return DyKnowError(f'the connection to {self.name} is closed', ExitCode.CANCELLED)
+
+
+def _values(status: Any) -> dict[str, str]:
+    return {value.key: value.value for value in status.values}
 
 
 def _notify(callbacks: list[Callable[[], None]]) -> None:
