@@ -96,21 +96,25 @@ def test_the_formulas_of_the_robot_hold_for_a_while(rover: tuple[Rover, dict[str
     assert 'holds so far' in output
 
 
+@pytest.mark.parametrize(
+    'fault', [{'publishes_battery': False}, {'charge': math.nan}], ids=['silent', 'not a number']
+)
 def test_a_violation_that_ends_is_not_the_end(
-    rover: tuple[Rover, dict[str, str]], tmp_path: Path
+    rover: tuple[Rover, dict[str, str]], tmp_path: Path, fault: dict[str, float]
 ) -> None:
     publishing, _ = rover
-    path = formulas(tmp_path, charged='forall r in Rover: always Charge[r] > 0.2')
+    name = ' '.join(fault)  # Evaluations that have ended are still reported.
+    path = formulas(tmp_path, **{name: 'forall r in Rover: always Charge[r] > 0.2'})
 
     def follow(report: EvaluationStatusArray) -> None:
-        """The battery falls silent when it is monitored, then returns, and then it is empty."""
-        found = [each for each in report.evaluations if each.name == 'charged']
+        """The battery has a fault when it is monitored, then returns, and then it is empty."""
+        found = [each for each in report.evaluations if each.name == name]
         has_ended = any(each.phase == EvaluationStatus.ENDED for each in found)
         states = max((each.states_progressed for each in found if each.phase == RUNNING), default=0)
         if has_ended:
             publishing.tell(publishes_battery=True, charge=0.1 if states > 60 else 0.9)
         elif states:
-            publishing.tell(publishes_battery=False)
+            publishing.tell(**fault)
 
     node = publishing.client.node
     topic = 'stream_reasoning_coordinator/evaluations'
@@ -119,7 +123,7 @@ def test_a_violation_that_ends_is_not_the_end(
     node.destroy_subscription(listener)
     publishing.tell(charge=0.9)
     assert code == 1, output
-    assert changes['charged']['outcome'] == 'false'
+    assert changes[name]['outcome'] == 'false'
     outcomes = [json.loads(line)['outcome'] for line in output.splitlines() if line[0] == '{']
     # The states before and after the violation may come with one report.
     assert 'CONSTRAINT_VIOLATION' in outcomes

@@ -18,8 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 from commands import command, output_of
 from dyknow_configuration import ConfigurationError
 from dyknow_coordinator import Progress
-from dyknow_reactions.ros.triggers import TargetFault, Triggers
-from dyknow_reactions.ros.triggers.targets import find_target_faults
+from dyknow_reactions.ros.triggers import TargetFault, Triggers, find_target_faults, targets
 from system import Client, private_environment
 from test_triggers import SECOND, VIOLATED, formula
 
@@ -125,6 +124,39 @@ def test_what_is_there_is_no_fault(monitoring: Client, tmp_path: Path) -> None:
     assert faults(monitoring, tmp_path, RIGHT) == []
 
 
+def test_a_start_does_not_wait_for_targets(
+    monitoring: Client,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """What lacks or has another type is logged later."""
+    logged: list[str] = []
+
+    def has_logged() -> bool:
+        logged.extend(each for each in capfd.readouterr().err.splitlines() if 'trigger: ' in each)
+        return len(logged) > 1
+
+    wrong, missing = (
+        next(each for each in found if '/alarm' in each) for found in (WRONG, MISSING)
+    )
+    requested = [formula(tmp_path, f'{{false: [{{{wrong}}}, {{{missing}}}]}}')]
+    monkeypatch.setattr(targets, 'DISCOVERY_S', 3600.0)
+    with Triggers(monitoring.node, requested):
+        monitoring.spin_until(
+            lambda: any('/alarm' in name for name, _ in services_of(monitoring)), 'discovery'
+        )
+    monkeypatch.setattr(targets, 'DISCOVERY_S', 0.0)
+    with Triggers(monitoring.node, requested):
+        monitoring.spin_until(has_logged, 'the log')
+    for line, level, text in zip(
+        logged, ('[ERROR]', '[WARN]'), (WRONG[wrong], MISSING[missing]), strict=True
+    ):
+        assert line.startswith(level)
+        assert f'trigger: {tmp_path}/robot.yaml:2:' in line
+        assert line.endswith(text)
+
+
 def test_two_triggers_with_different_types(monitoring: Client, tmp_path: Path) -> None:
     one, other = (f'{{publish: {{topic: /a, type: {each}}}}}' for each in (STRING, FLOAT))
     with pytest.raises(ConfigurationError) as error:
@@ -148,6 +180,9 @@ def test_a_subscriber_that_requests_another_quality(
 ) -> None:
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     robot.node.create_subscription(String, '/latched', lambda _: None, latched)
+    monitoring.spin_until(
+        lambda: monitoring.node.count_subscribers('/latched') > 0, 'the subscriber'
+    )
     requested = formula(tmp_path, f'{{false: {{publish: {{topic: /latched, type: {STRING}}}}}}}')
     with Triggers(monitoring.node, [requested]) as triggers:
         triggers.on_progress(requested, Progress(4, SECOND, '', episodes=VIOLATED))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dyknow_common import DyKnowError, ExitCode, format_time
+from dyknow_common import DyKnowError, ExitCode, format_time, round_time
 
 
 class ReasoningError(DyKnowError):
@@ -16,3 +16,13 @@ def late_state(valid_time: int, latest: int) -> ReasoningError:
         'that of the state before; valid times must increase',
         ExitCode.CONSTRAINT_VIOLATION,
     )
+
+
+def error_at(valid_time: int, error: ReasoningError) -> ReasoningError:
+    """Return the error with which a formula fails at a state, valid at a time in nanoseconds.
+
+    The formula was accepted before, so it is right: a value of the state cannot be used.
+    """
+    is_wrong = error.code is ExitCode.INVALID_ARGUMENT
+    code = ExitCode.CONSTRAINT_VIOLATION if is_wrong else error.code
+    return ReasoningError(f'at {round_time(valid_time)}: {error}', code)

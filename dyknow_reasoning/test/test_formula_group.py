@@ -185,7 +185,7 @@ def test_a_bad_state_fails_the_formulas_that_need_it(
     assert result.error is not None
     assert result.error.message.startswith('at 12.300 s: ')
     assert message in result.error.message
-    assert result.error.code is ExitCode.INVALID_ARGUMENT
+    assert result.error.code is ExitCode.CONSTRAINT_VIOLATION
     [other] = group.progress(13_000 * MS, {'good': False})
     assert (other.name, other.verdict) == ('always good', Verdict.FALSE)
 

@@ -34,9 +34,6 @@ RETRIED = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 PASSING = (*RETRIED, ExitCode.CONSTRAINT_VIOLATION, ExitCode.TIMEOUT, ExitCode.INTERNAL_ERROR)
 """Errors worth retrying at any time."""
 
-WRONG = (ExitCode.NOT_FOUND, ExitCode.INVALID_ARGUMENT)
-"""Errors of a formula that the system does not understand."""
-
 OTHER_FILE = '; does the system run with the file of this formula, as by "dyknow up robot.yaml"?'
 """A hint in errors: a formula that lint finds correct may be wrong for another ontology."""
 
@@ -119,7 +116,7 @@ class MonitorNode(DyKnowNode):
         if answer.episodes is not None:
             self._follow(monitored, answer.episodes)
         if answer.error is not None:
-            hint = OTHER_FILE if answer.error.code in WRONG else ''
+            hint = OTHER_FILE if answer.error.code is ExitCode.NOT_FOUND else ''
             reason, *place = answer.error.message.split('\n', 1)
             text = '\n'.join([f'{reason}{hint}', *place])
             self.set_outcome(monitored, answer.error.code.name, text)
@@ -206,11 +203,6 @@ class FormulaMonitor(MonitorNode):
         self._monitors: dict[int, Monitor] = {}
         for index in range(len(self.formulas)):
             self._start(index)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The warnings in the log at the start."""
-        return self._triggers.warnings
 
     @property
     def is_running(self) -> bool:

@@ -45,6 +45,7 @@ from dyknow_common.tables import Terminal
 from dyknow_configuration import RequestedFormula, read_robot, warn_of_notes
 from dyknow_coordinator import Answer, EvaluationPhase, EvaluationStatus, Progress, StandingVerdicts
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
+from dyknow_reactions.ros.triggers import find_target_faults
 
 REPORT_S: Final = 3.0
 """The longest wait for the report of a coordinator; the monitor waits for one that does not run."""
@@ -156,11 +157,6 @@ class AttachedMonitor(MonitorNode):
         self.create_report_subscription(
             EvaluationStatusArray, f'{self.coordinator}/evaluations', self._on_evaluations
         )
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """None: the triggers are those of the other monitor."""
-        return ()
 
     @property
     def is_connected(self) -> bool:
@@ -379,15 +375,23 @@ def _watching(
             node = AttachedMonitor(formulas, report, name=name)
         else:
             node = FormulaMonitor(formulas, report, name=name, retries=options.retry)
-        for warning in node.warnings if is_live else ():
-            sys.stderr.write(f'warning: {warning}\n')
         watch = _MonitorRun(node, options.wait, options.duration)
         try:
+            if isinstance(node, FormulaMonitor):
+                _check_targets(node, formulas)
             yield watch
         finally:
             watch.close()
     finally:
         rclpy.try_shutdown()
+
+
+def _check_targets(node: FormulaMonitor, formulas: tuple[RequestedFormula, ...]) -> None:
+    """Refuse triggers whose targets have another type; warn of those without a target."""
+    for fault in find_target_faults(node, formulas):
+        if not fault.is_missing:
+            raise fault.error
+        sys.stderr.write(f'warning: {fault.warning}\n')
 
 
 def _report(node: MonitorNode, monitored: MonitoredFormula, *, as_json: bool) -> None:

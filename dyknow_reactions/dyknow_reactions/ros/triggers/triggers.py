@@ -12,14 +12,11 @@ from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, one_line, round_duration, round_time
 from dyknow_common.ros import DiagnosticsPublisher, NodeAdapter, RCLError
-from dyknow_configuration import RequestedFormula
+from dyknow_configuration import RequestedFormula, Trigger
 from dyknow_coordinator import Answer, Progress
+from dyknow_reactions.ros.triggers import targets
 from dyknow_reactions.ros.triggers.actions import ACTIONS, TriggerAction, check_action
-from dyknow_reactions.ros.triggers.targets import (
-    find_target_faults,
-    triggers_of,
-    type_conflicts,
-)
+from dyknow_reactions.ros.triggers.targets import target_fault, triggers_of, type_conflicts
 from dyknow_reactions.triggers import (
     FormulaEvents,
     TriggerAttempt,
@@ -48,16 +45,16 @@ class Triggers:
                 on_verdict=partial(triggers.on_answer, formula),
             )
 
-    The start waits up to DISCOVERY_S for targets to be discovered, such as services. Nothing else
-    waits: attempts end in callbacks of the node, or with the timeouts of their triggers.
+    Nothing waits: attempts end in callbacks of the node, or with the timeouts of their triggers.
+    Targets that are not there, such as services, are logged once after DISCOVERY_S.
 
     Args:
         node: any node.
         formulas: with their triggers.
 
     Raises:
-        ConfigurationError: for a type, a field or a command that does not exist, or a target that
-            has another type in the running system, with the place in the file.
+        ConfigurationError: for a type, a field or a command that does not exist, with the place in
+            the file.
     """
 
     def __init__(self, node: Node, formulas: Sequence[RequestedFormula]) -> None:
@@ -72,8 +69,6 @@ class Triggers:
         self._wakeup: Future = Future()
         self._timer: Any = None
         self._diagnostics: Any = None
-        self.warnings: tuple[str, ...] = ()
-        """The targets that nobody offered at the start, with their places in the file."""
         try:
             self._create_actions(formulas)
         except DyKnowError:
@@ -83,6 +78,8 @@ class Triggers:
             self._diagnostics = DiagnosticsPublisher(node)
             clock = self._adapter.wall_clock
             self._timer = node.create_timer(REPORT_PERIOD_S, self._publish, clock=clock)
+            discovery = self._adapter.deadlines.after(targets.DISCOVERY_S)
+            discovery.add_done_callback(lambda _: self._report_targets(triggers_of(formulas)))
 
     def __enter__(self) -> Self:
         return self
@@ -129,19 +126,22 @@ class Triggers:
     def _create_actions(self, formulas: Sequence[RequestedFormula]) -> None:
         for error in check_triggers(formulas):
             raise error
-        # Before the publishers and clients of the actions exist, which have types themselves.
-        faults = find_target_faults(self._node, formulas)
-        for fault in faults:
-            if not fault.is_missing:
-                raise fault.error
         for each in triggers_of(formulas):
             try:
                 self._actions[id(each)] = ACTIONS[each.kind](self._adapter, each)
             except RCLError as error:
                 raise each.error(one_line(error)) from None
-        self.warnings = tuple(fault.warning for fault in faults)
-        for warning in self.warnings:
-            self._node.get_logger().warning(f'trigger: {warning}')
+
+    def _report_targets(self, triggers: Sequence[Trigger]) -> None:
+        """Log the targets that nobody offers, or that have another type."""
+        if not self._actions:
+            return  # Closed meanwhile.
+        logger = self._node.get_logger()
+        for fault in filter(None, (target_fault(self._node, each) for each in triggers)):
+            if fault.is_missing:
+                logger.warning(f'trigger: {fault.warning}')
+            else:
+                logger.error(f'trigger: {fault.warning}')
 
     def _events_of(self, formula: RequestedFormula) -> FormulaEvents:
         return next(events for each, events in self._events if each is formula)
