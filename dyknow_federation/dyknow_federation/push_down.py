@@ -53,6 +53,7 @@ from dyknow_reasoning import (
     TextLiteral,
     Truth,
     Variable,
+    joined,
     parse_formula,
     walk,
     with_changed_parts,
@@ -169,17 +170,17 @@ class PushDown:
             return node
         if len(pushed) < len(self._domains[node.sort]):
             variable = Variable(node.variable)
-            others = _joined(And, [Comparison('!=', variable, Object(each)) for each in pushed])
+            others = joined([Comparison('!=', variable, Object(each)) for each in pushed], And)
             body = (Implies if join is And else And)(others, node.body)
             holes.append(type(node)(node.variable, node.sort, body))
-        return _joined(join, holes)
+        return joined(holes, join)
 
     def _part(self, instances: Sequence[Formula], join: type[And | Or] = And) -> _Hole | None:
         """Return a hole for instances that one peer can evaluate, unless they are too long."""
         peer = self._peer(instances)
         if peer is None:
             return None
-        formula = _joined(join, instances)
+        formula = joined(instances, join)
         text = _text(self._over_streams(formula))
         is_short = 0 < len(text) <= MAX_LENGTH
         return _Hole(True, PeerPart(peer, formula, text)) if is_short else None
@@ -230,18 +231,7 @@ class PushDown:
 def _quantified(node: Forall | Exists | Count, bodies: Sequence[Formula]) -> Formula:
     if isinstance(node, Count):
         return CountOf(node.bound, node.number, tuple(bodies))
-    if not bodies:
-        return Truth(isinstance(node, Forall))
-    return _joined(And if isinstance(node, Forall) else Or, bodies)
-
-
-def _joined(join: type[And | Or], formulas: Sequence[Formula]) -> Formula:
-    """Return formulas joined by pairs, so that a thousand nest as deeply as ten."""
-    while len(formulas) > 1:
-        pairs = zip(formulas[::2], formulas[1::2], strict=False)
-        last = formulas[len(formulas) // 2 * 2 :]
-        formulas = [*(join(*each) for each in pairs), *last]
-    return formulas[0]
+    return joined(bodies, And if isinstance(node, Forall) else Or)
 
 
 def _text(formula: Formula) -> str:

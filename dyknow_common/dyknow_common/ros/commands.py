@@ -25,6 +25,7 @@ from dyknow_common.executables import SUCCESS, interruptible, run_main
 from dyknow_common.ros.below_rclpy.discovery import announce_in_thread
 from dyknow_common.ros.node import snake_case
 from dyknow_common.ros.qos import SERVICE
+from dyknow_common.ros.time_messages import error_from_message
 from dyknow_common.ros.topic_names import RCLError
 
 TICK_PERIOD_S = 0.1
@@ -113,8 +114,8 @@ class CommandNode:
         future = client.call_async(service_type.Request(**fields))
         self.spin_until(future.done, end, no_response)
         response = future.result()
-        if response.exit_status.code != ExitCode.SUCCESS:
-            raise DyKnowError(response.exit_status.message, ExitCode(response.exit_status.code))
+        if error := error_from_message(response.exit_status):
+            raise error
         return response
 
     def _no_response(self, node: str, timeout_ns: int) -> DyKnowError:

@@ -10,6 +10,7 @@ The types of both fields say how a value is converted:
     Mapping[key, value]             Message[] of two fields
     Dataclass | None                Message[<=1]
     StreamConstraints, Margin       of the same name
+    error: DyKnowError | None       exit_status: ExitStatus
 """
 
 from __future__ import annotations
@@ -27,6 +28,8 @@ from dyknow_interfaces import msg
 from dyknow_common.ros.time_messages import (
     constraints_from_message,
     constraints_to_message,
+    error_from_message,
+    error_to_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
     time_to_nanoseconds,
@@ -48,6 +51,9 @@ class _FieldConversion(NamedTuple):
 _NO_MARGIN: Final = msg.Margin()
 """A message that nobody has filled: a margin of 0 has a comparison."""
 
+_OTHER_NAMES: Final = {'error': 'exit_status'}
+"""The fields of messages that have other names than in dataclasses."""
+
 _LEAVES: Final = {
     'builtin_interfaces/Time': _FieldConversion(nanoseconds_to_time, time_to_nanoseconds),
     'builtin_interfaces/Duration': _FieldConversion(nanoseconds_to_duration, time_to_nanoseconds),
@@ -55,6 +61,7 @@ _LEAVES: Final = {
         lambda margin: to_message(margin, msg.Margin()),
         lambda message: None if message == _NO_MARGIN else from_message(Margin, message),
     ),
+    'dyknow_interfaces/ExitStatus': _FieldConversion(error_to_message, error_from_message),
     'dyknow_interfaces/StreamConstraints': _FieldConversion(
         constraints_to_message, constraints_from_message
     ),
@@ -68,7 +75,7 @@ def to_message(content: Any, message: Any) -> Any:
     """
     for name, conversion in _conversions(content.__class__, message.__class__).items():
         if (value := getattr(content, name)) is not None:
-            setattr(message, name, conversion.write(value))
+            setattr(message, _OTHER_NAMES.get(name, name), conversion.write(value))
     return message
 
 
@@ -86,7 +93,7 @@ def from_message(kind: Callable[..., Content], message: Any, **given: Any) -> Co
     """
     conversions = _conversions(kind, message.__class__)
     read = {
-        name: conversion.read(getattr(message, name))
+        name: conversion.read(getattr(message, _OTHER_NAMES.get(name, name)))
         for name, conversion in conversions.items()
         if name not in given
     }
@@ -96,8 +103,9 @@ def from_message(kind: Callable[..., Content], message: Any, **given: Any) -> Co
 @cache
 def _conversions(kind: Any, message_type: Any) -> Mapping[str, _FieldConversion]:
     types, hints = message_type.get_fields_and_field_types(), get_type_hints(kind)
-    common = (each.name for each in fields(kind) if each.name in types)
-    return {name: _conversion(hints[name], types[name]) for name in common}
+    names = {each.name: _OTHER_NAMES.get(each.name, each.name) for each in fields(kind)}
+    common = {name: types[field] for name, field in names.items() if field in types}
+    return {name: _conversion(hints[name], type_name) for name, type_name in common.items()}
 
 
 def _conversion(hint: Any, type_name: str) -> _FieldConversion:

@@ -20,7 +20,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType, ROSClock
 from rclpy.node import Node
 
-from dyknow_common.errors import DyKnowError, ExitCode, one_line, shortened
+from dyknow_common.errors import DyKnowError, one_line, shortened
 from dyknow_common.ros.deadlines import Deadlines
 from dyknow_common.ros.guards import NodeEndError, create_guarded_subscription, only_owner
 from dyknow_common.ros.heartbeat import NodeHeartbeat
@@ -32,6 +32,7 @@ from dyknow_common.ros.qos import (
     STATUS,
 )
 from dyknow_common.ros.throttle import Throttle
+from dyknow_common.ros.time_messages import error_to_message
 from dyknow_common.ros.topic_names import RCLError
 
 RUNNING = 'running'
@@ -291,10 +292,10 @@ class DyKnowNode(Node):
             except (DyKnowError, RCLError) as error:
                 if isinstance(error, RCLError):
                     error = DyKnowError(f'the middleware refuses it: {one_line(error)}')
-                fill_exit_status(response.exit_status, error)
+                response.exit_status = error_to_message(error)
                 self.get_logger().info(f'{name}: {error}')
             except Exception as error:  # noqa: BLE001 - the caller must get a response
-                fill_exit_status(response.exit_status, error)
+                response.exit_status = error_to_message(error)
                 self.log_fault(name, error)
             return response
 
@@ -354,15 +355,6 @@ def loaded_text(counts: Mapping[str, int]) -> str:
 
     things = ', '.join(counted(kind) for kind in counts if kind != _FILES)
     return f'{things} from {counted(_FILES)}' if _FILES in counts else things
-
-
-def fill_exit_status(exit_status: Any, error: Exception) -> None:
-    """Set the exit status of a response to an error."""
-    if isinstance(error, DyKnowError):
-        exit_status.code, exit_status.message = int(error.code), error.message
-    else:
-        exit_status.code = int(ExitCode.INTERNAL_ERROR)
-        exit_status.message = f'fault in DyKnow: {type(error).__name__}: {error}'
 
 
 def snake_case(name: str) -> str:

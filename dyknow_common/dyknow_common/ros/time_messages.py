@@ -6,12 +6,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from builtin_interfaces.msg import Duration, Time
+from dyknow_interfaces.msg import ExitStatus, StreamIdentity
 from dyknow_interfaces.msg import StreamConstraints as StreamConstraintsMessage
-from dyknow_interfaces.msg import StreamIdentity
 
 from dyknow_common.constraints import CONSTRAINT_KINDS, ConstraintKind, StreamConstraints
 from dyknow_common.durations import SECOND_NS
-from dyknow_common.errors import DyKnowError
+from dyknow_common.errors import DyKnowError, ExitCode
 
 
 def time_to_nanoseconds(message: Any) -> int:
@@ -72,3 +72,21 @@ def identities_from_message(message: Iterable[Any]) -> dict[str, int]:
 def identities_to_message(identities: Mapping[str, int]) -> list[Any]:
     """Return StreamIdentity messages."""
     return [StreamIdentity(topic=topic, stream_id=number) for topic, number in identities.items()]
+
+
+def error_to_message(error: Exception) -> Any:
+    """Return an ExitStatus message."""
+    if isinstance(error, DyKnowError):
+        return ExitStatus(code=int(error.code), message=error.message)
+    text = f'fault in DyKnow: {type(error).__name__}: {error}'
+    return ExitStatus(code=int(ExitCode.INTERNAL_ERROR), message=text)
+
+
+def error_from_message(message: Any) -> DyKnowError | None:
+    """Return the error in an ExitStatus message; None on SUCCESS.
+
+    Raises:
+        ValueError: for a number that is no exit code.
+    """
+    code = ExitCode(message.code)
+    return None if code is ExitCode.SUCCESS else DyKnowError(message.message, code)

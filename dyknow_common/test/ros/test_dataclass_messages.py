@@ -8,7 +8,7 @@ from enum import IntEnum
 import pytest
 from dyknow_interfaces.msg import EvaluationStatus, ProbabilityInterval
 
-from dyknow_common import SECOND_NS, Margin
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin
 from dyknow_common.ros import from_message, to_message
 
 
@@ -35,6 +35,11 @@ class _Status:
     unsent: str = 'not in the message'
 
 
+@dataclass(frozen=True)
+class _Failure:
+    error: DyKnowError | None
+
+
 FULL = _Status(
     'landing',
     _Phase.RUNNING,
@@ -57,6 +62,18 @@ def test_fields_have_the_types_of_the_message() -> None:
     assert (message.started.sec, message.started.nanosec) == (3, 7)
     assert list(message.probability) == [ProbabilityInterval(lower=0.25, upper=0.5)]
     assert list(message.events) == ['kept']
+
+
+def test_an_error_is_an_exit_status() -> None:
+    message = to_message(_Failure(DyKnowError('too late', ExitCode.TIMEOUT)), EvaluationStatus())
+    assert (message.exit_status.code, message.exit_status.message) == (6, 'too late')
+    error = from_message(_Failure, message).error
+    assert error is not None
+    assert (error.code, error.message) == (ExitCode.TIMEOUT, 'too late')
+    assert from_message(_Failure, to_message(_Failure(None), EvaluationStatus())).error is None
+    message.exit_status.code = 99
+    with pytest.raises(ValueError, match='99 is not a valid ExitCode'):
+        from_message(_Failure, message)
 
 
 def test_the_caller_gives_a_value() -> None:

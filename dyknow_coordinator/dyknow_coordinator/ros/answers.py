@@ -5,18 +5,14 @@ from __future__ import annotations
 from itertools import chain
 from typing import Any
 
-from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.msg import PlanVerdict as PlanVerdictMessage
 
 from dyknow_common import SECOND_NS, StandingVerdicts
-from dyknow_common.ros import fill_exit_status, from_message, time_to_nanoseconds, to_message
+from dyknow_common.ros import from_message, time_to_nanoseconds, to_message
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Answer, EvaluationRequest, Progress
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plan import FormulaPosition, Holds, Plan, PlanVerdict
-from dyknow_coordinator.ros.reporting.evaluation_messages import (
-    error_from_status,
-)
 
 
 def request_from_message(
@@ -60,13 +56,6 @@ def requested_grounding(message: Any) -> Grounding:
     return Grounding(message.grounding)
 
 
-def fill_answer(message: Any, answer: Answer) -> None:
-    """Write an answer into a response of EvaluateFormula or a result of MonitorFormula."""
-    to_message(answer, message)
-    if answer.error is not None:
-        fill_exit_status(message.exit_status, answer.error)
-
-
 def answer_from_message(message: Any, *, every_state: bool = False) -> Answer:
     """Return the answer in a response of EvaluateFormula or a result of MonitorFormula.
 
@@ -77,7 +66,6 @@ def answer_from_message(message: Any, *, every_state: bool = False) -> Answer:
     return from_message(
         Answer,
         message,
-        error=error_from_status(message.exit_status),
         episodes=from_message(StandingVerdicts, message.episodes) if every_state else None,
     )
 
@@ -86,11 +74,6 @@ def progress_from_message(message: Any, *, every_state: bool = False) -> Progres
     """Return the progress in the feedback of MonitorFormula."""
     episodes = from_message(StandingVerdicts, message.episodes) if every_state else None
     return from_message(Progress, message, episodes=episodes)
-
-
-def plan_to_goal(plan: Plan) -> Any:
-    """Return a goal of MonitorPlan, without grounding and constraints."""
-    return to_message(plan, MonitorPlan.Goal())
 
 
 def plan_from_goal(goal: Any) -> Plan:
@@ -112,8 +95,6 @@ def verdict_to_message(verdict: PlanVerdict) -> Any:
     """Return a PlanVerdict message."""
     place = verdict.position
     message = PlanVerdictMessage(action=place.action, formula_name=place.formula)
-    if verdict.error is not None:
-        fill_exit_status(message.exit_status, verdict.error)
     return to_message(verdict, message)
 
 
@@ -123,5 +104,4 @@ def verdict_from_message(message: Any) -> PlanVerdict:
         PlanVerdict,
         message,
         position=FormulaPosition(message.action, message.formula_name),
-        error=error_from_status(message.exit_status),
     )

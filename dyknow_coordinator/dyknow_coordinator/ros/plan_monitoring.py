@@ -15,7 +15,7 @@ from dyknow_common.ros import (
     DyKnowNode,
     ParameterLimits,
     constraints_from_message,
-    fill_exit_status,
+    error_to_message,
 )
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Answer, EvaluationRequest
@@ -194,7 +194,7 @@ class PlanMonitoring:
         try:
             plan = self._plans[name] = self._monitored_plan(goal)
         except DyKnowError as error:
-            fill_exit_status(result.exit_status, error)
+            result.exit_status = error_to_message(error)
             self.server.finish(goal, error)
             return result
         plan.begin()
@@ -203,7 +203,7 @@ class PlanMonitoring:
         del self._plans[name]
         result.verdicts = [verdict_to_message(verdict) for verdict in plan.verdicts]
         if plan.error is not None:
-            fill_exit_status(result.exit_status, plan.error)
+            result.exit_status = error_to_message(plan.error)
         self.server.finish(goal, plan.error)
         return result
 

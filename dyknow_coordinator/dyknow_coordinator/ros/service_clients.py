@@ -25,13 +25,14 @@ from dyknow_interfaces.srv import (
 )
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol, SymbolKind
+from dyknow_common import DyKnowError, ExitCode, StreamConstraints, Symbol
 from dyknow_common.ros import (
     LONG_TIMEOUT_S,
     Background,
     DyKnowNode,
     RemoteNode,
     constraints_to_message,
+    from_message,
     identities_to_message,
     nanoseconds_to_duration,
     nanoseconds_to_time,
@@ -144,10 +145,7 @@ class ServiceClients:
     async def symbols(self, group_id: int) -> tuple[Symbol, ...]:
         """Return the symbols of a group; with ground features once its domains are known."""
         response = await self._call_group(FormulaGroupExtractSymbols, group_id)
-        return tuple(
-            Symbol(SymbolKind(symbol.kind), symbol.name, tuple(symbol.arguments))
-            for symbol in response.symbols
-        )
+        return tuple(from_message(Symbol, each) for each in response.symbols)
 
     async def domains(self, sorts: Iterable[str]) -> dict[str, tuple[str, ...]]:
         """Return the objects of each sort."""

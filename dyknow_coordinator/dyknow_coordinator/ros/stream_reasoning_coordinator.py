@@ -39,7 +39,7 @@ from dyknow_coordinator.reporting.evaluation_status import (
     diagnosis_of_ended,
 )
 from dyknow_coordinator.ros.actions import CancellingActionServer, ClientWatch
-from dyknow_coordinator.ros.answers import fill_answer, request_from_message
+from dyknow_coordinator.ros.answers import request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
 from dyknow_coordinator.ros.context import LIMITS, CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
@@ -206,7 +206,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._service_evaluations.append(evaluation)
         answer = await evaluation.outcome
         self._service_evaluations.remove(evaluation)
-        fill_answer(response, answer)
+        to_message(answer, response)
 
     async def _monitor(self, goal: Any) -> Any:
         try:
@@ -219,7 +219,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             with self._monitoring.running(goal, evaluation.cancel):
                 answer = await evaluation.outcome
         result = MonitorFormula.Result()
-        fill_answer(result, answer)
+        to_message(answer, result)
         self._monitoring.finish(goal, answer.error)
         return result
 

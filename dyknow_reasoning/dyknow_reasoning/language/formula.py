@@ -8,7 +8,7 @@ unit, in the ASCII spelling.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, ClassVar, TypeAlias
@@ -391,6 +391,14 @@ def _part_fields(  # noqa: PLR0911 - one for each kind
             return ('members',)
         case _:
             return ()
+
+
+def joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
+    """Return members in a balanced tree, which functions may recurse over."""
+    if len(members) < 2:  # noqa: PLR2004 - nothing to join
+        return members[0] if members else Truth(kind is And)
+    middle = len(members) // 2
+    return kind(joined(members[:middle], kind), joined(members[middle:], kind))
 
 
 def walk(node: Formula | Term) -> Iterator[Formula | Term]:

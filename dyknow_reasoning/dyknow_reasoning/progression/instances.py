@@ -35,6 +35,7 @@ from dyknow_reasoning.language.formula import (
     StateAtom,
     Until,
     compares_past,
+    joined,
     looks_forward,
     parts,
     walk,
@@ -80,7 +81,7 @@ from dyknow_reasoning.progression.nodes import (
 )
 from dyknow_reasoning.progression.past_operators import is_dual, memory_of
 from dyknow_reasoning.progression.residual import Wording, holds_at_the_end
-from dyknow_reasoning.progression.spatial_atoms import joined, spatial_formula
+from dyknow_reasoning.progression.spatial_atoms import spatial_formula
 from dyknow_reasoning.progression.thresholds import Thresholds
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]

@@ -23,6 +23,7 @@ from dyknow_reasoning.language.formula import (
     Or,
     PastAtom,
     is_about_one_state,
+    joined,
 )
 from dyknow_reasoning.language.spatial import LinkEnd, Spatial, SpatialAtom
 from dyknow_reasoning.language.terms import Term, Truth
@@ -143,14 +144,6 @@ def linked_places(
     linked = replace(formula, operator='reach', left=None, right=Truth(True))
     sorts = tuple((sort, tuple(names)) for sort, names in domains.items())
     return _places(linked, tuple(objects), sorts, ground)
-
-
-def joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
-    """Return members in a balanced tree, which functions may recurse over."""
-    if len(members) < 2:  # noqa: PLR2004 - nothing to join
-        return members[0] if members else Truth(kind is And)
-    middle = len(members) // 2
-    return kind(joined(members[:middle], kind), joined(members[middle:], kind))
 
 
 @lru_cache(_KEPT)

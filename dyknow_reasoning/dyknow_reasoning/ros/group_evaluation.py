@@ -21,6 +21,7 @@ from dyknow_common.ros import (
     DirectPublisher,
     DyKnowNode,
     absolute_topic,
+    to_message,
 )
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.formula_group import FormulaGroup
@@ -153,10 +154,7 @@ class GroupEvaluation:
     async def symbols(self) -> list[SymbolMessage]:
         """Return the symbols of the formulas."""
         return await self._work.run(
-            lambda: [
-                SymbolMessage(kind=int(each.kind), name=each.name, arguments=list(each.arguments))
-                for each in self.group.symbols()
-            ],
+            lambda: [to_message(each, SymbolMessage()) for each in self.group.symbols()],
             self._is_large,
         )
 

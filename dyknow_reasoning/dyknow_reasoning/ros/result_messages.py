@@ -11,7 +11,6 @@ from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 from dyknow_common import NANOSECONDS, SECOND_NS
 from dyknow_common.ros import (
     DyKnowNode,
-    fill_exit_status,
     nanoseconds_to_time,
     to_message,
 )
@@ -29,10 +28,7 @@ def result_to_message(result: FormulaResult, group_id: int, stamp: Time) -> Form
     """Return the message of a result of a formula in a group."""
     message = FormulaResultMessage(formula_group_id=group_id, formula_name=result.name)
     message.header.stamp = stamp
-    to_message(result, message)
-    if result.error is not None:
-        fill_exit_status(message.exit_status, result.error)
-    return message
+    return to_message(result, message)
 
 
 def progress_to_message(

@@ -14,16 +14,16 @@ from dyknow_common.ros import (
     DirectSubscription,
     DyKnowNode,
     TopicOwner,
+    from_message,
 )
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.state_line import Breach, ReadStream
-from dyknow_stream_processing import OVERTAKEN, ReceivedViolations
+from dyknow_stream_processing import OVERTAKEN, ReceivedViolations, Violation
 from dyknow_stream_processing.ros import (
     SequenceGaps,
     publishers_of,
     sample_valid_time,
     sample_violated_at,
-    violation_from_message,
 )
 
 VIOLATIONS_SUFFIX: Final = '/violations'
@@ -108,7 +108,7 @@ class StateSubscription(ReadStream[State]):
 
     def _on_violation(self, message: Any, _info: object) -> None:
         # The topic is latched: violations before the subscription are ignored.
-        violation = violation_from_message(message)
+        violation = from_message(Violation, message)
         if self._received.note(violation.available_time):
             self.doubt(violation.doubtful_from)
             self._break(Breach(violation.valid_time, violation.message))

@@ -18,7 +18,6 @@ from dyknow_stream_processing.ros.messages.sample_messages import (
     sample_to_message,
     sample_valid_time,
     sample_violated_at,
-    violation_from_message,
 )
 from dyknow_stream_processing.ros.messages.writing import FieldError, MessageWriter
 from dyknow_stream_processing.ros.stream_proxy import StreamProxy
@@ -70,7 +69,6 @@ __all__ = [
     'take_waiting',
     'time_of_receipt',
     'valid_time_reader',
-    'violation_from_message',
     'violations_topic',
     'watermarks_topic',
     'with_value',

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -22,9 +22,9 @@ from dyknow_common.ros import (
     absolute_topic,
     constraints_from_message,
     identities_from_message,
-    nanoseconds_to_duration,
     nanoseconds_to_time,
     run,
+    to_message,
     topic_fault,
 )
 from dyknow_stream_processing.dataflow.computational_units import load_units
@@ -320,15 +320,7 @@ class StreamProcessingEngine(DyKnowNode):
         # The node may be later than the receipt of the sample. Subscribers ignore violations from
         # before their subscription, but the sample may matter for a stream that was created since.
         detected = max(violation.available_time, self.now())
-        message = ConstraintViolation(
-            stream_name=violation.stream_name,
-            constraint=str(violation.constraint),
-            valid_time=nanoseconds_to_time(violation.valid_time),
-            available_time=nanoseconds_to_time(detected),
-            observed=nanoseconds_to_duration(violation.observed),
-            allowed=nanoseconds_to_duration(violation.allowed),
-            message=violation.message,
-        )
+        message = to_message(replace(violation, available_time=detected), ConstraintViolation())
         message.header.stamp = message.available_time
         self._outputs[name].violations.publish(message)
         self._outputs[name].writer.note_violation(detected)

@@ -31,6 +31,7 @@ from dyknow_common.ros import (
     NodeAdapter,
     RemoteNode,
     constraints_to_message,
+    error_from_message,
     nanoseconds_to_duration,
     snake_case,
     to_message,
@@ -41,7 +42,6 @@ from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plan import Plan, PlanOutcome, PlanVerdict
 from dyknow_coordinator.ros.answers import (
     answer_from_message,
-    plan_to_goal,
     progress_from_message,
     verdict_from_message,
 )
@@ -57,7 +57,6 @@ from dyknow_coordinator.ros.client.formula_attempts import (
     notify_listener,
 )
 from dyknow_coordinator.ros.client.plan_monitor import PlanMonitor
-from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
 
 COORDINATOR: Final = 'stream_reasoning_coordinator'
 
@@ -322,13 +321,13 @@ class FormulaClient:
 
         def end(result: Any, error: DyKnowError | None) -> None:
             verdicts = () if result is None else map(verdict_from_message, result.verdicts)
-            failure = error if result is None else error_from_status(result.exit_status)
+            failure = error if result is None else error_from_message(result.exit_status)
             monitor.end(PlanOutcome(tuple(verdicts), failure))
 
         if self._is_closed:
             end(None, _closed())
             return monitor
-        goal = plan_to_goal(plan)
+        goal = to_message(plan, MonitorPlan.Goal())
         goal.grounding, goal.constraints = int(grounding), constraints_to_message(constraints)
         monitor.call = self._goals.send(
             MonitorPlan,

@@ -9,7 +9,7 @@ from typing import Any, Final
 from dyknow_interfaces.srv import ReportPlanAction
 from rclpy.task import Future
 
-from dyknow_common.ros import RemoteNode
+from dyknow_common.ros import RemoteNode, error_from_message
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.plan import (
     Event,
@@ -19,7 +19,6 @@ from dyknow_coordinator.plan import (
     PlanVerdict,
 )
 from dyknow_coordinator.ros.client.action_call import ActionCall
-from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
 
 SERVER_TIMEOUT_S: Final = 3.0
 """Time to wait for the coordinator before a report fails."""
@@ -95,6 +94,5 @@ class PlanMonitor:
         response: Any = await self._coordinator.request(
             ReportPlanAction, request, SERVER_TIMEOUT_S, REPORT_TIMEOUT_S
         )
-        error = error_from_status(response.exit_status)
-        if error is not None:
+        if error := error_from_message(response.exit_status):
             raise error

@@ -59,7 +59,6 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import (
     EvaluationGroups,
     find_candidates,
 )
-from dyknow_coordinator.ros.reporting.evaluation_messages import error_from_status
 
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
@@ -216,7 +215,7 @@ class FormulaEvaluation(Evaluation):
 
     def receive_result(self, result: Any) -> None:
         """End with a FormulaResult of the reasoning engine (step 8)."""
-        answer = from_message(Answer, result, error=error_from_status(result.exit_status))
+        answer = from_message(Answer, result)
         self._note_margin(answer.margin)
         if (error := answer.error) is None:
             self.decide(answer.verdict, answer.decided_at, answer.explanation)

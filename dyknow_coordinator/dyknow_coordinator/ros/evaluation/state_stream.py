@@ -8,13 +8,18 @@ from typing import Any, Final
 from dyknow_interfaces.msg import ConstraintViolation
 
 from dyknow_common import DyKnowError, ExitCode, StreamConstraints
-from dyknow_common.ros import VIOLATIONS, PublisherWatch, only_from, only_publishers_of
+from dyknow_common.ros import (
+    VIOLATIONS,
+    PublisherWatch,
+    from_message,
+    only_from,
+    only_publishers_of,
+)
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import FeatureSource
 from dyknow_coordinator.grounding.state_specification import state_specification
 from dyknow_coordinator.ros.context import CoordinatorContext
 from dyknow_stream_processing import Violation
-from dyknow_stream_processing.ros import violation_from_message
 
 SETTLING_S: Final = 0.5
 """Time within which the stream manager reports which streams have replaced others."""
@@ -144,7 +149,7 @@ class StateStream:
         self._subscription = self._context.node.create_subscription(
             ConstraintViolation,
             violations,
-            lambda message: self._on_violation(self, violation_from_message(message)),
+            lambda message: self._on_violation(self, from_message(Violation, message)),
             VIOLATIONS,
             callback_group=self._context.node.reentrant,
             refusal=self._refusal,

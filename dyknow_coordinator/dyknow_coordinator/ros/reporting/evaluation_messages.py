@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from dyknow_interfaces.msg import EvaluationStatus as StatusMessage
-from dyknow_interfaces.msg import ExitStatus
 
-from dyknow_common import DyKnowError, ExitCode, StandingVerdicts
-from dyknow_common.ros import fill_exit_status, from_message, to_message
-from dyknow_coordinator.errors import CoordinationError
+from dyknow_common import StandingVerdicts
+from dyknow_common.ros import from_message, to_message
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 
 _TEXTS: Final = tuple(
@@ -27,8 +25,6 @@ def status_to_message(status: EvaluationStatus) -> StatusMessage:
         text = getattr(message, name)
         if len(text) > _MAX_TEXT:
             setattr(message, name, f'{text[:_MAX_TEXT]}...')
-    if status.error is not None:
-        fill_exit_status(message.exit_status, status.error)
     return message
 
 
@@ -37,12 +33,5 @@ def status_from_message(message: StatusMessage) -> EvaluationStatus:
     return from_message(
         EvaluationStatus,
         message,
-        error=error_from_status(message.exit_status),
         episodes=from_message(StandingVerdicts, message.episodes) if message.every_state else None,
     )
-
-
-def error_from_status(exit_status: ExitStatus) -> DyKnowError | None:
-    """Return the error in an exit status; None on SUCCESS."""
-    code = ExitCode(exit_status.code)
-    return None if code is ExitCode.SUCCESS else CoordinationError(exit_status.message, code)

@@ -15,7 +15,6 @@ from dyknow_common.ros import (
     DyKnowNode,
     RCLError,
     Throttle,
-    fill_exit_status,
     nanoseconds_to_time,
     to_message,
 )
@@ -115,6 +114,4 @@ def verdict_to_message(verdict: NamedVerdict) -> FormulaVerdict:
     message = FormulaVerdict(lower_margin=margin.lower, upper_margin=margin.upper)
     to_message(verdict, message)
     message.header.stamp = nanoseconds_to_time(verdict.stamp)
-    if verdict.error is not None:
-        fill_exit_status(message.exit_status, verdict.error)
     return message

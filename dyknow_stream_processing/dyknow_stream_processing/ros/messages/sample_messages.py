@@ -17,7 +17,6 @@ from dyknow_common import SECOND_NS, Alternatives, Value, ValueType
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.sample import Sample
-from dyknow_stream_processing.violation import Violation
 
 MAX_DIGITS: Final = 100
 """The number of characters of an integer: a longer one may be too large for a float."""
@@ -196,23 +195,6 @@ def sample_violated_at(message: Any) -> int:
     A `Sample` of this process is received after the violations before it.
     """
     return 0 if isinstance(message, Sample) else time_to_nanoseconds(message.violated_at)
-
-
-def violation_from_message(message: Any) -> Violation:
-    """Return the violation of a ConstraintViolation message."""
-    valid_time, available_time, observed, allowed = map(
-        time_to_nanoseconds,
-        (message.valid_time, message.available_time, message.observed, message.allowed),
-    )
-    return Violation(
-        message.stream_name,
-        message.constraint,
-        valid_time,
-        available_time,
-        observed,
-        allowed,
-        message.message,
-    )
 
 
 def sample_fields(message: Any) -> dict[str, Value]:

@@ -23,10 +23,10 @@ from dyknow_common.ros import (
     Heartbeats,
     MessageGuard,
     PublisherWatch,
+    from_message,
     only_publishers_of,
 )
 from dyknow_stream_processing.dataflow.received import OVERTAKEN, ReceivedViolations
-from dyknow_stream_processing.ros.messages.sample_messages import violation_from_message
 from dyknow_stream_processing.ros.topics.publications import publishers_remark, take_waiting
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
@@ -114,7 +114,7 @@ class ViolationRelay:
 
     def _on_message(self, message: Any) -> None:
         # The topic is latched: ignore violations from before this stream was created.
-        violation = violation_from_message(message)
+        violation = from_message(Violation, message)
         if self._received.note(violation.available_time):
             self._on_violation(violation)
 
