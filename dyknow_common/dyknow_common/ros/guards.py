@@ -178,8 +178,8 @@ class MessageGuard:
                     self._reject(self._topic, reason)
                     return True
             self._callback(message, info)
-        except NodeEndError:
-            raise
+        except (NodeEndError, BrokenPipeError):
+            raise  # Of a command that prints, whose reader has gone.
         except Exception as error:  # noqa: BLE001 - a message must not end the node
             self.reject(error)
         return True

@@ -15,6 +15,7 @@ from dyknow_common.ros.guards import MessageGuard, NodeEndError, only_from, only
 TOPIC = '/engine/streams'
 OWN, OTHER, NEW = b'1' * 16, b'2' * 16, b'3' * 16
 NAMES = {OWN: 'engine', OTHER: 'other'}
+ENDS = {666: NodeEndError('the end'), 667: BrokenPipeError()}
 
 
 class Graph:
@@ -59,8 +60,8 @@ class Reader:
     def _read(self, number: int) -> None:
         if number == 13:
             raise ValueError('13 is not a number')
-        if number == 666:
-            raise NodeEndError('the end')
+        if number in ENDS:
+            raise ENDS[number]
         self.taken.append(number)
 
     def send(self, gid: bytes, *numbers: int) -> None:
@@ -154,9 +155,10 @@ def test_messages_that_wait_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None
     assert reader.node.rejected == ['more than 2 wait for the names of their senders']
 
 
-def test_an_error_that_ends_the_node() -> None:
-    with pytest.raises(NodeEndError):
-        Reader().send(OWN, 666)
+@pytest.mark.parametrize('number', ENDS)
+def test_an_error_that_ends_the_node(number: int) -> None:
+    with pytest.raises(type(ENDS[number])):
+        Reader().send(OWN, number)
 
 
 def test_reasons_quote_little_of_a_message() -> None:
