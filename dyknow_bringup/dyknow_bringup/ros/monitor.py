@@ -214,6 +214,7 @@ def _progress(status: EvaluationStatus) -> Progress:
         status.presumably_false,
         waits_for=status.waits_for,
         margin=status.margin,
+        probability=status.probability,
         episodes=status.episodes,
     )
 
