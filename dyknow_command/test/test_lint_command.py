@@ -44,6 +44,7 @@ def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
         ('broken_streams', ['broken.streams']),
         ('formulas', ['formulas.txt']),
         ('parameters', ['parameters.yaml']),
+        ('topics', ['topics.yaml']),
     ],
 )
 def test_findings(

@@ -34,6 +34,9 @@ from dyknow_stream_processing import (
 _PLAIN: Final = re.compile(r'[\w.]+(?:\[-?\d+\][\w.]*)*')
 """A path without conditions and functions, for which later messages may have elements."""
 
+_OF_ROS: Final = re.compile(r'(/~)?(/[A-Za-z_{][A-Za-z0-9_{}]*)+')
+"""The absolute names that topics of ROS may have; nodes know what ~ and {node} stand for."""
+
 
 @dataclass(frozen=True, slots=True)
 class TopicUse:
@@ -58,6 +61,17 @@ def contents_of(topics: Mapping[str, ObservedTopic]) -> Mapping[str, TopicConten
         name: TopicContent(each.message_type, each.fields, each.times.is_stamped, each.count)
         for name, each in topics.items()
     }
+
+
+def name_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> Iterator[Finding]:
+    """Yield the topics that ROS cannot have; recordings of other systems may have them."""
+    for use in topic_uses(inputs):
+        if use.topic not in topics and not _OF_ROS.fullmatch(use.topic):
+            text = (
+                f"ROS cannot have a topic '{use.topic}': between slashes, use letters, digits and "
+                '_, and begin with no digit'
+            )
+            yield error_at(use.place, text)
 
 
 def topic_findings(
