@@ -145,7 +145,11 @@ def test_refused_traces(text: str, message: str) -> None:
         (b'time_s,m\n0,\xff\n', 2, 'it is not in UTF-8'),
         (b'time_s,m\n0,"1"\n', 0, 'true at 0.000 s'),
         (b'time_s,m: string\n0,1\n', 2, 'the field \'m\' holds the string "1", not a number'),
-        (b'time_s,m\n0,nan\n', 2, "the field 'm' holds the number nan"),
+        (
+            b'time_s,m\n0,nan\n',
+            2,
+            "the field 'm' holds nan; if that is an unknown value, add 'missing: unknown' to",
+        ),
     ],
 )
 def test_files(
