@@ -354,6 +354,8 @@ def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str
         ('always {a}', 'use round brackets'),
         ('flags % 2 = 1', "write a remainder as 'x mod 2'"),
         ('[] a', "did you mean 'always' instead of '[]'?"),
+        ('forall u in U: a[u]', "'U' is the operator 'until': rename the sort or feature"),
+        ('p and U[a] > 3', "'U' is the operator 'until': rename the sort or feature"),
     ],
 )
 def test_advice_on_what_other_languages_write(text: str, advice: str) -> None:

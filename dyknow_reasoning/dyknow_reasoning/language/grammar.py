@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dyknow_common import FORMULA_WORDS, Language
+from dyknow_common import FORMULA_WORDS, NANOSECONDS, Language
 
 _OPERATOR = 'an operator'
 _FORMULA = 'a formula'
@@ -75,6 +75,9 @@ _ADVICE: Final = {
     r'[-+*/<>=≤≥≠]\s*previous\b|\bprev\s+(?=[\w"])': "write the value before as 'prev(x)'",
     r'\[\s*\]': "did you mean 'always' instead of '[]'?",
     r'[{}]': 'use round brackets',
+    rf'(?:^|[^\w\s)\]"]|\b(?:{"|".join(FORMULA_WORDS)}))\s*U\b': (
+        "'U' is the operator 'until': rename the sort or feature"
+    ),
 }
 """Corrections of mistakes that are more than a word."""
 
