@@ -306,10 +306,13 @@ class ReorderOperator(Operator):
             and delay > self._max_delay
             and not any(each.is_initial for each in self.sources)
         ):
+            released = round_time(self._released) if valid_time < self._released else ''
             message = (
                 f'the sample valid at {round_time(valid_time)} came '
-                f'{round_duration(delay, self._max_delay)} late; '
-                f'max_delay is {format_duration(self._max_delay)}'
+                f'{round_duration(delay, self._max_delay)} late'
+                f'{released and f", after the one valid at {released}"}; '
+                f'max_delay is {format_duration(self._max_delay)}: state a larger one if its way '
+                'takes so long, or set the clock of its sender'
             )
             kind = ViolationKind.MAX_DELAY
             self._reject(Fault(kind, valid_time, message, delay, self._max_delay))
