@@ -88,7 +88,9 @@ def topic_findings(
         topic = topics.get(use.topic)
         if topic is None or topic.publishers == 0:
             near = nearest_topics(use.topic, list(topics))[:2]
-            hint = f'did you mean {" or ".join(near)}?' if near else 'is its publisher missing?'
+            hint = (
+                f'did you mean {" or ".join(near)}?' if near else 'check its name and its publisher'
+            )
             yield error_at(use.place, f'there is no topic {use.topic} {where}; {hint}')
         elif topic.fields is None:
             text = f'{use.topic}: its message type {topic.message_type} is not defined'
