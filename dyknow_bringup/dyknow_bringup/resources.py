@@ -91,8 +91,8 @@ def _path(kind: str, name: str, *others: str) -> Path:
         path = share() / f'{kind}s' / f'{name}.yaml'
     if not path.is_file():
         raise BringupError(
-            f"there is no {kind} '{name}'; use {', '.join([*_names(kind), *others])} or the path of "
-            'a YAML file',
+            f"there is no {kind} '{name}'; use {', '.join([*_names(kind), *others])} or the "
+            'path of a YAML file',
             ExitCode.NOT_FOUND,
         )
     return path

@@ -191,7 +191,7 @@ def _canonical(name: str) -> str:
         formula = None
     if not isinstance(formula, Feature | FieldReference):
         if (kind := name.rpartition(':')[2].strip()) != name and kind.isidentifier():
-            message = unknown('type', kind, ValueType)
+            message = unknown('type', kind, [*ValueType])
             raise ReasoningError(f"line 1, column '{shortened(name)}': {message}")
         separators = any(each in name for each in ';\t')
         mend = 'separate columns by commas' if separators else 'name it as in x or Power[uav1]'
