@@ -118,9 +118,11 @@ def test_an_evaluation_that_is_not_there(reporter: Reporter) -> None:
 
 
 def test_a_coordinator_that_is_not_there(reporter: Reporter) -> None:
+    copies = reporter.client.node.create_publisher(EvaluationStatusArray, '/coordinator/copies', 1)
     shown = evaluations(reporter, '--timeout', '5 s', '--node', 'nobody')
+    reporter.client.node.destroy_publisher(copies)
     assert shown.returncode == 2
-    assert 'no report of /nobody within 5 s' in shown.stderr
+    assert 'no report of /nobody within 5 s, as no such node runs; ' in shown.stderr
     assert f'there are: /{COORDINATOR} (choose one by --node)' in shown.stderr
 
 

@@ -127,7 +127,7 @@ def _forked() -> Iterator[None]:
         ('streams --timeout 10ms', 'streams: no report of /stream_manager within'),
         ('uav_demo --logs /dev/null/x', 'uav_demo: /dev/null/x: Not a directory'),
         ('replay /nowhere/at_all', '/nowhere/at_all: no such recording'),
-        ('uav_demo --scenario picnic', "there is no scenario 'picnic'"),
+        ('uav_demo --scenario picnic', 'windy_delivery, fleet or the path of a YAML file'),
         ('uav_demo --uavs 0', 'uav_demo: a fleet of 0 vehicles cannot fly'),
         ('uav_plan --plan picnic', "uav_plan: there is no plan 'picnic'"),
     ],

@@ -25,13 +25,13 @@ def scenario_names() -> tuple[str, ...]:
     return _names('scenario')
 
 
-def scenario_path(scenario: str) -> Path:
+def scenario_path(scenario: str, *others: str) -> Path:
     """Return the file of a scenario, given its name or a path.
 
     Raises:
-        BringupError: NOT_FOUND, with the names of the shipped scenarios.
+        BringupError: NOT_FOUND, with the names of the shipped scenarios, and of others.
     """
-    return _path('scenario', scenario)
+    return _path('scenario', scenario, *others)
 
 
 def plan_path(plan: str) -> Path:
@@ -85,14 +85,14 @@ def _names(kind: str) -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (share() / f'{kind}s').glob('*.yaml')))
 
 
-def _path(kind: str, name: str) -> Path:
+def _path(kind: str, name: str, *others: str) -> Path:
     path = Path(name)
     if path.suffix != '.yaml':
         path = share() / f'{kind}s' / f'{name}.yaml'
     if not path.is_file():
         raise BringupError(
-            f"there is no {kind} '{name}'; use {', '.join(_names(kind))} or the path of a YAML "
-            'file',
+            f"there is no {kind} '{name}'; use {', '.join([*_names(kind), *others])} or the "
+            'path of a YAML file',
             ExitCode.NOT_FOUND,
         )
     return path

@@ -97,12 +97,14 @@ def _findings(
     from dyknow_command.linting.frame_checks import frame_findings  # noqa: PLC0415
     from dyknow_command.linting.topic_checks import (  # noqa: PLC0415
         contents_of,
+        name_findings,
         topic_findings,
     )
     from dyknow_command.linting.vocabulary_checks import VocabularyChecks  # noqa: PLC0415
 
     observed = {each.name: each for each in topics or ()}
     yield from VocabularyChecks(inputs, contents_of(observed)).findings()
+    yield from name_findings(inputs, observed)
     if topics is not None:
         yield from topic_findings(inputs, observed, where)
         yield from frame_findings(inputs, observed)

@@ -44,6 +44,7 @@ def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
         ('broken_streams', ['broken.streams']),
         ('formulas', ['formulas.txt']),
         ('parameters', ['parameters.yaml']),
+        ('topics', ['topics.yaml']),
     ],
 )
 def test_findings(
@@ -322,12 +323,15 @@ formulas:
 
 def test_expected_topics_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot = tmp_path / 'robot.yaml'
-    robot.write_text('topics: {/uav1/battery: {max_gap: 100 ms}, /uav9/battery: , /uav2/battery: }')
+    robot.write_text(
+        'topics: {/uav1/battery: {max_gap: 100 ms}, /uav9/battery: , /uav2/battery: , /q: }'
+    )
     recording = ROOT / 'dyknow_bringup' / 'recordings' / 'nominal'
     code, shown = lint(capsys, robot, '--recording', recording)
     assert code == 1
     assert ':1:10: error: /uav1/battery: 99 of 99 intervals break max_gap = 100 ms' in shown
     assert ':1:44: error: there is no topic /uav9/battery in' in shown
+    assert f'error: there is no topic /q in {recording}; check its name and its' in shown
     assert 'error: /uav2' not in shown
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Context, Decimal, Inexact, Overflow
 from typing import Any
 
-from dyknow_common import SECOND_NS, LanguageError, Value, ValueType, shortened
+from dyknow_common import SECOND_NS, LanguageError, Value, ValueType, shortened, unknown
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Feature, FieldReference
@@ -190,6 +190,9 @@ def _canonical(name: str) -> str:
     except LanguageError:
         formula = None
     if not isinstance(formula, Feature | FieldReference):
+        if (kind := name.rpartition(':')[2].strip()) != name and kind.isidentifier():
+            message = unknown('type', kind, [*ValueType])
+            raise ReasoningError(f"line 1, column '{shortened(name)}': {message}")
         separators = any(each in name for each in ';\t')
         mend = 'separate columns by commas' if separators else 'name it as in x or Power[uav1]'
         raise ReasoningError(

@@ -314,7 +314,8 @@ def test_reading_what_was_written(formula: Formula) -> None:
         ('p || q', '||', 'or'),
         ('not !p', '!', 'not'),
         ('x == 1', '==', '='),
-        ('p => q', '=>', '->'),
+        ('p => q', '=>', "->' or '>="),
+        ('x => 3', '=>', "->' or '>="),
         ('p untill[0 s, 5 s] q', 'untill', 'until'),
         ('p S q', 'S', 'since'),
         ('p W[0 s, 5 s] q', 'W', 'unless'),
@@ -354,6 +355,11 @@ def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str
         ('always {a}', 'use round brackets'),
         ('flags % 2 = 1', "write a remainder as 'x mod 2'"),
         ('[] a', "did you mean 'always' instead of '[]'?"),
+        ('forall u in U: a[u]', "'U' is the operator 'until': rename the sort or feature"),
+        ('always[0 sec, 5 s] a', 'the units of times are ns, us, ms, s, min, h'),
+        ('always[0, 5 seconds) a', 'the units of times are ns, us, ms, s, min, h'),
+        ('always "/a.x > 3', 'the closing quote is missing'),
+        ('p and U[a] > 3', "'U' is the operator 'until': rename the sort or feature"),
     ],
 )
 def test_advice_on_what_other_languages_write(text: str, advice: str) -> None:

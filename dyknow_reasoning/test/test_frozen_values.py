@@ -235,7 +235,7 @@ def test_what_cannot_be_kept() -> None:
 
 def test_unusable_values_and_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
     each = 'always let v = x in eventually[0 s, 60 s] x < v'
-    assert 'holds the number nan' in run(each, [{'x': float('nan')}])[1][0]
+    assert 'holds nan' in run(each, [{'x': float('nan')}])[1][0]
     for module in (automaton, kept_values):
         monkeypatch.setattr(module, 'MAX_SLOTS', 8)
     for every_state in (False, True):

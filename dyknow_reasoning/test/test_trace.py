@@ -125,7 +125,8 @@ def test_a_header_that_numpy_has_written() -> None:
         ('x,# time_s\n0,1', "the column '# time_s' is not a ground feature"),
         ('# x,time\n0,1', 'rename it; this trace has the columns: x, time'),
         ('time_s,p:\n0,true', "line 1: the column 'p:' is not a ground feature"),
-        ('time_s,p: text\n0,true', "line 1: the column 'p: text' is not a ground feature"),
+        ('time_s,p: text\n0,true', "column 'p: text': unknown type 'text'; use int, "),
+        ('time_s,p:flaot\n0,1', "column 'p:flaot': unknown type 'flaot'; did you mean 'float'"),
         ('time_s,p,p: int\n0,1,1', "line 1: there are two columns 'p'"),
         ('time_s,"D[a,b]","D[a, b]"\n0,1,1', r"there are two columns 'D\[a, b\]'"),
     ],
@@ -145,7 +146,11 @@ def test_refused_traces(text: str, message: str) -> None:
         (b'time_s,m\n0,\xff\n', 2, 'it is not in UTF-8'),
         (b'time_s,m\n0,"1"\n', 0, 'true at 0.000 s'),
         (b'time_s,m: string\n0,1\n', 2, 'the field \'m\' holds the string "1", not a number'),
-        (b'time_s,m\n0,nan\n', 2, "the field 'm' holds the number nan"),
+        (
+            b'time_s,m\n0,nan\n',
+            2,
+            "the field 'm' holds nan; if that is an unknown value, add 'missing: unknown' to",
+        ),
     ],
 )
 def test_files(

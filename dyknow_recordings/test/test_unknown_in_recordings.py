@@ -58,7 +58,11 @@ def test_the_command_takes_what_is_missing_for_unknown(
 
 @pytest.mark.parametrize(
     ('formula', 'error'),
-    [('always charge > 0.5', 'holds the number nan'), ('eventually docked', 'is empty')],
+    [
+        ('always charge > 0.5', "holds nan; if that is an unknown value, add 'missing: unknown'"),
+        ('eventually docked', 'is empty'),
+        ('always chrge > 0.5', "the trace has no field 'chrge'; did you mean 'charge'?"),
+    ],
 )
 def test_what_is_missing_is_an_error_without_the_option(
     trace: str, formula: str, error: str

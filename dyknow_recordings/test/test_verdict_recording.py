@@ -313,7 +313,10 @@ def test_a_target_that_cannot_be_written(
     (tmp_path / 'file').touch()
     target = tmp_path / 'file' / 'out.mcap'
     assert main([str(flight), '--formula', '1 < 2', '--verdicts', str(target)]) == 2
-    assert f'cannot write to {target}: ' in capsys.readouterr().err
+    reason = f'{tmp_path / "file"} is a file; give FILE.mcap, or a folder for its recordings'
+    assert f'cannot write to {target}: {reason}' in capsys.readouterr().err
+    with pytest.raises(RecordingError, match=f'cannot write to {tmp_path / "file"}: {reason}'):
+        VerdictRecordings(tmp_path / 'file', 1)
     (tmp_path / 'is_a_folder.mcap').mkdir()
     with pytest.raises(RecordingError, match=r'cannot write .*is_a_folder.mcap: '):
         VerdictRecordings(tmp_path / 'is_a_folder.mcap', 1).add(report())

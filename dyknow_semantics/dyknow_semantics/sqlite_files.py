@@ -19,7 +19,10 @@ LOCK_TIMEOUT_S: Final = 1.0
 
 _RESTORE: Final = 'restore it from a backup, or move it away to begin with an empty one'
 _MENDS: Final = {
-    'SQLITE_BUSY': 'another process uses it: stop that, or give this node a store of its own',
+    'SQLITE_BUSY': (
+        'another process uses it: stop that, or give another file (to the live page with --history '
+        "FILE, to a node as its parameter 'store')"
+    ),
     'SQLITE_CANTOPEN': 'create its folder, and let this user read and write there',
     'SQLITE_CORRUPT': f'it is damaged: {_RESTORE}',
     'SQLITE_FULL': 'nothing was changed; free space on its disk',

@@ -225,8 +225,16 @@ def test_a_violation_reaches_every_stream_above_it(flow: Flow) -> None:
     counts = {name: flow.dataflow.statistics(name).violations for name in flow.dataflow.names()}
     assert counts == {'below': 1, 'above': 1, 'beside': 0}
     assert flow.violations[0].message == (
-        "stream 'below': the sample valid at 0.001 s came 4 ms late; max_delay is 1 ms"
+        "stream 'below': the sample valid at 0.001 s came 4 ms late; max_delay is 1 ms: "
+        'state a larger one if its way takes so long, or set the clock of its sender'
     )
+
+
+def test_a_late_sample_with_an_earlier_stamp_than_the_last_one(flow: Flow) -> None:
+    flow.create('select x from "a" with max_delay = 1 ms')
+    flow.push('a', 9, x=1)
+    flow.push('a', 5, 11, x=1)
+    assert 'came 6 ms late, after the one valid at 0.009 s; ' in flow.violations[0].message
 
 
 def test_a_part_is_called_what_each_text_calls_it(flow: Flow) -> None:

@@ -25,17 +25,17 @@ def test_a_gap_names_its_bound(flow: Flow) -> None:
 
 
 def test_silence_is_reported_once_when_it_is_certain(flow: Flow) -> None:
-    flow.create('"a" with max_gap = 10 ms, max_delay = 3 ms')
-    flow.push('a', 0, 1, x=0)
+    flow.create('"/a" with max_gap = 10 ms, max_delay = 3 ms')
+    flow.push('/a', 0, 1, x=0)
     flow.advance(13)
     assert flow.violations == []
     flow.advance(13.000001)
     (violation,) = flow.violations
     assert violation.message == (
-        "stream 'a': no sample after the one valid at 0.000 s; max_gap is 10 ms"
+        "stream '/a': no sample of /a after the one valid at 0.000 s; max_gap is 10 ms"
     )
     flow.advance(100)
-    flow.push('a', 100, 101, x=1)
+    flow.push('/a', 100, 101, x=1)
     flow.advance(110)
     assert len(flow.violations) == 1
 

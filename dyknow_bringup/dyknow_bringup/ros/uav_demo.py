@@ -14,7 +14,7 @@ from rich.live import Live
 
 from dyknow_bringup.demonstration import summary, unexpected
 from dyknow_bringup.monitored_formula import formula_table
-from dyknow_bringup.resources import scenario_names
+from dyknow_bringup.resources import scenario_names, scenario_path
 from dyknow_bringup.ros.fleet_demo import FLEET, FleetDemonstration
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor
 from dyknow_bringup.ros.scenario_run import ScenarioRun, run_scenario
@@ -105,6 +105,7 @@ def demo(options: argparse.Namespace) -> int:
             options.log_level,
             options.logs,
         )
+    scenario_path(options.scenario, FLEET)
     return run_scenario(
         lambda launcher, folder: Demonstration(
             page=options.report,

@@ -34,6 +34,9 @@ from dyknow_stream_processing import (
 _PLAIN: Final = re.compile(r'[\w.]+(?:\[-?\d+\][\w.]*)*')
 """A path without conditions and functions, for which later messages may have elements."""
 
+_OF_ROS: Final = re.compile(r'(/~)?(/[A-Za-z_{][A-Za-z0-9_{}]*)+')
+"""The absolute names that topics of ROS may have; nodes know what ~ and {node} stand for."""
+
 
 @dataclass(frozen=True, slots=True)
 class TopicUse:
@@ -60,6 +63,17 @@ def contents_of(topics: Mapping[str, ObservedTopic]) -> Mapping[str, TopicConten
     }
 
 
+def name_findings(inputs: LintInputs, topics: Mapping[str, ObservedTopic]) -> Iterator[Finding]:
+    """Yield the topics that ROS cannot have; recordings of other systems may have them."""
+    for use in topic_uses(inputs):
+        if use.topic not in topics and not _OF_ROS.fullmatch(use.topic):
+            text = (
+                f"ROS cannot have a topic '{use.topic}': between slashes, use letters, digits and "
+                '_, and begin with no digit'
+            )
+            yield error_at(use.place, text)
+
+
 def topic_findings(
     inputs: LintInputs, topics: Mapping[str, ObservedTopic], where: str
 ) -> Iterator[Finding]:
@@ -74,7 +88,9 @@ def topic_findings(
         topic = topics.get(use.topic)
         if topic is None or topic.publishers == 0:
             near = nearest_topics(use.topic, list(topics))[:2]
-            hint = f'did you mean {" or ".join(near)}?' if near else 'is its publisher missing?'
+            hint = (
+                f'did you mean {" or ".join(near)}?' if near else 'check its name and its publisher'
+            )
             yield error_at(use.place, f'there is no topic {use.topic} {where}; {hint}')
         elif topic.fields is None:
             text = f'{use.topic}: its message type {topic.message_type} is not defined'

@@ -235,7 +235,10 @@ class Language:
         if missing := self._missing_brackets(text, offset):
             place_of_it = position_at(text, len(text[:offset].rstrip()))
             return PositionedError(f'missing {missing!r} (unexpected {found})', place_of_it)
-        hint = correction(text, offset, self._corrections, self._advice)
+        if text.find('"', offset) == offset == text.rfind('"'):
+            hint = 'the closing quote is missing'
+        else:
+            hint = correction(text, offset, self._corrections, self._advice)
         # With a correction, the list of expected tokens would only distract.
         unexpected = f'unexpected {found}'
         message = f'{hint} ({unexpected})' if hint else unexpected + self._expected(terminals)

@@ -116,12 +116,16 @@ class _Reports:
         others = sorted(
             topic.removesuffix(f'/{suffix}')
             for topic, types in node.get_topic_names_and_types()
-            if self._type in types and topic != self._topic and node.count_publishers(topic)
+            if topic.endswith(f'/{suffix}')
+            and self._type in types
+            and topic != self._topic
+            and node.count_publishers(topic)
         )
         hint = f'; there are: {", ".join(others)} (choose one by --node)' if others else ''
+        lack = '' if node.count_publishers(self._topic) else ', as no such node runs'
         return DyKnowError(
-            f'no report of {name} within {timeout_ns / SECOND_NS:g} s; is DyKnow running, in this '
-            f'namespace and ROS domain?{hint}',
+            f'no report of {name} within {timeout_ns / SECOND_NS:g} s{lack}; is DyKnow running, in '
+            f'this namespace and ROS domain?{hint}',
             ExitCode.UNAVAILABLE,
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dyknow_common import FORMULA_WORDS, Language
+from dyknow_common import FORMULA_WORDS, NANOSECONDS, Language
 
 _OPERATOR = 'an operator'
 _FORMULA = 'a formula'
@@ -37,7 +37,8 @@ _CORRECTIONS: Final = {
     **dict.fromkeys(('&', '&&', 'AND'), 'and'),
     **dict.fromkeys(('|', '||', 'OR'), 'or'),
     **dict.fromkeys(('!', '~', 'NOT'), 'not'),
-    **dict.fromkeys(('=>', '==>', '-->', 'implies'), '->'),
+    '=>': "->' or '>=",
+    **dict.fromkeys(('==>', '-->', 'implies'), '->'),
     **dict.fromkeys(('<=>', '<==>', 'iff'), '<->'),
     **dict.fromkeys(('G', 'globally', 'ALWAYS'), 'always'),
     **dict.fromkeys(('F', 'finally', 'EVENTUALLY'), 'eventually'),
@@ -75,6 +76,12 @@ _ADVICE: Final = {
     r'[-+*/<>=≤≥≠]\s*previous\b|\bprev\s+(?=[\w"])': "write the value before as 'prev(x)'",
     r'\[\s*\]': "did you mean 'always' instead of '[]'?",
     r'[{}]': 'use round brackets',
+    rf'\[(?:[^\[\]]*,)?\s*[0-9.]+\s*(?!(?:{"|".join(NANOSECONDS)})\b)[A-Za-zµ]+': (
+        f'the units of times are {", ".join(NANOSECONDS)}'
+    ),
+    rf'(?:^|[^\w\s)\]"]|\b(?:{"|".join(FORMULA_WORDS)}))\s*U\b': (
+        "'U' is the operator 'until': rename the sort or feature"
+    ),
 }
 """Corrections of mistakes that are more than a word."""
 

@@ -73,6 +73,11 @@ POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
 """One comparison operator of each pair of opposites."""
 
 
+_NOT_A_NUMBER: Final = (
+    "holds nan; if that is an unknown value, add 'missing: unknown' to the feature in robot.yaml, "
+    "or '--missing unknown' to dyknow check"
+)
+
 MAX_GENERATED: Final = 256
 """The most atoms or fields for which code is generated, as Python compiles it recursively."""
 
@@ -300,6 +305,8 @@ def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> Read
             return value
         if isinstance(error := cast('object', value), ReasoningError):
             raise error  # Of an operand of a past operator.
+        if is_usable:
+            raise ReasoningError(f"the field '{name}' {_NOT_A_NUMBER}")
         wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
         raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}")
 

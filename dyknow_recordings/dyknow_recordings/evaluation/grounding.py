@@ -142,9 +142,14 @@ class FormulaGrounder:
 
     def _with_fields(self, candidates: Candidates, features: Sequence[str]) -> Candidates:
         """Add fields: a recording without annotations, such as a table, has features for them."""
-        fields = (self._streams.source_of_field(each) for each in features)
         found = {each.feature for each in candidates.found}
-        more = tuple(each for each in fields if each is not None and each.feature not in found)
+        is_known = self._vocabulary.knowledge is not None
+        fields = (
+            self._streams.source_of_field(each, is_known=is_known)
+            for each in features
+            if each not in found
+        )
+        more = tuple(each for each in fields if each is not None)
         return replace(candidates, found=(*candidates.found, *more))
 
     def _domains(

@@ -12,7 +12,14 @@ from math import nan
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, listed_as
+from dyknow_common import (
+    NO_CONSTRAINTS,
+    DyKnowError,
+    ExitCode,
+    StreamConstraints,
+    absence,
+    listed_as,
+)
 from dyknow_configuration import TextSource
 from dyknow_coordinator import (
     SILENCE_LIMIT_NS,
@@ -22,8 +29,10 @@ from dyknow_coordinator import (
     field_names,
     stream_topic,
 )
+from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.recording import END, RecordedFields, rows_of
+from dyknow_recordings.reading.trace_recording import TRACE_TOPIC, TRACE_TYPE
 from dyknow_stream_processing import (
     ALL,
     SAMPLE_TYPE,
@@ -116,10 +125,22 @@ class RecordedStreams:
         """
         return self._fields_of(name)
 
-    def source_of_field(self, feature: str) -> FeatureSource | None:
-        """Return the source of a feature that is a field of just one recorded topic."""
+    def source_of_field(self, feature: str, *, is_known: bool) -> FeatureSource | None:
+        """Return the source of a feature that is a field of just one recorded topic.
+
+        Args:
+            feature: a ground feature.
+            is_known: True if it may be a feature of an ontology, and not only a field.
+
+        Raises:
+            RecordingError: NOT_FOUND, if it can only be a column of a trace, and is none.
+        """
         topics = [name for name, each in self._topics.items() if feature in (each.fields or ())]
         if len(topics) != 1:
+            row = self._topics.get(TRACE_TOPIC)
+            if row is not None and row.message_type == TRACE_TYPE and not is_known:
+                lack = absence('the trace', row.fields or (), feature)
+                raise RecordingError(lack, ExitCode.NOT_FOUND)
             return None
         quoted = f'"{feature}"'
         text = str(

@@ -82,8 +82,8 @@ class Vocabulary:
     def matching_streams(self, concept: str) -> tuple[str, ...]:
         """Return the specifications of the streams that match a concept, best first."""
         raise RecordingError(
-            f'no stream carries {concept}: no annotations are given; name a topic and a field '
-            'instead, such as "/uav1/battery".voltage',
+            f'no annotations are given; name a topic and a field instead of {concept}, such as '
+            '"/uav1/battery".voltage',
             ExitCode.NOT_FOUND,
         )
 

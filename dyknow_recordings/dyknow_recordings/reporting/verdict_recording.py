@@ -230,10 +230,13 @@ class VerdictRecordings(CheckOutput):
                 f'{target}: the verdicts of {number} recordings need a folder; give the name of '
                 'one, without .mcap'
             )
+        folder = target.parent if self._is_file else target
         try:
-            (target.parent if self._is_file else target).mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RecordingError(f'cannot write to {target}: {error.strerror}') from None
+            mend = f'{folder} is a file; give FILE.mcap, or a folder for its recordings'
+            reason = mend if folder.is_file() else error.strerror
+            raise RecordingError(f'cannot write to {target}: {reason}') from None
         message_types()  # An error comes before the work.
 
     def add(self, report: RecordingReport) -> None:

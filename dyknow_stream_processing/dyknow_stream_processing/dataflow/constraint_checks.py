@@ -306,13 +306,7 @@ class ReorderOperator(Operator):
             and delay > self._max_delay
             and not any(each.is_initial for each in self.sources)
         ):
-            message = (
-                f'the sample valid at {round_time(valid_time)} came '
-                f'{round_duration(delay, self._max_delay)} late; '
-                f'max_delay is {format_duration(self._max_delay)}'
-            )
-            kind = ViolationKind.MAX_DELAY
-            self._reject(Fault(kind, valid_time, message, delay, self._max_delay))
+            self._reject(_late(valid_time, delay, self._max_delay, self._released))
         elif valid_time < promised:
             mend = 'with reorder = true, samples that come within max_delay are put in order'
             self._reject(_out_of_order(valid_time, promised, mend))
@@ -506,6 +500,17 @@ class BoundsOperator(Operator):
                     self._drop(reason, int(dropped.sum()))
 
         return Planned(batch.rows(~(early | late)), self.inputs[0].watermark, adopt)
+
+
+def _late(valid_time: int, delay: int, max_delay: int, released: int) -> Fault:
+    """Return the fault of a late sample, given the valid time of the last one passed on."""
+    after = f', after the one valid at {round_time(released)}' if valid_time < released else ''
+    message = (
+        f'the sample valid at {round_time(valid_time)} came {round_duration(delay, max_delay)} '
+        f'late{after}; max_delay is {format_duration(max_delay)}: state a larger one if its way '
+        'takes so long, or set the clock of its sender'
+    )
+    return Fault(ViolationKind.MAX_DELAY, valid_time, message, delay, max_delay)
 
 
 def _out_of_order(valid_time: int, predecessor: int, mend: str) -> Fault:

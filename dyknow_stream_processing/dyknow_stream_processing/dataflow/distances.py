@@ -170,7 +170,8 @@ class DistanceOperator(Operator):
         if self._latest is not None:
             latest, self._latest = self._latest, None
             last = latest - self._longest
-            message = f'no sample after the one valid at {round_time(last)}; {self._demand}'
+            topic = f' of {self.sources[0].label}' if len(self.sources) == 1 else ''
+            message = f'no sample{topic} after the one valid at {round_time(last)}; {self._demand}'
             self._violate(Fault(self._kind, latest, message, until - last, self._longest))
 
     def _fault(self, valid_time: int, observed: int, allowed: int) -> Fault:
