@@ -254,3 +254,11 @@ def test_the_working_folder_has_no_modules(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     with WorkerPool(1) as fresh:
         assert fresh.run(divmod, (7, 2)) == (3, 1)
+
+
+def test_a_forked_process_needs_no_standard_error_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'dup2', failing)
+        pool = WorkerPool(1, forks=True)
+    with pool:
+        assert pool.run(divmod, (7, 2)) == (3, 1)

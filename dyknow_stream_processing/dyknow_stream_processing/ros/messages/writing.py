@@ -112,7 +112,7 @@ class MessageWriter(Generic[M]):
         places, arrays = _layout(self._kind, tuple(values))
         message: M = self._kind.default()
         for steps, kind, length in arrays:
-            array = reduce(_part, steps, message)
+            array: Any = reduce(_part, steps, message)
             array.extend(kind.element.default() for _ in range(len(array), length))
         for place, value in zip(places, values.values(), strict=True):
             place.set(message, value)
