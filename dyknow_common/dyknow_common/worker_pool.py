@@ -66,11 +66,10 @@ class WorkerPool:
         self.memory = memory
         fresh = _FreshProcesses(memory, is_silent)
         forked = _forked_processes(number) if forks else []
-        running = [*forked, *[None] * (number - len(forked))]
-        self._workers = tuple(_Worker(fresh, process) for process in running)
+        self._workers = [_Worker(fresh, forked.pop() if forked else None) for _ in range(number)]
         # The one used last comes first: it has started, which takes seconds on a busy machine.
         self._idle: LifoQueue[_Worker] = LifoQueue()
-        for each in reversed(self._workers):
+        for each in self._workers:
             self._idle.put(each)
 
     def __enter__(self) -> Self:
@@ -234,7 +233,6 @@ def _killed_after(limit_s: float | None, process: _WorkerProcess) -> Iterator[th
         process.kill()
 
     timer = threading.Timer(limit_s, expire)
-    timer.daemon = True
     timer.start()
     try:
         yield expired
@@ -293,8 +291,8 @@ def _forked(others: Iterable[_WorkerProcess]) -> _WorkerProcess:
     """
     its_jobs, jobs = _pipe()
     results, its_results = _pipe()
-    # With a copy of the pipes to a process, another one would keep it alive.
-    ours = [jobs, results, *(file for each in others for file in (each.jobs, each.results))]
+    # With a copy of the pipe to a process, another one would keep it alive.
+    ours = [jobs, *(each.jobs for each in others)]
     handle = get_context('fork').Process(
         target=_serve_forked, args=(its_jobs, its_results, ours), daemon=True
     )

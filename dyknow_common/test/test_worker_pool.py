@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import signal
@@ -15,8 +16,9 @@ from typing import Any
 
 import pytest
 
-from dyknow_common import DyKnowError, ExitCode, read_text
+from dyknow_common import DyKnowError, ExitCode, read_text, worker_pool
 from dyknow_common.worker_pool import WorkerPool
+from dyknow_main import TERMINAL_SIGNALS
 
 ENDLESS = (re.match, ('(a+)+$', 'a' * 50 + 'b'))
 """A regular expression, which keeps all threads of its process from running."""
@@ -24,7 +26,15 @@ ENDLESS = (re.match, ('(a+)+$', 'a' * 50 + 'b'))
 LIMIT_S = 120.0
 
 
-@pytest.fixture(scope='module', params=[False, True], ids=['fresh', 'forked'])
+@pytest.fixture(scope='module', autouse=True)
+def only_thread() -> Iterator[None]:
+    """Lets pools fork beside the threads that pytest's plugins have."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(threading, 'active_count', lambda: 1)
+        yield
+
+
+@pytest.fixture(params=[False, True], ids=['fresh', 'forked'])
 def pool(request: pytest.FixtureRequest) -> Iterator[WorkerPool]:
     with WorkerPool(1, forks=request.param) as running:
         yield running
@@ -47,8 +57,13 @@ def test_a_process_that_has_started_is_used_again_before_another_one_starts() ->
     [
         (divmod, (1, 0), RuntimeError, r'(?s)Traceback.*ZeroDivisionError'),
         (eval, ('(lambda f: f(f))(lambda f: f(f))',), RecursionError, 'recursion'),
-        (os.abort, (), ChildProcessError, '^its process ended with signal SIGABRT; it may need'),
-        (os._exit, (3,), ChildProcessError, '^its process ended with code 3; it may need'),
+        (
+            signal.raise_signal,
+            (signal.SIGUSR1,),
+            ChildProcessError,
+            '^its process ended with signal SIGUSR1; it',
+        ),
+        (os._exit, (0,), ChildProcessError, '^its process ended with code 0; it may need'),
         # The answer cannot be pickled.
         (threading.Lock, (), ChildProcessError, '^its process ended with code 1;'),
         (time.sleep, (LIMIT_S,), TimeoutError, '^$'),
@@ -148,3 +163,102 @@ def test_a_process_ends_with_its_parent(number: signal.Signals, *, forks: bool) 
         worker = int(parent.stdout.readline())
         parent.send_signal(number)
         wait_for_end(worker)
+
+
+def test_a_pool_that_nobody_stops_does_not_keep_its_process() -> None:
+    program = 'from dyknow_common.worker_pool import WorkerPool; pool = WorkerPool(2, forks=True)'
+    subprocess.run([sys.executable, '-c', program], check=True, timeout=LIMIT_S)
+
+
+def test_an_interrupted_call_leaves_no_answer_for_the_next_one(pool: WorkerPool) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGALRM, interrupt)
+    signal.setitimer(signal.ITIMER_REAL, 0.5)
+    with pytest.raises(KeyboardInterrupt):
+        pool.run(time.sleep, (1.0,))
+    signal.signal(signal.SIGALRM, before)
+    assert pool.run(divmod, (7, 2)) == (3, 1)
+
+
+@pytest.mark.parametrize('number', TERMINAL_SIGNALS)
+def test_a_forked_process_does_not_handle_signals_as_its_parent(number: signal.Signals) -> None:
+    before = signal.signal(number, lambda *_: None)
+    ending = pytest.raises(ChildProcessError, match=f'ended with signal {number.name};')
+    with WorkerPool(1, forks=True) as forked, ending:
+        forked.run(signal.raise_signal, (number,))
+    signal.signal(number, before)
+    assert not signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+@pytest.mark.parametrize(
+    ('options', 'printed'), [({}, 'a\n'), ({'forks': True}, 'a\n'), ({'is_silent': True}, '')]
+)
+def test_functions_print_on_the_standard_error_output(
+    capfd: pytest.CaptureFixture[str], options: dict[str, bool], printed: str
+) -> None:
+    with WorkerPool(1, **options) as talking:
+        talking.run(os.system, ('echo a',))
+    assert capfd.readouterr() == ('', printed)
+
+
+def test_a_process_that_has_not_begun_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'setsid', lambda: time.sleep(LIMIT_S))
+    start = time.monotonic()
+    WorkerPool(1, forks=True).stop()
+    assert time.monotonic() < start + LIMIT_S / 2
+
+
+IS_FORKED = ("'pytest' in __import__('sys').modules",)
+"""An expression: a fresh process has imported no more than the program."""
+
+
+def test_processes_are_forked_where_that_is_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+    for forks in (True, False):
+        with WorkerPool(1, forks=forks) as several:
+            assert several.run(eval, IS_FORKED) is forks
+    with WorkerPool(1, forks=True) as several:
+        with pytest.raises(ChildProcessError):
+            several.run(os._exit, (1,))
+        assert not several.run(eval, IS_FORKED)
+    for owner, name, value in ((threading, 'active_count', lambda: 2), (os, 'fork', failing)):
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, name, value)
+            with WorkerPool(1, forks=True) as several:
+                assert not several.run(eval, IS_FORKED)
+
+
+def failing(*_: object, **__: object) -> None:
+    """Fails as the kernel does when there are too many processes."""
+    raise BlockingIOError(errno.EAGAIN, 'Resource temporarily unavailable')
+
+
+def test_a_process_that_cannot_start_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    with WorkerPool(1) as fresh:
+        with monkeypatch.context() as patch:
+            patch.setattr(subprocess, 'Popen', failing)
+            reason = '^no process can be started: Resource temporarily unavailable$'
+            with pytest.raises(ChildProcessError, match=reason):
+                fresh.run(divmod, (7, 2))
+        with monkeypatch.context() as patch:
+            patch.setattr(worker_pool, '_START_LIMIT_S', 0.01)
+            reason = '^its process did not start within 0.01 s; try again when the machine is less'
+            with pytest.raises(ChildProcessError, match=reason):
+                fresh.run(divmod, (7, 2))
+        assert fresh.run(divmod, (7, 2)) == (3, 1)
+
+
+def test_the_working_folder_has_no_modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / 'pickle.py').write_text('raise SystemExit')
+    monkeypatch.chdir(tmp_path)
+    with WorkerPool(1) as fresh:
+        assert fresh.run(divmod, (7, 2)) == (3, 1)
+
+
+def test_a_forked_process_needs_no_standard_error_output(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'dup2', failing)
+        pool = WorkerPool(1, forks=True)
+    with pool:
+        assert pool.run(divmod, (7, 2)) == (3, 1)

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator
 from importlib import import_module
 from inspect import isclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, Pose, PoseArray
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
 from rosidl_parser.definition import (
     AbstractGenericString,
@@ -23,11 +25,19 @@ from rosidl_parser.definition import (
     BasicType,
     BoundedString,
     NamespacedType,
+    UnboundedSequence,
     UnboundedWString,
 )
-from sensor_msgs.msg import Image, LaserScan, MultiEchoLaserScan, PointCloud
+from sensor_msgs.msg import (
+    Image,
+    JointState,
+    LaserEcho,
+    LaserScan,
+    MultiEchoLaserScan,
+    PointCloud,
+)
 from shape_msgs.msg import SolidPrimitive
-from std_msgs.msg import Byte, Float32, Float64, Int8, String, UInt8, UInt64
+from std_msgs.msg import Bool, Byte, ByteMultiArray, Float32, Float64, Int8, String, UInt8, UInt64
 
 from dyknow_common import ExitCode
 from dyknow_stream_processing.ros import FieldError, MessageWriter
@@ -72,7 +82,7 @@ class RandomTrees:
         if isinstance(kind, NamespacedType):
             return self.of(nested_class(kind))
         if isinstance(kind, AbstractGenericString):
-            length = min(getattr(kind, 'maximum_size', 5), 5)
+            length = self._random.integers(0, min(getattr(kind, 'maximum_size', 5), 5) + 1)
             return ''.join(self._random.choice(list('aZ ä"\\\n€😀'), size=length))
         return self._single(kind.typename)
 
@@ -142,7 +152,8 @@ def misfits_of_number(kind: str) -> Iterator[tuple[tuple[()], Any]]:
         return
     yield from (((), wrong) for wrong in (True, False))
     if kind == 'float':
-        yield from (((), wrong) for wrong in (1e39, -1e39, 10**39))
+        beyond = math.nextafter(float(np.finfo(np.float32).max), math.inf)
+        yield from (((), wrong) for wrong in (beyond, -1e39, 10**39))
     elif kind != 'double':
         limits = np.iinfo('uint8' if kind == 'octet' else kind)
         wrongs = (1.0, math.nan, int(limits.max) + 1, int(limits.min) - 1)
@@ -201,8 +212,16 @@ def test_what_does_not_fit_is_refused_with_its_path(class_: Any) -> None:
         ),
         (Float64, {'data': 10**400}, 'an integer of 1329 bits does not fit into float64'),
         (Float64, {'data': 16**5000}, 'an integer of 20001 bits does not fit into float64'),
+        (Int8, {'data': 2**500}, 'an integer of 501 bits does not fit into int8'),
+        (Int8, {'data': 2**500 - 1}, "field 'data': 3273390607"),
         (Point, {'x': 'high'}, '\'x\': "high" does not fit into float64, which holds numbers'),
         (Point, {'x': False}, "'x': false does not fit"),
+        (Point, {'x': None}, "'x': null does not fit"),
+        (Point, {'x': 'ä'}, '\'x\': "ä" does not fit'),
+        (Point, {'x': '" ' * 1000}, '…'),
+        (Point, {'x': b'a ' * 1000}, '…'),
+        (Point, {'x[0]': 1.0}, "Point has no field 'x[0]'; did you mean 'x'?"),
+        (Point, {'x[0:2]': 1.0}, "Point has no field 'x[0:2]'; did you mean 'x'?"),
         (DiagnosticStatus, {'name': 3}, 'into string, which holds texts; quotes make it a text'),
         (DiagnosticStatus, {'name': 'a\0b'}, "which holds texts; remove the character '\\x00'"),
         (DiagnosticStatus, {'name': '\ud800'}, "remove the character '\\ud800'"),
@@ -211,10 +230,13 @@ def test_what_does_not_fit_is_refused_with_its_path(class_: Any) -> None:
         (LaserScan, {'ranges[1].x': 1.0}, "LaserScan has no field 'ranges[1].x'"),
         (LaserScan, {'ranges.x': 1.0}, "LaserScan has no field 'ranges.x'"),
         (LaserScan, {'ranges[0:2]': 1.0}, "LaserScan has no field 'ranges[0:2]'"),
+        (LaserScan, {'ranges[0..]': 1.0}, "'ranges[0..]'; did you mean 'ranges[0]'?"),
+        (LaserScan, {'ranges[-1]': 1.0}, 'is found or computed; set the fields that it is made of'),
         (LaserScan, {'min(ranges)': 1.0}, "'min(ranges)' of sensor_msgs/msg/LaserScan is found or"),
         (LaserScan, {'': 1.0}, "LaserScan has no field ''"),
         (PoseArray, {'poses[0]': 1.0}, 'it is not a single value; ask for poses[0].'),
         (Odometry, {'pose.covariance[36]': 1.0}, "the last element of 'pose.covariance' is [35]"),
+        (Odometry, {'pose.covariance[-37]': 1.0}, "the last element of 'pose.covariance' is [35]"),
         (SolidPrimitive, {'dimensions[3]': 1.0}, "the last element of 'dimensions' is [2]"),
         (Point, {'w': 1.0}, "geometry_msgs/msg/Point has no field 'w' (it has: x, y, z)"),
         (Image, {'data': 1}, 'it is not a single value; ask for data[0]'),
@@ -245,20 +267,45 @@ def test_what_does_not_fit_is_named(class_: Any, fields: dict[str, Any], reason:
         (
             LaserScan,
             {'ranges': {0: 1.0}},
-            'does not fit into float32[], which holds lists',
+            'a mapping does not fit into float32[], which holds lists.',
         ),
         (
             SolidPrimitive,
             {'dimensions': [1] * 4},
-            'into float64[<=3], which holds lists of length',
+            'into float64[<=3], which holds lists of length <=3.',
         ),
-        (Odometry, {'pose': {'covariance': [1]}}, 'float64[36], which holds lists of length 36'),
+        (Odometry, {'pose': {'covariance': [1]}}, 'float64[36], which holds lists of length 36.'),
+        (Pose, {'position': 2}, 'Point, which holds mappings from fields to values.'),
+        (Bool, {'data': 1}, 'into bool, which holds true or false.'),
     ],
 )
 def test_trees_that_do_not_fit_are_named(class_: Any, tree: dict[str, Any], reason: str) -> None:
     with pytest.raises(FieldError) as error:
         MessageWriter(class_).tree(tree)
-    assert reason in error.value.message
+    assert reason in f'{error.value}.'
+
+
+@pytest.mark.parametrize(
+    ('class_', 'path', 'value', 'expected'),
+    [
+        (Image, 'data[1]', 7, [0, 7]),
+        (ByteMultiArray, 'data[1]', 7, [b'\0', b'\7']),
+        (JointState, 'name[1]', 'a', ['', 'a']),
+        (ParameterValue, 'bool_array_value[1]', True, [False, True]),
+        (Odometry, 'pose.covariance[35]', 7, [0.0] * 35 + [7.0]),
+        (Odometry, 'pose.covariance[-36]', 7, [7.0] + [0.0] * 35),
+        (PoseArray, 'poses[1].position.x', 7, [Pose(), Pose(position=Point(x=7.0))]),
+        (
+            MultiEchoLaserScan,
+            'ranges[1].echoes[1]',
+            7,
+            [LaserEcho(), LaserEcho(echoes=[0.0, 7.0])],
+        ),
+    ],
+)
+def test_elements_are_written(class_: Any, path: str, value: Any, expected: list[Any]) -> None:
+    message = MessageWriter(class_).paths({path: value})
+    assert list(attrgetter(path.partition('[')[0])(message)) == expected
 
 
 def test_an_unknown_field_is_told_from_a_value_that_does_not_fit() -> None:
@@ -307,32 +354,36 @@ class Letters:
         BasicType('long double'),
         UnboundedWString(),
         BoundedString(3),
+        UnboundedSequence(BasicType('char')),
     )
 
     @staticmethod
     def get_fields_and_field_types() -> dict[str, str]:
-        return dict.fromkeys(('char', 'wide', 'long', 'text', 'short'), '')
+        return dict.fromkeys(('char', 'wide', 'long', 'text', 'short', 'letters'), '')
 
     def __init__(self) -> None:
         self.char, self.wide, self.long, self.text, self.short = '\0', '\0', 0.0, '', ''
+        self.letters: list[str] = []
 
 
 @pytest.mark.parametrize(
-    ('field', 'fits', 'wrong'),
+    ('field', 'fits', 'wrong', 'reason'),
     [
-        ('char', 'A', ['AB', '', 'ä', 65, True]),
-        ('wide', '€', ['ab', '', '😀', '\ud800', 65]),
-        ('long', 1e300, ['1', True, 10**400]),
-        ('text', '😀', ['a\0', 7]),
-        ('short', 'abc', ['abcd', 7]),
+        ('char', 'A', ['AB', '', 'ä', 65, True], 'char, which holds an ASCII character'),
+        ('wide', '€', ['ab', '', '😀', '\ud800', 65], 'wchar, which holds a character of UTF-16'),
+        ('long', 1e300, ['1', True, 10**400], 'long double, which holds numbers up to 1.8e+308'),
+        ('text', '😀', ['a\0', 7], 'wstring, which holds texts; quotes make it a text'),
+        ('short', 'abc', [7, 'abcd'], 'string<=3, which holds texts of at most 3 characters'),
     ],
 )
-def test_types_of_idl(field: str, fits: Any, wrong: list[Any]) -> None:
+def test_types_of_idl(field: str, fits: Any, wrong: list[Any], reason: str) -> None:
     writer = MessageWriter(Letters)
     assert getattr(writer.tree({field: fits}), field) == fits
     for value in wrong:
-        with pytest.raises(FieldError):
+        with pytest.raises(FieldError) as error:
             writer.tree({field: value})
+    assert error.value.message.endswith(f' does not fit into {reason}')
+    assert writer.paths({'letters[1]': 'A'}).letters == ['\0', 'A']
 
 
 def test_numbers_that_are_not_finite_fit_floats() -> None:

@@ -18,10 +18,9 @@ import math
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, reduce
-from operator import attrgetter
 from typing import Any, Final, Generic, TypeVar
 
 from rosidl_parser.definition import (
@@ -57,8 +56,8 @@ MAX_FILLED: Final = 10_000
 Step = str | int
 """A field of a message, or the number of an element of an array."""
 
-_Length = tuple[Callable[[Any], Any], '_Array', int]
-"""Reads an array of a message, its type, and the length that it must have at least."""
+_Length = tuple[tuple[Step, ...], '_Array', int]
+"""The steps to an array of a message, its type, and the length that it must have at least."""
 
 Substitute = Callable[[str, Any], Any]
 """Returns what stands for a value of a tree, given the name of its type, `float64`."""
@@ -112,8 +111,8 @@ class MessageWriter(Generic[M]):
         """
         places, arrays = _layout(self._kind, tuple(values))
         message: M = self._kind.default()
-        for read, kind, length in arrays:
-            array = read(message)
+        for steps, kind, length in arrays:
+            array: Any = reduce(_part, steps, message)
             array.extend(kind.element.default() for _ in range(len(array), length))
         for place, value in zip(places, values.values(), strict=True):
             place.set(message, value)
@@ -170,7 +169,7 @@ class _Message:
         for name, each in value.items():
             if name not in self.members:
                 lack = absence(self.name, self.members, str(name))
-                raise FieldError((str(name),), lack, ExitCode.NOT_FOUND)
+                raise FieldError((name,), lack, ExitCode.NOT_FOUND)
             setattr(message, name, _within(name, self.members[name], each, use))
         return message
 
@@ -187,7 +186,7 @@ class _Array:
         self.holds = f'lists of length {bound}' if bound else 'lists'
 
     def written(self, value: Any, use: Substitute | None) -> Any:
-        if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:
+        if not isinstance(value, list) or not self.least <= len(value) <= self.most:
             raise _misfit(self, value)
         return [_within(index, self.element, each, use) for index, each in enumerate(value)]
 
@@ -212,7 +211,7 @@ def _misfit(kind: _Kind, value: Any, path: tuple[Step, ...] = ()) -> FieldError:
             shown = f'an integer of {value.bit_length()} bits'
         case Mapping():
             shown = 'a mapping'
-        case list() | tuple():
+        case list():
             shown = f'a list of length {len(value)}'
         case _:
             shown = shortened(value)
@@ -232,23 +231,23 @@ class _Place:
     Args:
         steps: from the message to the value.
         kind: of the value.
-        owner: returns the message or array that has it.
         arrays: those on the way that may be too short: their steps, the index, and the type.
     """
 
     steps: tuple[Step, ...]
     kind: _Single
-    owner: Callable[[Any], Any]
     arrays: tuple[tuple[tuple[Step, ...], int, _Array], ...]
 
     def set(self, message: Any, value: Any) -> None:
-        last, held = self.steps[-1], self.kind.fitting(value)
+        held = self.kind.fitting(value)
         if held is None:
             raise _misfit(self.kind, value, self.steps)
+        *way, last = self.steps
+        owner = reduce(_part, way, message)
         if isinstance(last, int):
-            self.owner(message)[last] = held
+            owner[last] = held
         else:
-            setattr(self.owner(message), last, held)
+            setattr(owner, last, held)
 
 
 @lru_cache(maxsize=10_000)
@@ -266,25 +265,19 @@ def _place(kind: _Message, path: str) -> _Place:
         if isinstance(found, _Array) and isinstance(step.selector, int):
             if not found.least:
                 arrays.append((tuple(steps), step.selector, found))
-            found = found.element if step.selector < found.most else None
+            found = found.element if -found.least <= step.selector < found.most else None
             steps.append(step.selector)
         elif step.selector is not None:
             break
     else:
         if isinstance(found, _Single):
-            return _Place(tuple(steps), found, _reader(steps[:-1]), tuple(arrays))
+            return _Place(tuple(steps), found, tuple(arrays))
     known = scalar_fields(kind.default)
     lack = absence(kind.name, known, path)
     if field is not None and listed_as(known, path):
-        lack = f"'{path}' of {kind.name} is found or computed; set the fields that it is made of"
+        mend = 'set the fields that it is made of, and elements by their numbers from 0'
+        lack = f"'{path}' of {kind.name} is found or computed; {mend}"
     raise FieldError((path,), lack, ExitCode.NOT_FOUND)
-
-
-def _reader(steps: Sequence[Step]) -> Callable[[Any], Any]:
-    """Return a function that reads what some steps of a message lead to."""
-    if steps and all(isinstance(step, str) for step in steps):
-        return attrgetter('.'.join(map(str, steps)))
-    return lambda message: reduce(_part, steps, message)
 
 
 def _part(value: Any, step: Step) -> Any:
@@ -312,7 +305,7 @@ def _layout(kind: _Message, paths: tuple[str, ...]) -> tuple[list[_Place], list[
         if filled > MAX_FILLED:
             reason = f'give the elements before it; at most {MAX_FILLED} may be missing'
             raise FieldError((*steps, last), reason)
-        lengths.append((_reader(steps), arrays[steps], last + 1))
+        lengths.append((steps, arrays[steps], last + 1))
     return places, lengths
 
 
@@ -341,13 +334,12 @@ def _text(
     holds: str,
     lengths: tuple[int, float],
     excluded: re.Pattern[str] = _UNSENDABLE,
-    initial: str = '',
 ) -> _Single:
     def fitting(value: Any) -> str | None:
         has_length = isinstance(value, str) and lengths[0] <= len(value) <= lengths[1]
         return value if has_length and not excluded.search(value) else None
 
-    return _Single(name, holds, initial, fitting)
+    return _Single(name, holds, '\0' * lengths[0], fitting)
 
 
 def _integer(name: str, low: int, high: int, held: Callable[[int], Any] = int) -> _Single:
@@ -371,9 +363,9 @@ _SINGLE: Final = {
         'bool', 'true or false', False, lambda value: value if isinstance(value, bool) else None
     ),
     'octet': _integer('byte', 0, 255, lambda value: bytes([value])),
-    'char': _text('char', 'an ASCII character', (1, 1), re.compile('[^\0-\x7f]'), '\0'),
+    'char': _text('char', 'an ASCII character', (1, 1), re.compile('[^\0-\x7f]')),
     'wchar': _text(
-        'wchar', 'a character of UTF-16', (1, 1), re.compile('[^\0-\ud7ff\ue000-\uffff]'), '\0'
+        'wchar', 'a character of UTF-16', (1, 1), re.compile('[^\0-\ud7ff\ue000-\uffff]')
     ),
     'float': _float('float32', (2 - 2**-23) * 2.0**127),
     'double': _float('float64', sys.float_info.max),
