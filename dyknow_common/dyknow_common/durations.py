@@ -86,12 +86,15 @@ def duration_option(text: str) -> int:
     A bare number is in seconds, as in the commands of ROS 2.
 
     Raises:
-        ArgumentTypeError: if it is not a duration.
+        ArgumentTypeError: if it is not a duration, or below 0.
     """
     try:
-        return parse_duration(text, 's')
+        duration = parse_duration(text, 's')
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+    if duration < 0:
+        raise argparse.ArgumentTypeError(f"'{shortened(text)}' is below 0")
+    return duration
 
 
 def format_duration(nanoseconds: int) -> str:

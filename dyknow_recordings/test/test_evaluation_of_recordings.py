@@ -210,8 +210,10 @@ def test_a_formula_without_states_is_an_error() -> None:
     )
 
 
-def test_a_formula_that_needs_no_state() -> None:
-    report = check(recording(series('/a', [0])), 'always "/a".p < 5 or true')
+@pytest.mark.parametrize('every', [Every.FIRST, Every.STATE])
+def test_a_formula_that_needs_no_state(every: Every) -> None:
+    start = EpisodeStart(every=every)
+    report = check(recording(series('/a', [0])), 'always "/a".p < 5 or true', start=start)
     (episode,) = report.episodes
     assert (episode.verdict, episode.decided_at) == (Verdict.TRUE, None)
 
@@ -219,7 +221,7 @@ def test_a_formula_that_needs_no_state() -> None:
 def test_a_formula_that_needs_states_but_no_values() -> None:
     error = check(recording(series('/a', [0, 1, 2])), 'eventually[1 s, 2 s] true').error
     assert error is not None
-    assert error.message == 'the formula names no feature, so it has no states'
+    assert error.message == 'the formula depends on no feature, so it has no states'
 
 
 def test_a_topic_of_an_unknown_type() -> None:

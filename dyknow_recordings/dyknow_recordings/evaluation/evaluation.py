@@ -281,6 +281,8 @@ class RecordingEvaluation:
             ranges |= grounded.inputs.unknown
             is_asked_again = self._start.every is Every.FIRST and request.requested.every_state
             every = Every.STATE if is_asked_again else self._start.every
+            if not grounded.inputs.features:  # It has no states that could begin others.
+                every = Every.FIRST
             request.episodes = FormulaEpisodes(grounded, every)
         observer: SignalRecorder | None = None
         if self._keep_signals:

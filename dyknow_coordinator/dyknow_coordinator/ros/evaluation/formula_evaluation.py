@@ -219,7 +219,9 @@ class FormulaEvaluation(Evaluation):
         answer = from_message(Answer, result, error=error_from_status(result.exit_status))
         self._note_margin(answer.margin)
         if (error := answer.error) is None:
-            self.decide(answer.verdict, answer.decided_at, answer.explanation)
+            # At every state, with other objects, one that needs no state now may need some.
+            if not (self.request.every_state and self.request.restart_on_change):
+                self.decide(answer.verdict, answer.decided_at, answer.explanation)
             return
         fault = self._group.states.fault if self._group else ''
         if fault and error.code is ExitCode.CONSTRAINT_VIOLATION:
