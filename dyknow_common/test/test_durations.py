@@ -14,6 +14,7 @@ from dyknow_common import (
     add_utc_option,
     clock_time,
     date_time,
+    duration_option,
     time_since,
     with_readable_times,
 )
@@ -34,6 +35,12 @@ def utc() -> Iterator[None]:
     else:
         os.environ['TZ'] = before
     time.tzset()
+
+
+def test_a_duration_on_the_command_line_is_not_below_0() -> None:
+    assert (duration_option('2'), duration_option('0 s')) == (2 * SECOND_NS, 0)
+    with pytest.raises(argparse.ArgumentTypeError, match="'-5 s' is below 0"):
+        duration_option('-5 s')
 
 
 @pytest.mark.usefixtures('utc')
