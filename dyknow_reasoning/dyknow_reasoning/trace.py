@@ -95,7 +95,9 @@ def declared_types(lines: Iterable[str]) -> dict[str, ValueType]:
         ReasoningError: for an invalid first line.
     """
     columns = _columns(next(_cells(csv.reader(lines, skipinitialspace=True, strict=True)), []))
-    return {each.name: each.declared for each in columns if each.declared and each.name not in _UNITS}
+    return {
+        each.name: each.declared for each in columns if each.declared and each.name not in _UNITS
+    }
 
 
 class _Column:

@@ -349,8 +349,8 @@ def _write(
         for span, (path, count) in zip(spans, written, strict=True):
             paths.append(path)
             times = f'{round_time(span.begin - start)} to {round_time(span.end - start)}'
-            text = f'{path}: {times}, {count} messages: {"; ".join(_reasons(span))}'
-            sys.stdout.write(f'{with_readable_times(text, start)}\n')
+            reasons = with_readable_times('; '.join(_reasons(span)), start)
+            sys.stdout.write(f'{path}: {times}, {count} messages: {reasons}\n')
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)
         raise RecordingError(f'cannot write to {folder}: {error.strerror}') from None
