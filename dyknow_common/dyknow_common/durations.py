@@ -51,7 +51,8 @@ _UNIX_TIME = re.compile(r'(?<![\w.])([0-9]{10})\.([0-9]{3,9}) s\b')
 _TIME = re.compile(r'(-?)([0-9]+)\.([0-9]{3,9}) s\b')
 
 _MOMENT = re.compile(
-    r'\b(?:after|and|at|before|between|from|since|to|until) -?[0-9.]+ s\b|in [(\[][^ ]+ s, [^ ]+ s\b'
+    r'\b(?:after|and|at|before|between|from|since|to|until) -?[0-9.]+ s\b'
+    r'|in [(\[][^ ]+ s, [^ ]+ s\b'
 )
 """What says when something is, so that its numbers are no durations."""
 
