@@ -26,6 +26,9 @@ NODES = {
     'formula_monitor',
     'uav_simulation',
 }
+ROCKET = (
+    Path(__file__).parents[1] / 'dyknow_reasoning' / 'test' / 'data' / 'sounding_rocket_launch.csv'
+)
 
 
 @pytest.fixture(scope='module')
@@ -127,6 +130,7 @@ def _forked() -> Iterator[None]:
         ('streams --timeout 10ms', 'streams: no report of /stream_manager within'),
         ('uav_demo --logs /dev/null/x', 'uav_demo: /dev/null/x: Not a directory'),
         ('replay /nowhere/at_all', '/nowhere/at_all: no such recording'),
+        (f'replay {ROCKET}', 'only recordings of rosbag2 can be replayed'),
         ('uav_demo --scenario picnic', "there is no scenario 'picnic'"),
         ('uav_demo --uavs 0', 'uav_demo: a fleet of 0 vehicles cannot fly'),
         ('uav_plan --plan picnic', "uav_plan: there is no plan 'picnic'"),

@@ -419,7 +419,8 @@ class RecordingReader(ABC):
     def _span(self) -> tuple[int, int]:
         times = self._times()
         if times is None:
-            raise RecordingError(f'{self.path}: the recording has no messages')
+            faults = ''.join(f'; {each}' for each in self.faults)
+            raise RecordingError(f'{self.path}: the recording has no messages{faults}')
         return times
 
     def _check_topics(self, topics: Collection[str]) -> None:
