@@ -26,9 +26,6 @@ NODES = {
     'formula_monitor',
     'uav_simulation',
 }
-ROCKET = (
-    Path(__file__).parents[1] / 'dyknow_reasoning' / 'test' / 'data' / 'sounding_rocket_launch.csv'
-)
 
 
 @pytest.fixture(scope='module')
@@ -130,7 +127,6 @@ def _forked() -> Iterator[None]:
         ('streams --timeout 10ms', 'streams: no report of /stream_manager within'),
         ('uav_demo --logs /dev/null/x', 'uav_demo: /dev/null/x: Not a directory'),
         ('replay /nowhere/at_all', '/nowhere/at_all: no such recording'),
-        (f'replay {ROCKET}', 'only recordings of rosbag2 can be replayed'),
         ('uav_demo --scenario picnic', "there is no scenario 'picnic'"),
         ('uav_demo --uavs 0', 'uav_demo: a fleet of 0 vehicles cannot fly'),
         ('uav_plan --plan picnic', "uav_plan: there is no plan 'picnic'"),
@@ -154,6 +150,11 @@ def trace(tmp_path: Path) -> str:
     path = tmp_path / 'trace.csv'
     path.write_text('time_s,p\n0,true\n1,false\n', encoding='utf-8')
     return str(path)
+
+
+def test_a_trace_is_not_replayed(trace: str, environment: dict[str, str]) -> None:
+    done = ended('replay', trace, environment=environment)
+    assert (done.returncode, 'only recordings of rosbag2' in done.stderr) == (2, True)
 
 
 @pytest.mark.parametrize(('formula', 'code'), [('p', 0), ('always p', 1), ('q', 2)])
