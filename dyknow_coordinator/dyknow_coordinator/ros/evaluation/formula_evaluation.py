@@ -27,6 +27,7 @@ from dyknow_common import (
     Verdict,
     listed,
     one_line,
+    without_generated_text,
 )
 from dyknow_common.ros import (
     from_message,
@@ -439,7 +440,11 @@ class FormulaEvaluation(Evaluation):
         if formula == self.canonical_formula:
             return formula_id, formula, symbols
         await clients.remove_formula(group_id, formula_id)
-        formula_id, self.canonical_formula = await add_formula(formula)
+        try:
+            formula_id, self.canonical_formula = await add_formula(formula)
+        except DyKnowError as error:  # At a position in a text that nobody wrote.
+            plain = without_generated_text(error.message, 'formula')
+            raise CoordinationError(plain, error.code) from None
         self._formula = formula
         return formula_id, formula, await clients.symbols(group_id)
 
