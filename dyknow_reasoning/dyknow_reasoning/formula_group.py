@@ -259,9 +259,7 @@ class FormulaGroup:
         Their `decided_at` is None. Without a call they are returned with the first state.
         """
         self._begun()
-        for each in self.standing.formulas:
-            if verdict := verdict_of(self._instances[each]):
-                self._known[each] = verdict
+        self._known |= self.standing.known()
         return self._results_of_known()
 
     def progress(self, valid_time: int, values: Values) -> list[FormulaResult]:
