@@ -77,7 +77,7 @@ def test_numbers_are_converted_to_the_unit_of_their_feature(system: System) -> N
     assert answer.canonical_formula == 'forall u in Vehicle: (always[0 s, 1 s] (Power[u] < 200.0))'
     answer = system.evaluate('eventually Power[uav1] < 2 m')
     assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT
-    assert 'which does not convert to W' in answer.exit_status.message
+    assert answer.exit_status.message == '\'2 "m"\' is in m, which does not convert to W'
     answer = system.evaluate('eventually "/uav1/battery".voltage > 9 V')
     assert answer.exit_status.code == ExitStatus.INVALID_ARGUMENT
     assert 'is a field of a stream, which states no unit' in answer.exit_status.message

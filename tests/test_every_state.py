@@ -154,3 +154,15 @@ def test_what_is_undecided_at_the_timeout(system: System, batteries: Batteries) 
     assert result.verdict == FormulaResult.UNDECIDED
     assert 'within 8 s' in result.exit_status.message
     assert result.episodes.undecided > 0
+
+
+@pytest.mark.parametrize(
+    ('formula', 'answer'),
+    [
+        ('1 < 2', 'it is true, whatever the states are'),
+        ('eventually[1 s, 2 s] true', 'no state has come: the formula depends on no feature'),
+    ],
+)
+def test_a_formula_without_states_is_answered(system: System, formula: str, answer: str) -> None:
+    result = Monitored(system.client, formula, timeout=2.0, every_state=True).result()
+    assert answer in f'{result.explanation}{result.exit_status.message}'

@@ -152,6 +152,11 @@ def trace(tmp_path: Path) -> str:
     return str(path)
 
 
+def test_a_trace_is_not_replayed(trace: str, environment: dict[str, str]) -> None:
+    done = ended('replay', trace, environment=environment)
+    assert (done.returncode, 'only recordings of rosbag2' in done.stderr) == (2, True)
+
+
 @pytest.mark.parametrize(('formula', 'code'), [('p', 0), ('always p', 1), ('q', 2)])
 def test_an_output_that_is_closed(
     formula: str, code: int, trace: str, environment: dict[str, str]

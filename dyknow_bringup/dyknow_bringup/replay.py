@@ -39,10 +39,11 @@ class Schedule:
         """Return a schedule, given its rate as users write it.
 
         Raises:
-            BringupError: for a rate that is not a positive number.
+            BringupError: for a rate that is too low or too high.
         """
         if not 1 / _MAX_RATE <= rate <= _MAX_RATE:
-            raise BringupError(f'the rate {rate} makes no sense; use a positive one, such as 2.0')
+            limits = f'from {1 / _MAX_RATE:f} to {_MAX_RATE}'
+            raise BringupError(f'the rate {rate:g} makes no sense; use one {limits}, such as 2.0')
         return cls(recording_start, replay_start, Fraction(rate).limit_denominator(_MAX_RATE))
 
     def due(self, log_time: int) -> int:

@@ -48,6 +48,14 @@ MAX_OFFSET_NS: Final = 7 * 86_400 * SECOND_NS
 
 _UNIX_TIME = re.compile(r'(?<![\w.])([0-9]{10})\.([0-9]{3,9}) s\b')
 
+_TIME = re.compile(r'(-?)([0-9]+)\.([0-9]{3,9}) s\b')
+
+_MOMENT = re.compile(
+    r'\b(?:after|and|at|before|between|from|since|to|until) -?[0-9.]+ s\b'
+    r'|in [(\[][^ ]+ s, [^ ]+ s\b'
+)
+"""What says when something is, so that its numbers are no durations."""
+
 _DURATION = re.compile(r'(?P<number>-?[0-9]+(?:\.[0-9]+)?)\s*(?P<unit>[A-Za-z]*)')
 
 
@@ -86,12 +94,15 @@ def duration_option(text: str) -> int:
     A bare number is in seconds, as in the commands of ROS 2.
 
     Raises:
-        ArgumentTypeError: if it is not a duration.
+        ArgumentTypeError: if it is not a duration, or below 0.
     """
     try:
-        return parse_duration(text, 's')
+        duration = parse_duration(text, 's')
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+    if duration < 0:
+        raise argparse.ArgumentTypeError(f"'{shortened(text)}' is below 0")
+    return duration
 
 
 def format_duration(nanoseconds: int) -> str:
@@ -162,7 +173,7 @@ def time_since(nanoseconds: int, start: int) -> str:
 
 
 def with_readable_times(text: str, start: int | None = None) -> str:
-    """Return a text for people with its times since 1970 as offsets from a start.
+    """Return a text for people with its times as offsets from a start on the same clock.
 
     Args:
         text: such as an explanation, with times as from `format_time`.
@@ -176,7 +187,19 @@ def with_readable_times(text: str, start: int | None = None) -> str:
             return clock_time(nanoseconds)
         return round_time(nanoseconds - start)
 
+    if start is not None and start < UNIX_TIMES:
+        text = _MOMENT.sub(lambda moment: _with_offsets(moment[0], start), text)
     return _UNIX_TIME.sub(readable, text)
+
+
+def _with_offsets(text: str, start: int) -> str:
+    """Return a text with its times that do not count from 1970 as offsets from a start."""
+
+    def offset(found: re.Match[str]) -> str:
+        time = int(f'{found[1]}{found[2]}{found[3].ljust(9, "0")}')
+        return format_time(time - start) if time < UNIX_TIMES else found[0]
+
+    return _TIME.sub(offset, text)
 
 
 class _UseUtc(argparse.Action):

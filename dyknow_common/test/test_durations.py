@@ -14,6 +14,7 @@ from dyknow_common import (
     add_utc_option,
     clock_time,
     date_time,
+    duration_option,
     time_since,
     with_readable_times,
 )
@@ -36,6 +37,12 @@ def utc() -> Iterator[None]:
     time.tzset()
 
 
+def test_a_duration_on_the_command_line_is_not_below_0() -> None:
+    assert (duration_option('2'), duration_option('0 s')) == (2 * SECOND_NS, 0)
+    with pytest.raises(argparse.ArgumentTypeError, match="'-5 s' is below 0"):
+        duration_option('-5 s')
+
+
 @pytest.mark.usefixtures('utc')
 def test_times_for_people() -> None:
     assert clock_time(START) == '14:49:09.911'
@@ -56,6 +63,13 @@ def test_times_for_people() -> None:
         ('at 1710773349.911591 s', None, 'at 14:49:09.911'),
         ('at 1710773349.911591 s', 12 * SECOND_NS, 'at 14:49:09.911'),  # Simulated time.
         ('at 12.300 s, x1710773349.911 s, 1710773349.911 sheep', 0, None),
+        ('x = 1 at 3.456 s, since 1.5001 s', 2 * SECOND_NS, 'x = 1 at 1.456 s, since -0.4999 s'),
+        (
+            'in (2.500 s, 3.500 s], between 2.000 s',
+            SECOND_NS,
+            'in (1.500 s, 2.500 s], between 1.000 s',
+        ),
+        ('[0.500 s, 2.500 s] came 2.345 s late, x = 2.500', SECOND_NS, None),
     ],
 )
 def test_texts_with_times_for_people(text: str, start: int | None, expected: str | None) -> None:

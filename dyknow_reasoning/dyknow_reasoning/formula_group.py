@@ -258,6 +258,7 @@ class FormulaGroup:
         Their `decided_at` is None. Without a call they are returned with the first state.
         """
         self._begun()
+        self._known |= self.standing.known()
         return self._results_of_known()
 
     def progress(self, valid_time: int, values: Values) -> list[FormulaResult]:

@@ -24,8 +24,7 @@ from dyknow_reasoning.language.formula import PastAtom
 from dyknow_reasoning.margins.standing_margin import StandingMargin
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Half, unknowable
-from dyknow_reasoning.progression.instances import Instance
-from dyknow_reasoning.progression.nodes import FALSE
+from dyknow_reasoning.progression.instances import Instance, verdict_of
 from dyknow_reasoning.progression.residual import holds_at_the_end
 from dyknow_reasoning.progression.sizes import Counts, FormulaLimits
 from dyknow_reasoning.progression.unknown_features import UnknownFeatures
@@ -77,7 +76,8 @@ class StandingFormula:
         self._next_cleanup = _CLEANUP_STATES
         self._formula, self._counts = named.formula, counts
         self._histories = histories
-        self._is_false = any(instance.node is FALSE for instance in instances)
+        self.known = verdict_of(instances)
+        """Its verdict from every state, if it needs none; else undecided."""
         self._looks_back = any(
             instance.node.looks_back
             or any(isinstance(atom, PastAtom) and atom.looks_back for atom in instance.atoms)
@@ -157,7 +157,7 @@ class StandingFormula:
         margins.forget(min((each.first for each in kept), default=self.monitor.states))
 
     def _reason(self, failure: Failure) -> VerdictReasons:
-        if self._is_false:
+        if self.known is Verdict.FALSE:
             return VerdictReasons('it is false, whatever the states are')
         verdict, values = failure.verdict, failure.values
         return explain(self._formula, self._counts, verdict, values, self._histories)
@@ -271,6 +271,10 @@ class StandingFormulas:
             except ReasoningError as error:
                 failures[formula_id] = error
         return failures
+
+    def known(self) -> dict[int, Verdict]:
+        """Return the verdicts of those that need no state."""
+        return {key: each.known for key, each in self.formulas.items() if each.known}
 
     def forget_margins(self, formula_id: int) -> None:
         """Report no margins of a formula from now on, if it is one of these."""

@@ -88,6 +88,18 @@ def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
         yield RecordedState(valid_time, values)
 
 
+def declared_types(lines: Iterable[str]) -> dict[str, ValueType]:
+    """Return the types of the columns that the first line of a trace declares.
+
+    Raises:
+        ReasoningError: for an invalid first line.
+    """
+    columns = _columns(next(_cells(csv.reader(lines, skipinitialspace=True, strict=True)), []))
+    return {
+        each.name: each.declared for each in columns if each.declared and each.name not in _UNITS
+    }
+
+
 class _Column:
     """A column of a trace.
 
@@ -97,9 +109,9 @@ class _Column:
 
     def __init__(self, header: str) -> None:
         name, _, kind = (part.strip() for part in header.rpartition(':'))
-        self._is_declared = kind in set(ValueType) and bool(name)
-        self.name = _canonical(name if self._is_declared else header)
-        self._types: tuple[ValueType, ...] = (ValueType(kind),) if self._is_declared else ()
+        self.declared = ValueType(kind) if kind in set(ValueType) and name else None
+        self.name = _canonical(name if self.declared else header)
+        self._types: tuple[ValueType, ...] = (self.declared,) if self.declared else ()
 
     def value(self, cell: str, line: str) -> Value:
         """Return the value in a cell; for the column of times, in nanoseconds.
@@ -138,7 +150,7 @@ class _Column:
             if _TEXTS[kind].fullmatch(cell):
                 return _CONVERSIONS[kind](cell)
         expected = 'number' if self._types == _NUMBER else self._types[0]
-        if self._is_declared:
+        if self.declared:
             raise ValueError(f'is not of the type of the column, {expected}')
         raise ValueError(
             f'is not a {expected}, as the first value of the column is; leave cells without a '

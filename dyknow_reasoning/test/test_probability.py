@@ -376,6 +376,15 @@ def test_a_formula_asks_for_a_probability_at_each_state() -> None:
     assert '0.841345' in result.explanation
 
 
+@pytest.mark.parametrize(('asked', 'fact'), [('>= 0.5', 'is >= 0.5'), ('< 0.5', 'is not < 0.5')])
+def test_a_probability_is_explained_once(asked: str, fact: str) -> None:
+    group, _ = begun(f'P(always[0 s, 1 s] normal(x, 0.1, 0 s) > 0) {asked}')
+    assert not group.progress(0, {'x': 1.0})
+    (result,) = group.progress(10**9, {'x': 1.0})
+    assert result.explanation.endswith(f' at 1.000 s {fact}')
+    assert ';' not in result.explanation
+
+
 def progressed(text: str, states: Sequence[Mapping[str, Any]]) -> tuple[Verdict, int | None, str]:
     """The verdict, the state that decides, and the error."""
     group, _ = begun(text, {'UAV': ('u1', 'u2')})

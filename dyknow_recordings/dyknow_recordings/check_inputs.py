@@ -99,6 +99,8 @@ def read_configuration(
     read = (formula for path in options.formulas for formula in read_formulas(path))
     formulas = (*robot.formulas, *read, *map(RequestedFormula, options.formula))
     if not (formulas or robot.topics):
+        if options.config is not None:
+            raise RecordingError(f'{options.config} has no formulas; add one, or give --formula')
         raise RecordingError('there is no formula to check; give --formula, --formulas or --config')
     warn_of_notes(each.text for each in formulas)
     return files, formulas

@@ -270,13 +270,14 @@ def cut_recording(options: argparse.Namespace) -> int:
     job = _job(options)
     report = _checked(job)
     errors = [each for each in report.formulas if each.error and not each.violations]
-    print_notes(str(path), (f"'{each.name}' has an error: {each.error}" for each in errors))
+    notes = (f"'{each.name}' has an error: {each.error}" for each in errors)
+    print_notes(str(path), (with_readable_times(each, report.start_time) for each in notes))
     failures = list(failures_of(report, job.formulas))
     if not failures:
         sys.stdout.write(f'{path}: no formula fails, so nothing is cut\n')
         return ERROR if errors else FALSE
     paths = _cut(options, folder, failures, report.topics)
-    return SUCCESS if _shows(job, paths, failures) else ERROR
+    return SUCCESS if _shows(job, paths, failures, report.start_time) else ERROR
 
 
 def _cut(
@@ -289,7 +290,9 @@ def _cut(
     with open_recording(options.recording, message_types(options)) as recording:
         spans = _spans(recording, failures, topics, options)
         paths = _write(recording, spans, folder, topics)
-        print_notes(str(recording.path), (*recording.faults, *_type_notes(recording)))
+        notes = map(str, (*recording.faults, *_type_notes(recording)))
+        readable = (with_readable_times(each, recording.start_time) for each in notes)
+        print_notes(str(recording.path), readable)
     return paths
 
 
@@ -349,8 +352,8 @@ def _write(
         for span, (path, count) in zip(spans, written, strict=True):
             paths.append(path)
             times = f'{round_time(span.begin - start)} to {round_time(span.end - start)}'
-            text = f'{path}: {times}, {count} messages: {"; ".join(_reasons(span))}'
-            sys.stdout.write(f'{with_readable_times(text, start)}\n')
+            reasons = with_readable_times('; '.join(_reasons(span)), start)
+            sys.stdout.write(f'{path}: {times}, {count} messages: {reasons}\n')
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)
         raise RecordingError(f'cannot write to {folder}: {error.strerror}') from None
@@ -374,7 +377,9 @@ def _reasons(span: RecordingSpan) -> Iterator[str]:
         yield f'and {more} more'
 
 
-def _shows(job: RecordingJob, paths: Sequence[Path], failures: Sequence[RecordedFailure]) -> bool:
+def _shows(
+    job: RecordingJob, paths: Sequence[Path], failures: Sequence[RecordedFailure], start: int
+) -> bool:
     """Check the parts; return False, with a note, if they do not show all failures."""
     found = {
         each.key
@@ -383,10 +388,11 @@ def _shows(job: RecordingJob, paths: Sequence[Path], failures: Sequence[Recorded
     }
     lacking = [each for each in failures if each.key not in found]
     if lacking:
+        first = with_readable_times(lacking[0].reason, start)
         sys.stderr.write(
             f'dyknow cut: the parts do not show {len(lacking)} of {len(failures)} failures, first: '
-            f'{lacking[0].reason}; streams with a memory or a sample_period depend on more: give a '
-            'longer --before\n'
+            f'{first}; streams with a memory or a sample_period depend on more: give a longer '
+            '--before\n'
         )
     return not lacking
 

@@ -30,3 +30,11 @@ def test_the_silence_limit_is_that_of_the_coordinator() -> None:
 def test_a_silence_limit_that_the_coordinator_refuses(limit: Any) -> None:
     with pytest.raises(RecordingError, match=r'silence_limit: .* no number of seconds from 0\.1'):
         silence_limit({'silence_limit': limit})
+
+
+def test_a_file_without_formulas_is_named() -> None:
+    parser = argparse.ArgumentParser()
+    add_input_options(parser)
+    options = parser.parse_args(['bag', '--config', 'robot.yaml'])
+    with pytest.raises(RecordingError, match=r'robot.yaml has no formulas; add one, or give'):
+        read_configuration(options, RobotConfiguration())

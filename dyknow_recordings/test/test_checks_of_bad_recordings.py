@@ -52,7 +52,7 @@ def check(path: Path, formula: str, *options: str) -> tuple[int, Any, str]:
     ('name', 'content', 'message'),
     [
         ('a.mcap', b'', 'is empty'),
-        ('a.mcap', b'\x89MCAP0\r\n\1', 'has no messages'),
+        ('a.mcap', b'\x89MCAP0\r\n\1', 'the file ends early'),
         ('a.ulg', b'\x55\x4c\x6f\x67\x01\x12\x35', 'a.ulg'),
         ('a.csv', b'time_s,x\n', 'has no messages'),
         ('nowhere.mcap', None, 'no such recording'),

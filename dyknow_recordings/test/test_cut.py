@@ -232,13 +232,15 @@ def test_verdicts_that_need_what_is_cut_away_are_errors(tmp_path: Path) -> None:
         assert 'cut from another one' in str(each.error)
 
 
-def test_a_trace(tmp_path: Path) -> None:
+def test_a_trace(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'trace.csv'
-    rows = [f'{time},{int(time == 30)},{"true" if time > 20 else "auto"}' for time in range(60)]
+    rows = [f'{time},{int(time == 30)},{"true" if time > 20 else "auto"}' for time in range(10, 60)]
     path.write_text('\n'.join(['time_s,a,mode', *rows, '']))
     options = ('--before', '2', '--after', '1', '-o', tmp_path / 'parts')
     assert run_cut(path, '--formula', 'always a = 0', *options) == 0
     (part,) = (tmp_path / 'parts').iterdir()
+    told = "17.000 s to 21.000 s, 5 messages: 'always a = 0' is false at 20.000 s\n"
+    assert capsys.readouterr().out == f'{part}: {told}'
     assert part.read_text() == (
         'time_s,a,mode: string\n27,0,true\n28,0,true\n29,0,true\n30,1,true\n31,0,true\n'
     )

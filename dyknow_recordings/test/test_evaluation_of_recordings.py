@@ -210,8 +210,10 @@ def test_a_formula_without_states_is_an_error() -> None:
     )
 
 
-def test_a_formula_that_needs_no_state() -> None:
-    report = check(recording(series('/a', [0])), 'always "/a".p < 5 or true')
+@pytest.mark.parametrize('every', [Every.FIRST, Every.STATE])
+def test_a_formula_that_needs_no_state(every: Every) -> None:
+    start = EpisodeStart(every=every)
+    report = check(recording(series('/a', [0])), 'always "/a".p < 5 or true', start=start)
     (episode,) = report.episodes
     assert (episode.verdict, episode.decided_at) == (Verdict.TRUE, None)
 
@@ -219,7 +221,7 @@ def test_a_formula_that_needs_no_state() -> None:
 def test_a_formula_that_needs_states_but_no_values() -> None:
     error = check(recording(series('/a', [0, 1, 2])), 'eventually[1 s, 2 s] true').error
     assert error is not None
-    assert error.message == 'the formula names no feature, so it has no states'
+    assert error.message == 'the formula depends on no feature, so it has no states'
 
 
 def test_a_topic_of_an_unknown_type() -> None:
@@ -265,7 +267,8 @@ def test_numbers_that_do_not_convert(formula: str, message: str, files: Monitori
     error = in_watts(formula, files).error
     assert error is not None
     assert message in error.message
-    assert '^' in error.message
+    # The text with the units of features is no text of the user.
+    assert ('^' in error.message) is ('is a field' in message)
 
 
 def test_a_misspelled_feature_is_not_one_without_a_unit(files: MonitoringFiles) -> None:

@@ -115,7 +115,10 @@ def test_a_log_without_messages(path: Path) -> None:
 
 def test_a_trace(tmp_path: Path) -> None:
     path = tmp_path / 'flight.csv'
-    path.write_text('time_s, Power[uav1], mode: string, ready\n1, 3, a,\n2, 4.5, b, true\n3,,,\n')
+    path.write_text(
+        'time_s: float, Power[uav1], mode: string, ready, spare: float\n'
+        '1, 3, a,,\n2, 4.5, b, true,\n3,,,,\n'
+    )
     with open_recording(path) as opened:
         assert opened.topics == (RecordedTopic('/trace', 'csv/row', 3, None),)
         assert (opened.start_time, opened.end_time) == (10**9, 3 * 10**9)
@@ -123,6 +126,7 @@ def test_a_trace(tmp_path: Path) -> None:
             'Power[uav1]': ValueType.FLOAT,
             'mode': ValueType.STRING,
             'ready': ValueType.BOOLEAN,
+            'spare': ValueType.FLOAT,  # It is declared, though all of its cells are empty.
         }
         rows = list(in_order(opened.columns({'/trace': ['Power[uav1]', 'mode', 'ready']})))
         assert [row.values for row in rows] == [

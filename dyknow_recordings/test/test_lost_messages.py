@@ -131,7 +131,7 @@ MCAP: dict[str, tuple[Callable[[], bytes], str]] = {
     ),
     'a record that swallows others': (
         lambda: file_of(messages(), checksum=False, change=swallowing),
-        'has 7 messages, and 10 by its index',
+        'holds 7 messages, not 10 as in its index',
     ),
     'no chunk': (lambda: file_of(messages(), change=with_byte(0)), 'a chunk is damaged'),
     'a short message': (lambda: file_of(short_message()), 'a message is shorter than its type'),
@@ -285,7 +285,7 @@ def test_counts_that_do_not_match(tmp_path: Path, source: str, difference: int) 
     else:
         file = folder_of(tmp_path / 'bag', {'a.mcap': file_of(messages())}, COUNT + difference)
     code, found, notes = check(file, 'always "/x".x < 10')
-    reason = f"topic '/x' has 40 messages, and {COUNT + difference} by the {source}"
+    reason = f"topic '/x' has 40 messages, not {COUNT + difference} as in the {source}"
     assert any(reason in note for note in notes)
     if difference < 0 and source == 'metadata.yaml':
         assert (code, found['outcome']) == (0, 'undecided')
@@ -306,7 +306,7 @@ def test_damage_that_makes_a_message(tmp_path: Path) -> None:
     path.write_bytes(data)
     code, found, _ = check(path, 'always[0 s, 2 s] "/x".x < 5')
     assert code == 2
-    reason = f"topic '/x' has {COUNT + 1} messages, and {COUNT} by the statistics"
+    reason = f"topic '/x' has {COUNT + 1} messages, not {COUNT} as in the statistics"
     assert reason in found['error']['message']
 
 

@@ -102,7 +102,7 @@ def test_an_input_that_lags_behind_the_others_is_named(flow: Flow) -> None:
         flow.push('a', 900_000 + now, now, x=1)
         flow.push('b', 0, now, y=1)
     (reason,) = reasons(flow)
-    assert reason.startswith('the sample for ')
+    assert reason.startswith('the sample at ')
     assert reason.endswith(' waits for later ones of b')
 
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 
+from dyknow_bringup.errors import BringupError
 from dyknow_bringup.replay import Replay, ReplayTime, Schedule
 from dyknow_common import SECOND_NS, duration_option
 from dyknow_common.executables import ERROR, describe
 from dyknow_common.ros import DyKnowNode, command_main, nanoseconds_to_time, run
-from dyknow_recordings import Bag, QualityOfService, RecordingFault
+from dyknow_recordings import Bag, QualityOfService, RecordingFault, open_recording
 from dyknow_stream_processing.ros import message_class
 
 PERIOD_S = 0.005
@@ -27,7 +28,7 @@ class ReplayNode(DyKnowNode):
 
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('replay')
-        self._bag = Bag(options.bag)
+        self._bag = _bag(options.bag)
         self._known_faults: tuple[RecordingFault, ...] = ()
         self._report_faults()
         messages = self._bag.messages(options.topics)
@@ -75,6 +76,13 @@ class ReplayNode(DyKnowNode):
             if fault not in self._known_faults:
                 self.get_logger().warning(str(fault))
         self._known_faults = self._bag.faults
+
+
+def _bag(path: Path) -> Bag:
+    recording = open_recording(path)
+    if not isinstance(recording, Bag):
+        raise BringupError(f'{path}: only recordings of rosbag2 can be replayed')
+    return recording
 
 
 def _qos(offered: QualityOfService | None) -> QoSProfile:

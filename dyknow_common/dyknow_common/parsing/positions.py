@@ -87,16 +87,17 @@ def _with_caret(message: str, language: str, text: str, position: TextPosition) 
     return f'{language}:{position}: {message}\n  {before}{shown}{after}\n  {indent}^'
 
 
-_OF_GENERATED_TEXT: Final = re.compile(r'(?:concept|stream specification):[0-9:]+: (.*)')
-
-
-def without_generated_text(message: str) -> str:
+def without_generated_text(message: str, languages: str = 'concept|stream specification') -> str:
     """Return the reason alone if a message is about a text that DyKnow wrote, not a person.
 
     Concepts that are asked for, and the streams of formulas, are such texts. What an annotation
     could say instead of an object is no mend of a formula.
+
+    Args:
+        message: of an error.
+        languages: of the texts, separated by `|`.
     """
-    if (found := _OF_GENERATED_TEXT.match(message)) is None:
+    if (found := re.match(rf'(?:{languages}):[0-9:]+: (.*)', message)) is None:
         return message
     return found[1].rpartition(' and no object: ')[2]
 

@@ -42,6 +42,7 @@ from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.spatial import SpatialAtom
 from dyknow_reasoning.language.terms import (
     Number,
+    Probability,
     Quantity,
     ShownQuantity,
     Term,
@@ -335,8 +336,11 @@ class _Explainer:
             # States before this one may be missing in a gap.
             is_known = not self._before.is_fresh and self._before.instance.gap is None
             previous = self._previous if is_known else None
-            if isinstance(atom.formula, Comparison):
-                return self._past_comparison(atom, atom.formula, holds=holds)
+            if isinstance(comparison := atom.formula, Comparison):
+                if any(isinstance(each, Probability) for each in past_terms(comparison)):
+                    # Whether it is known to hold, and not to hold, are two atoms: a single fact.
+                    comparison, holds = _stated(comparison, literal, holds=holds)
+                return self._past_comparison(atom, comparison, holds=holds)
             if isinstance(atom.formula, SpatialAtom):
                 truths = self._histories.spatial_truths(atom)
                 fact = SpatialFact(atom.formula, truths, self._values).text(holds=holds)
@@ -345,9 +349,8 @@ class _Explainer:
             return past_fact(as_written(atom.formula), states, holds=holds)
         if not isinstance(atom, Comparison):
             return f'{atom} is {_literal_text(self._values[str(atom)])} at {time}'
-        holds = (self._symbol >> literal.slot & 1) == literal.positive
-        operator = atom.operator if literal.positive else NEGATED_COMPARISONS[atom.operator]
-        return self._compared(replace(atom, operator=operator), self._values, holds=holds)
+        comparison, holds = _stated(atom, literal, holds=bool(self._symbol >> literal.slot & 1))
+        return self._compared(comparison, self._values, holds=holds)
 
     def _past_comparison(self, atom: PastAtom, comparison: Comparison, *, holds: bool) -> str:
         """Return the values of the past that a comparison depends on, and the comparison."""
@@ -381,6 +384,13 @@ class _Explainer:
             are_equal = (operator == '=') is holds
             return f'{first} at {time} is {"equal to" if are_equal else "not"} {second}'
         return f'{first} at {time} is {"" if holds else "not "}{operator} {second}'
+
+
+def _stated(atom: Comparison, literal: Literal, *, holds: bool) -> tuple[Comparison, bool]:
+    """Return the comparison that a literal states, and if it holds, given if its atom does."""
+    if literal.positive:
+        return atom, holds
+    return replace(atom, operator=NEGATED_COMPARISONS[atom.operator]), not holds
 
 
 def _order(left: Value, right: Value) -> tuple[bool, bool]:

@@ -279,9 +279,7 @@ class RecordingEvaluation:
         for request, grounded in members:
             domains |= grounded.inputs.domains
             ranges |= grounded.inputs.unknown
-            is_asked_again = self._start.every is Every.FIRST and request.requested.every_state
-            every = Every.STATE if is_asked_again else self._start.every
-            request.episodes = FormulaEpisodes(grounded, every)
+            request.episodes = FormulaEpisodes(grounded, self._every(request.requested, grounded))
         observer: SignalRecorder | None = None
         if self._keep_signals:
             texts = (text for _, each in members for text in (each.formula, each.probability))
@@ -310,6 +308,13 @@ class RecordingEvaluation:
         for request, _ in members:
             request.group = group
         return group
+
+    def _every(self, requested: RequestedFormula, grounded: GroundedFormula) -> Every:
+        """Return which states begin an episode; a formula without features has no states."""
+        if not grounded.inputs.features:
+            return Every.FIRST
+        is_asked_again = self._start.every is Every.FIRST and requested.every_state
+        return Every.STATE if is_asked_again else self._start.every
 
     def _advance(self, until: int) -> None:
         """Do what is due before a time, each at its own time."""

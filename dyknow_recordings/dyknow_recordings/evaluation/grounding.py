@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from dyknow_common import (
     NO_CONSTRAINTS,
+    LanguageError,
     StreamConstraints,
     Symbol,
     TypeConstants,
@@ -17,6 +18,7 @@ from dyknow_common import (
 from dyknow_coordinator import (
     Candidates,
     CandidateSearch,
+    CoordinationError,
     FeatureSource,
     FormulaInputs,
     Grounding,
@@ -117,7 +119,7 @@ class FormulaGrounder:
         texts = [self._completed(text, constants) for text in filter(None, (formula, trigger))]
         asked = self._probability(formula, constants) if probability else ''
         for text in filter(None, (*texts, asked)):
-            group.add_formula(text, text, margin=margin and text is texts[0])
+            _add(group, text, margin=margin and text is texts[0])
         symbols = tuple(group.symbols())
         domains = self._domains(symbols, texts)
         candidates = self._candidates(symbols)
@@ -194,6 +196,13 @@ def recorded_constants(names: Iterable[str], types: TypeConstants) -> Constants:
     """
     values = {name: message_constant(name, types) for name in names}
     return tuple((name, literal_of(each)) for name, each in values.items() if each is not None)
+
+
+def _add(group: FormulaGroup, text: str, *, margin: bool) -> None:
+    try:
+        group.add_formula(text, text, margin=margin)
+    except LanguageError as error:  # At a position in a text that nobody wrote.
+        raise CoordinationError(error.reason, error.code) from None
 
 
 def _finished(coroutine: Coroutine[Any, Any, Result]) -> Result:

@@ -86,7 +86,7 @@ class StateGroup:
         try:
             chosen = self._session.choose(self._inputs.candidates, now)
             if not chosen:
-                raise CoordinationError('the formula names no feature, so it has no states')
+                raise CoordinationError('the formula depends on no feature, so it has no states')
             self._switch(chosen, now)
         except DyKnowError as error:
             self._fail(error)

@@ -230,7 +230,7 @@ class FaultCounter:
             more_is_damage: True if damage may have made a message of what was something else.
         """
         name = 'the file' if topics is None else f"topic '{min(topics)}'"
-        reason = f'{name} has {found} messages, and {stated} by the {source}'
+        reason = f'{name} has {found} messages, not {stated} as in the {source}'
         if stated > found or more_is_damage:
             self.lose(place, reason, topics=topics)
         else:
@@ -419,7 +419,8 @@ class RecordingReader(ABC):
     def _span(self) -> tuple[int, int]:
         times = self._times()
         if times is None:
-            raise RecordingError(f'{self.path}: the recording has no messages')
+            faults = ''.join(f'; {each}' for each in self.faults)
+            raise RecordingError(f'{self.path}: the recording has no messages{faults}')
         return times
 
     def _check_topics(self, topics: Collection[str]) -> None:

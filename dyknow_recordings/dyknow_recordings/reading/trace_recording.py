@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dyknow_common import ExitCode, ValueType, absence, open_text
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.trace import RecordedState, read_trace
+from dyknow_reasoning.trace import RecordedState, declared_types, read_trace
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.columns import MessageColumns, TopicContent
 from dyknow_recordings.reading.recording import (
@@ -53,6 +53,8 @@ class TraceRecording(RecordingReader):
             self._count += len(states)
             for state in states:
                 self._see(state)
+        with open_text(path, 'trace', RecordingError) as lines:
+            self._fields = {**declared_types(lines), **self._fields}
 
     @property
     def contents(self) -> Mapping[str, TopicContent]:

@@ -142,7 +142,7 @@ class SynchronisedOperator(Operator):
         sources = ', '.join(name(each.source) for each in delaying)
         ends = [each.certain_at(self._target) for each in delaying]
         limit = '' if None in ends else f', at most until {round_time(max(filter(None, ends)))}'
-        return f'the sample for {round_time(self._target)} waits for later ones of {sources}{limit}'
+        return f'the sample at {round_time(self._target)} waits for later ones of {sources}{limit}'
 
     def _unsettled_tracks(self) -> list[Track]:
         """Return the tracks that neither samples nor the clock have settled until the target."""

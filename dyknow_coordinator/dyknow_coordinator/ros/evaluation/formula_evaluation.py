@@ -27,6 +27,7 @@ from dyknow_common import (
     Verdict,
     listed,
     one_line,
+    without_generated_text,
 )
 from dyknow_common.ros import (
     from_message,
@@ -218,7 +219,9 @@ class FormulaEvaluation(Evaluation):
         answer = from_message(Answer, result)
         self._note_margin(answer.margin)
         if (error := answer.error) is None:
-            self.decide(answer.verdict, answer.decided_at, answer.explanation)
+            # At every state, with other objects, one that needs no state now may need some.
+            if not (self.request.every_state and self.request.restart_on_change):
+                self.decide(answer.verdict, answer.decided_at, answer.explanation)
             return
         fault = self._group.states.fault if self._group else ''
         if fault and error.code is ExitCode.CONSTRAINT_VIOLATION:
@@ -436,7 +439,11 @@ class FormulaEvaluation(Evaluation):
         if formula == self.canonical_formula:
             return formula_id, formula, symbols
         await clients.remove_formula(group_id, formula_id)
-        formula_id, self.canonical_formula = await add_formula(formula)
+        try:
+            formula_id, self.canonical_formula = await add_formula(formula)
+        except DyKnowError as error:  # At a position in a text that nobody wrote.
+            plain = without_generated_text(error.message, 'formula')
+            raise CoordinationError(plain, error.code) from None
         self._formula = formula
         return formula_id, formula, await clients.symbols(group_id)
 

@@ -143,6 +143,8 @@ class StateSupervisor:
     @property
     def waits_for(self) -> str:
         """Why the state stream has no samples; empty if they come or that is unknown."""
+        if not self.chosen:
+            return 'the formula depends on no feature'
         stream = self._context.streams.known.get(self.stream.name)
         return '' if stream is None else stream.waits_for
 

@@ -370,7 +370,8 @@ class McapFile:
         if content.fault:
             self._lose(chunk, content.fault, times.tolist())
         elif len(times) != stated:
-            self._lose(chunk, f'has {len(times)} messages, and {stated} by its index', ())
+            text = f'holds {len(times)} messages, not {stated} as in its index'
+            self._lose(chunk, text, (), count=1)
         elif not is_whole:
             self._lose(chunk, 'ends within a record: the rest of it is lost', times.tolist())
 
@@ -380,7 +381,9 @@ class McapFile:
             return None
         return {self._channels[key].topic for key in chunk.counts if key in self._channels}
 
-    def _lose(self, chunk: _Chunk, reason: str, times: Sequence[int]) -> None:
+    def _lose(
+        self, chunk: _Chunk, reason: str, times: Sequence[int], count: int | None = None
+    ) -> None:
         """Note that a chunk has lost messages: after those with some times if in order."""
         if self._end_fault and chunk.end == len(self._data):
             self.faults.add(self._place(chunk), f'a chunk {reason}')
@@ -388,7 +391,7 @@ class McapFile:
         first = chunk.start
         if times and all(earlier <= later for earlier, later in pairwise(times)):
             first = times[-1] + 1
-        count = max(chunk.counts.total() - len(times), 1)
+        count = count or max(chunk.counts.total() - len(times), 1)
         topics, last = self._topics_of(chunk), max(chunk.stop, *times, first)
         reason = f'a chunk {reason}'
         self.faults.lose(self._place(chunk), reason, count, topics=topics, first=first, last=last)
