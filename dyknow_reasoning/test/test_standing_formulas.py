@@ -61,7 +61,7 @@ def test_an_unusable_value_fails_the_formula_as_a_whole() -> None:
     group, formula_id = begun('x < 5')
     assert not group.progress(1, {'x': 1.0})
     (result,) = group.progress(2, {'x': float('nan')})
-    assert str(result.error).startswith("at 0.000 s: the field 'x' holds nan; ")
+    assert str(result.error).startswith("at 0.000 s: the field 'x' holds nan, not a number; ")
     assert not group.undecided
     assert not group.progress(3, {'x': 1.0})
     assert group.standing.summary(formula_id).holds == 0

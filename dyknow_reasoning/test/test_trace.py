@@ -149,7 +149,7 @@ def test_refused_traces(text: str, message: str) -> None:
         (
             b'time_s,m\n0,nan\n',
             2,
-            "the field 'm' holds nan; if that is an unknown value, add 'missing: unknown' to",
+            "the field 'm' holds nan, not a number; if that is an unknown value, add 'missing: ",
         ),
     ],
 )

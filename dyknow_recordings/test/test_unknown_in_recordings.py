@@ -59,7 +59,10 @@ def test_the_command_takes_what_is_missing_for_unknown(
 @pytest.mark.parametrize(
     ('formula', 'error'),
     [
-        ('always charge > 0.5', "holds nan; if that is an unknown value, add 'missing: unknown'"),
+        (
+            'always charge > 0.5',
+            "nan, not a number; if that is an unknown value, add 'missing: unknown'",
+        ),
         ('eventually docked', 'is empty'),
         ('always chrge > 0.5', "the trace has no field 'chrge'; did you mean 'charge'?"),
     ],

@@ -72,10 +72,9 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
 POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
 """One comparison operator of each pair of opposites."""
 
-
 _NOT_A_NUMBER: Final = (
-    "holds nan; if that is an unknown value, add 'missing: unknown' to the feature in robot.yaml, "
-    "or '--missing unknown' to dyknow check"
+    "holds nan, not a number; if that is an unknown value, add 'missing: unknown' to the feature "
+    "in robot.yaml, or '--missing unknown' to dyknow check"
 )
 
 MAX_GENERATED: Final = 256
