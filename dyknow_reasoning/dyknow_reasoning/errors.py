@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from dyknow_common import DyKnowError, ExitCode, format_time, round_time
+from dyknow_common import DyKnowError, ExitCode, format_time
 
 
 class ReasoningError(DyKnowError):
     """A formula that cannot be evaluated, or a state that it cannot be evaluated over."""
+
+
+class UnusableValueError(ReasoningError):
+    """A value of a state over which a formula cannot be evaluated, such as NaN; others may do."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, ExitCode.CONSTRAINT_VIOLATION)
 
 
 def late_state(valid_time: int, latest: int) -> ReasoningError:
@@ -16,13 +23,3 @@ def late_state(valid_time: int, latest: int) -> ReasoningError:
         'that of the state before; valid times must increase',
         ExitCode.CONSTRAINT_VIOLATION,
     )
-
-
-def error_at(valid_time: int, error: ReasoningError) -> ReasoningError:
-    """Return the error with which a formula fails at a state, valid at a time in nanoseconds.
-
-    The formula was accepted before, so it is right: a value of the state cannot be used.
-    """
-    is_wrong = error.code is ExitCode.INVALID_ARGUMENT
-    code = ExitCode.CONSTRAINT_VIOLATION if is_wrong else error.code
-    return ReasoningError(f'at {round_time(valid_time)}: {error}', code)

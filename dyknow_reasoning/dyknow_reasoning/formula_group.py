@@ -22,8 +22,9 @@ from dyknow_common import (
     Verdict,
     amount,
     earliest,
+    round_time,
 )
-from dyknow_reasoning.errors import ReasoningError, error_at
+from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution import (
     InstanceMonitor,
     InstanceVerdict,
@@ -546,7 +547,7 @@ class FormulaGroup:
             verdict, why, error = Verdict.UNDECIDED, VerdictReasons(''), None
             if isinstance(outcome, ReasoningError):
                 self.standing.remove(formula_id)
-                error = error_at(valid_time, outcome)
+                error = ReasoningError(f'at {round_time(valid_time)}: {outcome}', outcome.code)
             else:
                 verdict = Verdict.TRUE if outcome.holds else Verdict.FALSE
                 why = self._reasons(formula_id, outcome, values)

@@ -185,7 +185,9 @@ def test_a_bad_state_fails_the_formulas_that_need_it(
     assert result.error is not None
     assert result.error.message.startswith('at 12.300 s: ')
     assert message in result.error.message
-    assert result.error.code is ExitCode.CONSTRAINT_VIOLATION
+    # Another state may have usable values; a value of another type shows a wrong formula.
+    may_pass = 'nan' in message or '/' in message or 'inf' in message
+    assert result.error.code.name == ('CONSTRAINT_VIOLATION' if may_pass else 'INVALID_ARGUMENT')
     [other] = group.progress(13_000 * MS, {'good': False})
     assert (other.name, other.verdict) == ('always good', Verdict.FALSE)
 

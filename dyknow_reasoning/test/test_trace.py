@@ -189,5 +189,5 @@ def test_failed_formulas_in_json(tmp_path: Path, capsys: pytest.CaptureFixture[s
     good, bad = map(json.loads, capsys.readouterr().out.splitlines())
     assert (good['verdict'], good['error']) == ('true', None)
     assert bad['verdict'] == 'undecided'
-    assert bad['error']['code'] == 'CONSTRAINT_VIOLATION'
+    assert bad['error']['code'] == 'INVALID_ARGUMENT'
     assert "the field 'm' holds the number 1, not a string" in bad['error']['message']

@@ -8,7 +8,7 @@ from itertools import chain
 from typing import Any, Final, TypeAlias, cast
 
 from dyknow_common import COMPARISONS, Value
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.language.formula import (
     Atom,
     Comparison,
@@ -264,9 +264,10 @@ def _calculation(term: Arithmetic, kinds: Kinds) -> Reader:
         try:
             result: int | float = calculate(first, second)
         except ArithmeticError as error:
-            raise ReasoningError(f"'{term}' is {first} {term.operator} {second}: {error}") from None
+            shown = f'{first} {term.operator} {second}'
+            raise UnusableValueError(f"'{term}' is {shown}: {error}") from None
         if result != result:  # noqa: PLR0124 - only NaN differs from itself
-            raise ReasoningError(f"'{term}' is {first} {term.operator} {second}: not a number")
+            raise UnusableValueError(f"'{term}' is {first} {term.operator} {second}: not a number")
         return result
 
     return read
@@ -281,7 +282,7 @@ def _call(term: Function, kinds: Kinds) -> Reader:
             return call_function(term.name, operands)
         except ReasoningError as error:
             shown = ', '.join(map(str, operands))
-            raise ReasoningError(f"'{term}' is {term.name}({shown}): {error}") from None
+            raise UnusableValueError(f"'{term}' is {term.name}({shown}): {error}") from None
 
     return read
 
@@ -305,7 +306,7 @@ def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> Read
         if isinstance(error := cast('object', value), ReasoningError):
             raise error  # Of an operand of a past operator.
         if is_usable:
-            raise ReasoningError(f"the field '{name}' {_NOT_A_NUMBER}")
+            raise UnusableValueError(f"the field '{name}' {_NOT_A_NUMBER}")
         wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
         raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}")
 

@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias, cast
 
 import numpy as np
 
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.past_comparisons import TermMemories
 from dyknow_reasoning.execution.past.registers import PastRegister
@@ -179,7 +179,7 @@ class SpatialTruths:
             found = [term_reader(term, self._kinds)(values) for term in terms]
             bad = next((index for index, each in enumerate(found) if not isfinite(each)), None)
             if bad is not None:
-                raise ReasoningError(f"'{terms[bad]}' is {found[bad]}, and so is no position")
+                raise UnusableValueError(f"'{terms[bad]}' is {found[bad]}, and so is no position")
             linked = linked & self._neighbours(np.array(found, float))
         lengths = None
         if self.places.links.lengths:
@@ -190,7 +190,7 @@ class SpatialTruths:
             ]
             negative = next((index for index, each in enumerate(found) if each < 0), None)
             if negative is not None:
-                raise ReasoningError(
+                raise UnusableValueError(
                     f"'{terms[negative]}' is {found[negative]}; the length of a link cannot be "
                     'negative'
                 )

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.execution.probability.sums import Sum, sum_of
 from dyknow_reasoning.language.formula import Comparison, walk
 from dyknow_reasoning.language.terms import Function, Uncertain
@@ -141,7 +141,7 @@ class DistanceAtom:
         center = self._factors @ means + rest
         distance = float(self._distance(values))
         if not (np.isfinite(center).all() and isfinite(distance)):
-            raise ReasoningError(
+            raise UnusableValueError(
                 f"the sides of '{self._atom}' are infinite; compare finite numbers"
             )
         matrix = self._factors @ covariances @ self._factors.T

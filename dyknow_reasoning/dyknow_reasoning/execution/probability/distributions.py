@@ -31,7 +31,7 @@ from math import erfc, hypot, inf, isfinite, prod, sqrt
 from typing import Any, Final, TypeAlias
 
 from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.execution.probability.distances import TOLERANCE, DistanceAtom, distance_of
 from dyknow_reasoning.execution.probability.sums import Sum, sum_of
 from dyknow_reasoning.language.formula import Atom, Comparison, walk
@@ -139,7 +139,7 @@ class _UncertainAtom:
         """
         found: float = -sum(factor * read(values) for factor, read in self._rest) / self._scale
         if found != found:  # noqa: PLR0124 - only NaN differs from itself
-            raise ReasoningError(
+            raise UnusableValueError(
                 f"the sides of '{self._atom}' are infinite; compare finite numbers"
             )
         return found
@@ -301,7 +301,7 @@ class StateDistribution:
         found = [(mean(values), deviation(values)) for mean, deviation in self._readers]
         for index, (mean, deviation) in enumerate(found):
             if not (isfinite(mean) and 0 <= deviation < inf):
-                raise ReasoningError(
+                raise UnusableValueError(
                     f"of '{self.numbers[index]}', the estimate is {mean} and the deviation "
                     f'{deviation}; both must be finite, and the deviation not negative'
                 )
@@ -429,7 +429,7 @@ class StateDistribution:
             return 0.0
         found: float = read(values)
         if not abs(found) <= largest * (1 + TOLERANCE):
-            raise ReasoningError(
+            raise UnusableValueError(
                 f"the covariance of '{self.numbers[first].mean}' and "
                 f"'{self.numbers[second].mean}' is {found}, more than the product of their "
                 'deviations'
@@ -478,7 +478,7 @@ class StateDistribution:
 def no_distribution(numbers: Iterable[Uncertain]) -> ReasoningError:
     """Return the error of covariances that no distribution has."""
     names = ', '.join(f"'{each.mean}'" for each in numbers)
-    return ReasoningError(
+    return UnusableValueError(
         f'the covariances of {names} are those of no distribution: a sum of these would have a '
         'negative variance'
     )

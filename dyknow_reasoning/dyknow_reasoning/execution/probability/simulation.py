@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dyknow_common import COMPARISONS, shortened
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 from dyknow_reasoning.execution.probability.distances import TOLERANCE, special_functions
 from dyknow_reasoning.execution.probability.distributions import (
@@ -210,7 +210,7 @@ class CountedSamples:
             lengths = zip(
                 (f"'{each.mean}'" for each in self._numbers), map(len, vectors), strict=True
             )
-            raise ReasoningError(
+            raise UnusableValueError(
                 f'samples differ in number: {dict(lengths)}; take them from one message'
             )
         symbols = np.zeros(len(vectors[0]), np.int64)
@@ -242,7 +242,7 @@ def _samples_of(number: Uncertain, text: str) -> _Numbers:
     except ValueError:
         found = np.full(1, np.nan)
     if not (len(found) and np.isfinite(found).all()):
-        raise ReasoningError(
+        raise UnusableValueError(
             f"the samples of '{number.mean}' are '{shortened(text)}'; they are one or more finite "
             'numbers, with spaces between them'
         )
@@ -310,7 +310,7 @@ def _number_reader(
         else:
             result = call_function_on_vectors(term.name, found)
         if not np.isfinite(result).all():
-            raise ReasoningError(f"'{term}' has no value for some of the simulated errors")
+            raise UnusableValueError(f"'{term}' has no value for some of the simulated errors")
         return result
 
     return read
