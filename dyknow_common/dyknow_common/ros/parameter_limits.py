@@ -8,8 +8,8 @@ from typing import Final
 from dyknow_common.errors import DyKnowError, ExitCode, amount
 from dyknow_common.ros.node import DyKnowNode
 
-_MOST: Final = 100_000_000
-"""The greatest value of a limit."""
+_RANGE: Final = (1, 100_000_000)
+"""The least and the greatest value of a limit that states no others."""
 
 
 class ParameterLimits:
@@ -17,21 +17,21 @@ class ParameterLimits:
 
     Args:
         node: whose parameters are declared.
-        parameters: the default and the description of each, by name.
+        parameters: the default and the description of each, and its range if it has one, by name.
         error: makes the error of a request that exceeds one.
     """
 
     def __init__(
         self,
         node: DyKnowNode,
-        parameters: Mapping[str, tuple[int, str]],
+        parameters: Mapping[str, tuple[int, str] | tuple[int, str, tuple[int, int]]],
         error: Callable[[str, ExitCode], DyKnowError],
     ) -> None:
         self._node = node.get_name()
         self._error = error
         self._values = {
-            name: node.changing_parameter(name, *rest, (1, _MOST))
-            for name, rest in parameters.items()
+            name: node.changing_parameter(name, default, text, *(stated or [_RANGE]))
+            for name, (default, text, *stated) in parameters.items()
         }
 
     def __getitem__(self, parameter: str) -> int:

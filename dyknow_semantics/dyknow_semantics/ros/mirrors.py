@@ -20,7 +20,9 @@ from dyknow_semantics.ontology.bridges import Bridge, bridged, parse_bridges
 from dyknow_semantics.ontology.knowledge import ALL_TRIPLES, Knowledge, Triple
 
 # Texts are parsed in the thread of the node: it takes 1 s for 100,000 words.
-TEXT_LIMITS: Final = {'max_characters': (20_000, 'Characters of a text in a request.')}
+TEXT_LIMITS: Final = {
+    'max_characters': (20_000, 'Characters of a text in a request.', (100, 1_000_000))
+}
 
 Contents = TypeVar('Contents')
 

@@ -26,7 +26,8 @@ class SemanticMatchingEngine(DyKnowNode):
                 'sorts follow bridges, too'
             )
         self.set_status(RUNNING)
-        limits = {**TEXT_LIMITS, 'max_matches': (MAX_MATCHES, 'Streams that match a concept.')}
+        most = MAX_MATCHES, 'Streams that match a concept.', (1, 10**7)
+        limits = {**TEXT_LIMITS, 'max_matches': most}
         self._limits = ParameterLimits(self, limits, SemanticsError)
         self._ontologies = mirror_ontologies(self)
         self._annotations = mirror_annotations(self)

@@ -61,7 +61,8 @@ class StreamSemanticsManager(DyKnowNode):
         store = self.parameter(
             'store', '', 'SQLite file that keeps the annotations over restarts; empty: in memory.'
         )
-        limits = {**TEXT_LIMITS, 'max_annotations': (10_000, 'Annotations that clients may add.')}
+        most = 10_000, 'Annotations that clients may add.', (1, 10**7)
+        limits = {**TEXT_LIMITS, 'max_annotations': most}
         self._limits = ParameterLimits(self, limits, SemanticsError)
         self._ontologies = mirror_ontologies(self)
         self._store = AnnotationStore(Path(store) if store else None)
