@@ -108,6 +108,16 @@ def target_fault(node: Node, trigger: Trigger) -> TargetFault | None:
     return TargetFault(trigger, text, is_missing=False)
 
 
+def present_target_faults(node: Node, triggers: Iterable[Trigger]) -> list[TargetFault]:
+    """Return the targets that triggers cannot use now.
+
+    Raises:
+        ConfigurationError: as for `target_of`.
+    """
+    found = (target_fault(node, each) for each in triggers)
+    return [each for each in found if each is not None]
+
+
 def find_target_faults(node: Node, formulas: Iterable[RequestedFormula]) -> list[TargetFault]:
     """Return the targets that triggers of formulas cannot use, after DISCOVERY_S at most.
 
@@ -116,8 +126,7 @@ def find_target_faults(node: Node, formulas: Iterable[RequestedFormula]) -> list
     """
     triggers, end = triggers_of(formulas), time.monotonic() + DISCOVERY_S
     while True:
-        found = [target_fault(node, each) for each in triggers]
-        faults = [each for each in found if each is not None]
+        faults = present_target_faults(node, triggers)
         if not faults or time.monotonic() > end:
             return faults
         time.sleep(_PERIOD_S)

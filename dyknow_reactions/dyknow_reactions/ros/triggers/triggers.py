@@ -16,7 +16,7 @@ from dyknow_configuration import RequestedFormula, Trigger
 from dyknow_coordinator import Answer, Progress
 from dyknow_reactions.ros.triggers import targets
 from dyknow_reactions.ros.triggers.actions import ACTIONS, TriggerAction, check_action
-from dyknow_reactions.ros.triggers.targets import target_fault, triggers_of, type_conflicts
+from dyknow_reactions.ros.triggers.targets import present_target_faults, triggers_of, type_conflicts
 from dyknow_reactions.triggers import (
     FormulaEvents,
     TriggerAttempt,
@@ -137,7 +137,7 @@ class Triggers:
         if not self._actions:
             return  # Closed meanwhile.
         logger = self._node.get_logger()
-        for fault in filter(None, (target_fault(self._node, each) for each in triggers)):
+        for fault in present_target_faults(self._node, triggers):
             if fault.is_missing:
                 logger.warning(f'trigger: {fault.warning}')
             else:
