@@ -229,7 +229,7 @@ class StandingMonitor:
         """
         symbols, kept = self._read(values), self._times.kept
         if symbols == self._symbols and now < self._wakes_at and len(kept) < self._most_kept:
-            kept.append(now)
+            self._times.append(now)
             return False
         return self._step(symbols, now, values)
 
