@@ -171,17 +171,33 @@ class KnownStreams:
 
         A stream whose topics nobody publishes may be published all the same, without samples.
         """
-        if not all(map(self._is_stream_published, _source_names(source).streams)):
-            return False
-        topics = {*self.topics([source])}
-        transforms = topics & {'/tf', TF_STATIC}
-        are_published = all(map(self._is_published, topics - transforms))
-        return are_published and (not transforms or any(map(self._is_published, transforms)))
+        are_published = all(map(self._is_stream_published, _source_names(source).streams))
+        return are_published and self._hold(source, self._is_published)
 
     def is_flowing(self, source: FeatureSource) -> bool:
         """Return True unless a stream that a source is made from is known to have no samples."""
         is_waiting = any(stream.waits_for for stream in self._named(source))
-        return not is_waiting and all(map(self._has_begun, self.topics([source])))
+        return not is_waiting and self._hold(source, self._has_begun)
+
+    def are_received(self, stream: str, source: FeatureSource, since: int) -> bool:
+        """Return True if a stream has received messages of all topics of one of its sources.
+
+        Args:
+            stream: its name.
+            source: the source.
+            since: the time after which messages count, in nanoseconds.
+        """
+        made = self._streams.get(stream)
+        if made is None:
+            return False
+        return self._hold(source, lambda topic: made.received.get(topic, 0) > since)
+
+    def _hold(self, source: FeatureSource, condition: Callable[[str], bool]) -> bool:
+        """Return True if a condition holds for all topics of a source; one of tf2 is enough."""
+        topics = {*self.topics([source])}
+        transforms = topics & {'/tf', TF_STATIC}
+        others_hold = all(map(condition, topics - transforms))
+        return others_hold and (not transforms or any(map(condition, transforms)))
 
     def _is_received(self, topic: str) -> bool:
         return topic not in self._unheard

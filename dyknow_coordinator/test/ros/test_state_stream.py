@@ -11,7 +11,13 @@ from unittest.mock import AsyncMock, MagicMock
 import pytest
 
 from dyknow_common import ExitCode, StreamConstraints
-from dyknow_coordinator import CoordinationError, EvaluationPhase, Grounding, KnownStreams
+from dyknow_coordinator import (
+    CoordinationError,
+    EvaluationPhase,
+    Grounding,
+    KnownStream,
+    KnownStreams,
+)
 from dyknow_coordinator.grounding.feature_sources import Candidates, FeatureSource
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
 from dyknow_coordinator.ros.evaluation.state_stream import StateStream
@@ -64,9 +70,12 @@ class Supervised:
         self.context.wall_time.return_value = self.context.wall_time_s.return_value = 0
         self.context.clients.evaluate_group = AsyncMock()
         self.context.clients.create_stream = create = AsyncMock()
-        create.side_effect = lambda name, *_: (name, f'{name}/violations')
+        create.side_effect = self.create
         self.context.node.deadlines.after = lambda _: Elapsed()
+        self.context.node.now.return_value = 0
         self.context.streams.known = KnownStreams([], lambda _: True)
+        self.context.streams.known_until = 0
+        self.received = {f'/{each}': 1 for each in 'abc'}
         self.spawned: list[Any] = []
         self.context.node.spawn = lambda *arguments: self.spawned.append(partial(*arguments))
         inputs = FormulaInputs(
@@ -76,6 +85,12 @@ class Supervised:
         self.supervisor = StateSupervisor(self.context, 7, 'states_1', inputs, self.observer)
         self.supervisor._standby = MagicMock()
         self.supervisor._standby.take.return_value = None
+
+    def create(self, name: str, *_: object) -> tuple[str, str]:
+        """Report a stream, which has received messages of the topics."""
+        made = KnownStream(name, topic=name, received=self.received)
+        self.context.streams.known = KnownStreams([made], lambda _: True)
+        return name, f'{name}/violations'
 
     def violate(self, stream: StateStream, name: str, kind: str, valid_time: int = 0) -> None:
         violation = Violation(name, kind, valid_time, valid_time, 0, 0, 'broken')
@@ -120,6 +135,41 @@ def test_a_violation_of_a_stream_that_is_being_left_is_none_of_the_next(name: st
     assert not supervisor._session.have_failed([made_of], 0)
     assert not supervisor._session.faults
     assert made.observer.set_phase.call_args.args == (EvaluationPhase.RUNNING,)
+
+
+@pytest.mark.parametrize(
+    ('event', 'is_excluded'), [('silence', True), ('violation', True), ('fault', False)]
+)
+def test_a_better_stream_without_samples_replaces_none(event: str, is_excluded: bool) -> None:  # noqa: FBT001
+    """It replaced the one in use, and the evaluation was interrupted when it was silent."""
+    made = Supervised('b')
+    supervisor, (better, _) = made.supervisor, _candidates('a', 'b').found
+    asyncio.run(supervisor.start())
+    supervisor.update_candidates(_candidates('a', 'b'))
+    made.received = {}
+    happened: list[float] = []
+
+    def after(seconds: float) -> Elapsed:
+        elapsed = Elapsed()
+        elapsed.done.return_value = event == 'silence'
+        if supervisor._next and seconds < 1 and event != 'silence' and not happened:
+            happened.append(seconds)
+            if event == 'violation':
+                made.violate(supervisor._next, 'states_2', ViolationKind.MAX_GAP)
+            else:
+                supervisor._session.note_loss('b is lost')
+        return elapsed
+
+    made.context.node.deadlines.after = after
+    asyncio.run(supervisor._prefer((better,)))
+    assert bool(happened) == (event != 'silence')
+    assert [each.stream for each in supervisor.chosen] == ['p_b']
+    assert supervisor._session.have_failed([better], 0) == is_excluded
+    assert bool(supervisor._session.faults) == (event == 'fault')
+    made.observer.add_event.assert_not_called()
+    evaluated = made.context.clients.evaluate_group.call_args_list
+    assert {call.args[2] for call in evaluated} == {'states_1'}
+    made.context.cleanup.destroy_stream.assert_called_once()
 
 
 def test_a_stream_that_cannot_be_made_is_left_for_the_next() -> None:

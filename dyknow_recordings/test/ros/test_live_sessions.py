@@ -13,7 +13,7 @@ from random import Random
 from unittest import mock
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recorded import TYPE, Carriers, ListedSamples, RecordedSample, at, carried, recording
 from simulated_session import Outcome, SimulatedSystem
@@ -322,6 +322,13 @@ def test_with_delays(world: World, formula: str, seed: int) -> None:
     check_both(world, formula, live(world, formula, seed))
 
 
+# Nobody listens to the best topic, as it is silent, when it may be used again.
+@example(
+    'a',
+    Published(50, silences=((2014, 60_000),)),
+    {'Power': (), 'Height': ()},
+    'always (Power < 4 or Height < 4)',
+)
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(st.sampled_from('abcde'), DEFECTIVE, EDGES, st.sampled_from(sorted(FORMULAS)))
 def test_one_defect_gives_equal_reports(

@@ -15,21 +15,21 @@ With a gap, because a stream breaks and no `Standby` is ready:
 Without a gap, because a better stream is available:
 
     20.0 s  the set of published streams changes; a is published and no longer excluded
-    20.1 s  the reasoning engine is switched to states_3, without a gap: it progresses the states of
-            states_2 until those of states_3 have caught up
-    20.2 s  states_3, made from a, is created
+    20.1 s  states_3, made from a, is created
+    20.3 s  a has had a message: the reasoning engine is switched to states_3, without a gap: it
+            progresses the states of states_2 until those of states_3 have caught up
     20.5 s  the engine has unsubscribed from states_2, which is destroyed
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Final, Protocol
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
 
-from dyknow_common import DyKnowError, with_readable_times
+from dyknow_common import SECOND_NS, DyKnowError, with_readable_times
 from dyknow_common.ros import full_name
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import EvaluationPhase
@@ -110,6 +110,7 @@ class StateSupervisor:
         self.stream = self._new_stream(name)
         self.used_since = context.node.now()
         """The time since which the streams in use are."""
+        # A better stream that may have no samples.
         self._next: StateStream | None = None
         # Streams that were used, and that the reasoning engine has not unsubscribed from.
         self._left: list[StateStream] = []
@@ -232,16 +233,21 @@ class StateSupervisor:
     def _exclude(self, sources: Iterable[FeatureSource]) -> None:
         self._session.exclude(sources, self._context.wall_time())
 
-    def _is_needed(self, stream: StateStream) -> bool:
-        return not self._has_ended and stream in (self.stream, self._next)
+    def _is_in_use(self, stream: StateStream) -> bool:
+        return not self._has_ended and stream is self.stream
+
+    def _give_up_next(self, stream: StateStream) -> None:
+        if stream is self._next:
+            self._next = None
 
     def _on_violation(self, stream: StateStream, violation: Violation) -> None:
         self._standby.note_violation(stream, violation)
-        if stream in self._left and violation.constraint not in TRANSIENT:
-            # The reasoning engine leaves it at once by itself.
+        if stream in (self._next, *self._left) and violation.constraint not in TRANSIENT:
+            # The reasoning engine leaves it at once by itself, or does not read it yet.
             known = self._context.streams.known
             self._exclude(known.affected(stream.chosen, violation.stream_name))
-        if not self._is_needed(stream):
+        self._give_up_next(stream)
+        if not self._is_in_use(stream):
             return
         begin = violation.doubtful_from
         if self._doubtful_from is None or begin < self._doubtful_from:
@@ -256,7 +262,8 @@ class StateSupervisor:
 
     def _on_engine_lost(self, stream: StateStream) -> None:
         self._standby.note_engine_lost(stream)
-        if not self._is_needed(stream):
+        self._give_up_next(stream)
+        if not self._is_in_use(stream):
             return
         known = self._context.streams.known.get(stream.name)
         engine = 'the stream_processing_engine that made the states'
@@ -285,7 +292,7 @@ class StateSupervisor:
                 self._give_up()
                 break
             try:
-                await (self._take_over(standby) if standby else self._switch(chosen, gap=True))
+                await (self._take_over(standby) if standby else self._switch(chosen))
             except DyKnowError as error:
                 session.note_obstacle(chosen, error, self._context.wall_time())
                 self._context.node.get_logger().info(f'{self.stream.name}: {error}')
@@ -331,44 +338,75 @@ class StateSupervisor:
         while await self._settle():
             pass
         chosen = self._better()
-        try:
-            # If it has ended since this was spawned, nobody would destroy another stream.
-            if chosen != self.chosen and not self._has_ended:
-                await self._switch(chosen, gap=False)
-                self.used_since = self._context.node.now()
-                self._observer.add_event(
-                    f'other streams are better now; {describe_sources(self.chosen)}'
-                )
-        except DyKnowError as error:
-            if self._has_ended:
-                return
-            self._exclude(set(chosen) - set(self.chosen))
-            self._observer.add_event(f'a better stream cannot be used: {error}')
+        # If it has ended since this was spawned, nobody would destroy another stream.
+        if chosen != self.chosen and not self._has_ended:
+            await self._prefer(chosen)
         await self._recover()
 
-    async def _switch(self, chosen: tuple[FeatureSource, ...], *, gap: bool) -> None:
-        """Switch the reasoning engine to a new state stream."""
-        stream = self._new_stream(next(self._context.names))
-        if gap:
-            # Further faults of the former streams do not matter.
-            self._destroy_streams()
-            self.stream = stream
-        else:
-            self._next = stream
+    async def _prefer(self, chosen: tuple[FeatureSource, ...]) -> None:
+        """Switch to better streams without a gap, once they have samples."""
+        others = set(chosen) - set(self.chosen)
+        stream = self._next = self._new_stream(next(self._context.names))
         try:
-            await self._evaluate(stream, gap=gap)
-            await self._create(stream, chosen, gap=gap)
+            since = self._context.node.now()
+            await stream.create(chosen, self.inputs.constraints)
+            silent = await self._silent(stream.name, others, since)
+            if stream is not self._next:
+                silent = others
+            elif not (silent or self._session.faults):
+                await self._hand_over(stream)
+        except DyKnowError as error:
+            silent = others
+            if stream is self.stream:
+                self._session.note_loss(error.message)
+            elif not self._has_ended:
+                self._observer.add_event(f'a better stream cannot be used: {error}')
+        if stream is not self.stream:
+            self._next = None
+            stream.destroy()
+            # Of streams at fault, the better ones may be the only replacement.
+            if not self._session.faults:
+                self._exclude(silent)
+
+    async def _silent(
+        self, name: str, others: Iterable[FeatureSource], since: int
+    ) -> Collection[FeatureSource]:
+        """Wait for messages of all topics of better sources; return the sources without any.
+
+        Nobody may have listened to them before: a publisher alone does not make samples.
+        """
+        streams, deadlines = self._context.streams, self._context.node.deadlines
+        limit = deadlines.after(self._session.silence_limit / SECOND_NS)
+        while True:
+            silent = [each for each in others if not streams.known.are_received(name, each, since)]
+            is_over = self._next is None or bool(self._session.faults) or limit.done()
+            if is_over or not silent:
+                limit.cancel()
+                return silent
+            await deadlines.after(POLL_PERIOD_S)
+
+    async def _hand_over(self, stream: StateStream) -> None:
+        """Have the reasoning engine read another stream as soon as it has caught up."""
+        former = self.stream
+        self._left.append(former)
+        self.stream, self._next, self._session.chosen = stream, None, stream.chosen
+        self.used_since = self._context.node.now()
+        await self._evaluate(stream, gap=False)
+        self._context.node.spawn(self._retire, former)
+        self._observer.add_event(f'other streams are better now; {describe_sources(self.chosen)}')
+
+    async def _switch(self, chosen: tuple[FeatureSource, ...]) -> None:
+        """Switch the reasoning engine to a new state stream, with a gap."""
+        # Further faults of the former streams do not matter.
+        self._destroy_streams()
+        stream = self.stream = self._new_stream(next(self._context.names))
+        try:
+            await self._evaluate(stream, gap=True)
+            await self._create(stream, chosen, gap=True)
         except DyKnowError:
             stream.destroy()
-            if not gap and stream is self._next:
-                self._next = None
-                await self._evaluate(self.stream, gap=False)
             raise
         self._session.chosen = chosen
-        if not gap and stream is self._next:
-            self._left.append(self.stream)
-            self._context.node.spawn(self._retire, self.stream)
-            self.stream, self._next = stream, None
 
     def _destroy_streams(self) -> None:
         for stream in filter(None, (self.stream, self._next, *self._left)):
