@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from dyknow_common import unknown
 from dyknow_configuration.errors import ConfigurationError
@@ -28,106 +28,114 @@ PACKAGES: Final = {
 _CONFIGURED: Final = (*PACKAGES, 'black_box_recorder')
 """The nodes whose parameters a file may give."""
 
-COMMON: Final = ('hang_limit', 'use_sim_time')
+ParameterKind = type[bool] | type[str] | type[list[str]] | tuple[int, int] | tuple[float, float]
+"""The type of a parameter; of a number, the least and the greatest value."""
+
+_COUNT: Final = (1, 100_000_000)
+
+COMMON: Final[Mapping[str, ParameterKind]] = {
+    'hang_limit': (0.0, 3_600.0),
+    'use_sim_time': bool,
+}
 """The parameters of every node."""
 
-PARAMETERS: Final[Mapping[str, tuple[str, ...]]] = {
-    'stream_processing_engine': (
-        'clock_tolerance',
-        'default_max_delay',
-        'default_max_lead',
-        'default_transport_delay',
-        'max_specification',
-        'max_streams',
-        'stream_prefix',
-        'watermark_period',
-    ),
-    'stream_manager': (
-        'discovery_period',
-        'engine_namespaces',
-        'max_specification',
-        'max_streams',
-        'memory',
-        'naming_convention',
-        'streams',
-    ),
-    'ontology_manager': (
-        'allow_download',
-        'bridges',
-        'load_limit',
-        'max_bytes',
-        'max_solutions',
-        'max_statements',
-        'ontologies',
-        'ontology_path',
-        'query_limit',
-        'reasoner',
-        'reasoning_limit',
-        'store',
-        'worker_memory',
-    ),
-    'stream_semantics_manager': (
-        'annotations',
-        'max_annotations',
-        'max_characters',
-        'ontology_manager',
-        'store',
-        'stream_manager',
-    ),
-    'semantic_matching_engine': (
-        'bridges',
-        'max_characters',
-        'max_matches',
-        'ontology_manager',
-        'stream_semantics_manager',
-    ),
-    'stream_reasoning_engine': (
-        'formula_limit',
-        'group_limit',
-        'idle_group_limit',
-        'instance_limit',
-        'instance_part_limit',
-        'node_limit',
-        'object_limit',
-        'orphan_limit',
-        'part_limit',
-        'possibility_limit',
-        'progress_period',
-        'total_part_limit',
-        'violation_patience',
-    ),
-    'stream_reasoning_coordinator': (
-        'default_timeout',
-        'ended_limit',
-        'evaluation_limit',
-        'feature_limit',
-        'federation',
-        'keep_ended',
-        'object_limit',
-        'ontology_manager',
-        'plan_limit',
-        'plan_part_limit',
-        'semantic_matching_engine',
-        'silence_limit',
-        'stream_manager',
-        'stream_reasoning_engine',
-        'stream_semantics_manager',
-        'timeout_limit',
-        'verdict_topic_limit',
-    ),
-    'black_box_recorder': (
-        'coordinator',
-        'folder',
-        'folder_bytes',
-        'max_boxes',
-        'max_per_minute',
-        'memory_bytes',
-        'memory_messages',
-        'ontology_manager',
-        'robot',
-        'snapshot_service',
-        'stream_manager',
-    ),
+PARAMETERS: Final[Mapping[str, Mapping[str, ParameterKind]]] = {
+    'stream_processing_engine': {
+        'clock_tolerance': (0.0, 3_600.0),
+        'default_max_delay': (0.0, 3_600.0),
+        'default_max_lead': (0.0, 3_600.0),
+        'default_transport_delay': (0.0, 3_600.0),
+        'max_specification': (100, 1_000_000),
+        'max_streams': (1, 1_000_000),
+        'stream_prefix': str,
+        'watermark_period': (0.001, 1.0),
+    },
+    'stream_manager': {
+        'discovery_period': (0.01, 60.0),
+        'engine_namespaces': list,
+        'max_specification': (100, 1_000_000),
+        'max_streams': (1, 1_000_000),
+        'memory': str,
+        'naming_convention': str,
+        'streams': list,
+    },
+    'ontology_manager': {
+        'allow_download': bool,
+        'bridges': list,
+        'load_limit': (0.1, 86_400.0),
+        'max_bytes': (1, 2_147_483_648),
+        'max_solutions': _COUNT,
+        'max_statements': (1_000, 100_000_000),
+        'ontologies': list,
+        'ontology_path': list,
+        'query_limit': (0.1, 86_400.0),
+        'reasoner': str,
+        'reasoning_limit': (1.0, 86_400.0),
+        'store': str,
+        'worker_memory': (128, 1_048_576),
+    },
+    'stream_semantics_manager': {
+        'annotations': list,
+        'max_annotations': (1, 10_000_000),
+        'max_characters': (100, 1_000_000),
+        'ontology_manager': str,
+        'store': str,
+        'stream_manager': str,
+    },
+    'semantic_matching_engine': {
+        'bridges': list,
+        'max_characters': (100, 1_000_000),
+        'max_matches': (1, 10_000_000),
+        'ontology_manager': str,
+        'stream_semantics_manager': str,
+    },
+    'stream_reasoning_engine': {
+        'formula_limit': _COUNT,
+        'group_limit': _COUNT,
+        'idle_group_limit': _COUNT,
+        'instance_limit': _COUNT,
+        'instance_part_limit': _COUNT,
+        'node_limit': _COUNT,
+        'object_limit': _COUNT,
+        'orphan_limit': (0.0, 86_400.0),
+        'part_limit': _COUNT,
+        'possibility_limit': _COUNT,
+        'progress_period': (0.05, 60.0),
+        'total_part_limit': _COUNT,
+        'violation_patience': (0.0, 3_600.0),
+    },
+    'stream_reasoning_coordinator': {
+        'default_timeout': (0.1, 1e9),
+        'ended_limit': _COUNT,
+        'evaluation_limit': _COUNT,
+        'feature_limit': _COUNT,
+        'federation': str,
+        'keep_ended': (0.0, 1_000_000.0),
+        'object_limit': _COUNT,
+        'ontology_manager': str,
+        'plan_limit': _COUNT,
+        'plan_part_limit': _COUNT,
+        'semantic_matching_engine': str,
+        'silence_limit': (0.1, 1e9),
+        'stream_manager': str,
+        'stream_reasoning_engine': str,
+        'stream_semantics_manager': str,
+        'timeout_limit': (0.0, 1e9),
+        'verdict_topic_limit': _COUNT,
+    },
+    'black_box_recorder': {
+        'coordinator': str,
+        'folder': str,
+        'folder_bytes': (1, 10**12),
+        'max_boxes': (1, 10**12),
+        'max_per_minute': (1, 10**12),
+        'memory_bytes': (1, 10**12),
+        'memory_messages': (1, 10**12),
+        'ontology_manager': str,
+        'robot': str,
+        'snapshot_service': str,
+        'stream_manager': str,
+    },
 }
 """The other parameters of the nodes that a file may configure."""
 
@@ -136,6 +144,7 @@ _MAX_DEPTH: Final = 5
 """The most namespaces of a node that are keys of their own."""
 
 _ENGINE_NUMBER: Final = re.compile(r'(?<=engine)_[0-9]+\Z')
+_EXPONENT: Final = re.compile(r'[0-9]{1,9}(\.[0-9]{1,9})?[eE][+-]?[0-9]{1,3}')
 _QUALITY_OF_SERVICE: Final = 'qos_overrides'
 """The parameters of rclpy for topics, which DyKnow does not list."""
 
@@ -146,6 +155,13 @@ _FILES: Final = {
     ('stream_semantics_manager', 'annotations'): 'annotations',
 }
 """The keys of the file that set parameters of nodes."""
+
+_DESCRIPTIONS: Final[Mapping[object, str]] = {
+    bool: 'true or false',
+    str: 'a text',
+    list: 'a list of texts',
+    None: 'a number, a boolean, a text or a list of texts',
+}
 
 
 def read_parameters(value: YamlValue) -> dict[str, dict[str, ParameterValue]]:
@@ -160,10 +176,11 @@ def read_parameters(value: YamlValue) -> dict[str, dict[str, ParameterValue]]:
         if node not in _CONFIGURED:
             raise name.error(unknown('node', node, _CONFIGURED))
         found[node] = {}
+        known = _known_parameters(node)
         for parameter, given in parameters.entries('a mapping from parameters to values'):
             if key := _FILES.get((node, parameter.text())):
                 raise parameter.error(f"the key '{key}' of the file sets this parameter")
-            found[node][parameter.text()] = _parameter(given)
+            found[node][parameter.text()] = _parameter(given, known.get(parameter.text()))
     return found
 
 
@@ -173,19 +190,32 @@ def is_parameter_file(document: YamlValue) -> bool:
 
 
 def parameter_faults(document: YamlValue) -> Iterator[ConfigurationError]:
-    """Yield the parameters that their nodes do not have, and so ignore.
+    """Yield the parameters that their nodes do not have, and so ignore, and those they refuse.
 
     Args:
-        document: a robot.yaml, or a file of parameters as ROS has them. Nodes that are not
-            DyKnow's are skipped, and so are wildcards, which may stand for these.
+        document: a robot.yaml, whose values are checked where it is read, or a file of parameters
+            as ROS has them. Nodes that are not DyKnow's are skipped, and so are wildcards, which
+            may stand for these.
     """
     stated = [nodes for name, _, nodes in _named(document) if name == 'nodes']
     own = ((node, parameters) for nodes in stated for node, _, parameters in _named(nodes))
-    for node, parameters in (*own, *_ros_parameters(document)):
+    for node, parameters in own:
+        yield from _unknown_parameters(node, parameters)
+    for node, parameters in _ros_parameters(document):
+        yield from _unknown_parameters(node, parameters)
         known = _known_parameters(node)
-        for name, key, _ in _named(parameters) if known else ():
-            if name not in known and not name.startswith(_QUALITY_OF_SERVICE):
-                yield key.error(unknown(f'parameter of {node}', name, known))
+        for name, _, value in _named(parameters):
+            try:
+                _parameter(value, known.get(name), of_ros=True)
+            except ConfigurationError as error:
+                yield error
+
+
+def _unknown_parameters(node: str, parameters: YamlValue) -> Iterator[ConfigurationError]:
+    known = _known_parameters(node)
+    for name, key, _ in _named(parameters) if known else ():
+        if name not in known and not name.startswith(_QUALITY_OF_SERVICE):
+            yield key.error(unknown(f'parameter of {node}', name, known))
 
 
 def _ros_parameters(
@@ -206,16 +236,41 @@ def _named(value: YamlValue) -> Iterator[tuple[str, YamlValue, YamlValue]]:
             yield key.value, YamlValue(value.document, key), YamlValue(value.document, entry)
 
 
-def _known_parameters(node: str) -> tuple[str, ...]:
+def _known_parameters(node: str) -> Mapping[str, ParameterKind]:
     """Return the parameters of a node; none if it is no node of DyKnow."""
     found = PARAMETERS.get(_ENGINE_NUMBER.sub('', node))
-    return () if found is None else (*COMMON, *found)
+    return {} if found is None else {**COMMON, **found}
 
 
-def _parameter(value: YamlValue) -> ParameterValue:
+def _parameter(
+    value: YamlValue, kind: ParameterKind | None, *, of_ros: bool = False
+) -> ParameterValue:
+    """Return a parameter of a kind, or of any.
+
+    ROS files tell whole numbers from others; in a robot.yaml, 5 stands for 5.0.
+    """
+    if isinstance(kind, tuple):
+        return _number(value, *kind, of_ros=of_ros)
     found: Any = value.plain()
-    if isinstance(found, bool | int | float | str):
+    is_list = isinstance(found, list) and all(isinstance(each, str) for each in found)
+    if is_list if kind in (list, None) else type(found) is kind:
+        return cast('ParameterValue', found)
+    if kind is None and isinstance(found, bool | int | float | str):
         return found
-    if isinstance(found, list) and all(isinstance(each, str) for each in found):
-        return found
-    raise value.expected('a number, a boolean, a text or a list of texts')
+    raise value.expected(_DESCRIPTIONS[kind])
+
+
+def _number(value: YamlValue, low: float, high: float, *, of_ros: bool) -> float:
+    found: Any = value.plain()
+    if isinstance(found, str) and _EXPONENT.fullmatch(found):
+        found = float(found)  # PyYAML wants a point and a sign in 1.0e+9.
+    is_whole = isinstance(low, int)
+    expected = int if is_whole else float if of_ros else int | float
+    is_number = isinstance(found, expected) and not isinstance(found, bool)
+    if is_number and low <= found <= high:
+        return type(low)(found)
+    kind = 'a whole number' if is_whole else 'a number with a point' if of_ros else 'a number'
+    text = f'{kind} from {low:.12g} to {high:.12g}'
+    if value.is_number:
+        raise value.error(f'write {text} instead of {value.node.value}')
+    raise value.expected(text)

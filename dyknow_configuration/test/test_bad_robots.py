@@ -50,7 +50,7 @@ MANY = f'objects: {{R: [{", ".join(f"r{number}" for number in range(5_100))}]}}\
         ('# \n' * 400_000, 'more than 1000000 characters; split it'),
         (
             'nodes: {stream_manager: {memory: &a [*a]}}\n',
-            '1:34: write a number, a boolean',
+            '1:34: write a text instead of a list',
         ),
     ],
     ids=['annotations', 'copies', 'characters of streams', 'depth', 'characters', 'a loop'],

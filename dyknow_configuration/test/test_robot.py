@@ -20,7 +20,7 @@ from dyknow_configuration import (
     read_robot,
     write_texts,
 )
-from dyknow_configuration.nodes import COMMON, PARAMETERS
+from dyknow_configuration.nodes import COMMON, PARAMETERS, ParameterKind
 from dyknow_semantics import Ontology, check_annotation, match, parse_annotations, parse_concept
 from dyknow_stream_processing import parse_specification, specifications_by_sink
 
@@ -196,7 +196,7 @@ def test_formulas_and_parameters(tmp_path: Path) -> None:
         '  - {name: slow, formula: "always a.b < 1 ", severity: error, description: It is slow.}\n'
         '  - more.txt\n'
         '  - {name: c, formula: a.c < 1, every_state: true, margin: true}\n'
-        'nodes: {stream_reasoning_coordinator: {silence_limit: 2, names: [a, b], x: no}}\n',
+        'nodes: {stream_reasoning_coordinator: {silence_limit: 2, timeout_limit: 1e3, names: [a, b], x: no}}\n',
     )
     assert configuration.formulas == (
         RequestedFormula('always a.b < 1', 'slow', 'It is slow.', Severity.ERROR),
@@ -204,8 +204,16 @@ def test_formulas_and_parameters(tmp_path: Path) -> None:
         RequestedFormula('a.c < 1', 'c', every_state=True, margin=True),
     )
     assert configuration.parameters == {
-        'stream_reasoning_coordinator': {'silence_limit': 2, 'names': ['a', 'b'], 'x': False}
+        'stream_reasoning_coordinator': {
+            'silence_limit': 2,
+            'timeout_limit': 1000,
+            'names': ['a', 'b'],
+            'x': False,
+        }
     }
+    # ROS takes no whole number for another one.
+    given = configuration.parameters['stream_reasoning_coordinator']
+    assert {type(given[name]) for name in ('silence_limit', 'timeout_limit')} == {float}
 
 
 def test_files_lie_beside_the_robot(tmp_path: Path) -> None:
@@ -467,13 +475,23 @@ def test_exported_expectations(tmp_path: Path) -> None:
 
 def test_the_parameters_of_nodes_are_those_of_the_reference() -> None:
     reference = Path(__file__).parents[2] / 'docs' / 'reference' / 'nodes.md'
-    found: dict[str, tuple[str, ...]] = {}
+    row = re.compile(r'^\| `(\w+)` \| (.*) \| (?:yes|no) \| (.*) \|$', re.MULTILINE)
+    found: dict[str, dict[str, ParameterKind]] = {}
     for section in reference.read_text(encoding='utf-8').split('\n## ')[1:]:
-        name = section.partition('\n')[0]
-        found[name] = tuple(re.findall(r'^\| `(\w+)` \|.*\| (?:yes|no) \|', section, re.MULTILINE))
-    assert {*COMMON} - {'use_sim_time'} == {*found['Every node']}
+        rows = row.findall(section)
+        found[section.partition('\n')[0]] = {name: kind(*rest) for name, *rest in rows}
+    assert COMMON == {**found['Every node'], 'use_sim_time': bool}
     assert {name: found[name] for name in PARAMETERS} == PARAMETERS
     assert PARAMETERS.keys() == {*PACKAGES, 'black_box_recorder'}
+
+
+def kind(default: str, description: str) -> ParameterKind:
+    """Return the kind of a parameter by its row in the reference."""
+    text = default.strip('`')
+    if bounds := re.search(r'\(([0-9.e+-]+) to ([0-9.e+-]+)\)$', description):
+        numbers = tuple(map(float, bounds.groups()))
+        return numbers if '.' in text else tuple(map(int, numbers))
+    return {'true': bool, 'false': bool, '[]': list}.get(text, str)
 
 
 MAP = """\

@@ -119,7 +119,7 @@ def _default(parameter):
     if parameter.type_ is Parameter.Type.BOOL:
         return code(str(parameter.value).lower())
     if parameter.type_ is Parameter.Type.STRING_ARRAY:
-        return listed(filter(None, parameter.value))
+        return listed(filter(None, parameter.value)) or code('[]')
     return code(str(parameter.value))
 
 
