@@ -196,7 +196,9 @@ def test_formulas_and_parameters(tmp_path: Path) -> None:
         '  - {name: slow, formula: "always a.b < 1 ", severity: error, description: It is slow.}\n'
         '  - more.txt\n'
         '  - {name: c, formula: a.c < 1, every_state: true, margin: true}\n'
-        'nodes: {stream_reasoning_coordinator: {silence_limit: 2, timeout_limit: 1e3, names: [a, b], x: no}}\n',
+        'nodes:\n'
+        '  stream_reasoning_coordinator:\n'
+        '    {silence_limit: 2, timeout_limit: 1e3, names: [a, b], x: no}\n',
     )
     assert configuration.formulas == (
         RequestedFormula('always a.b < 1', 'slow', 'It is slow.', Severity.ERROR),
@@ -480,7 +482,7 @@ def test_the_parameters_of_nodes_are_those_of_the_reference() -> None:
     for section in reference.read_text(encoding='utf-8').split('\n## ')[1:]:
         rows = row.findall(section)
         found[section.partition('\n')[0]] = {name: kind(*rest) for name, *rest in rows}
-    assert COMMON == {**found['Every node'], 'use_sim_time': bool}
+    assert {**found['Every node'], 'use_sim_time': bool} == COMMON
     assert {name: found[name] for name in PARAMETERS} == PARAMETERS
     assert PARAMETERS.keys() == {*PACKAGES, 'black_box_recorder'}
 
