@@ -38,7 +38,8 @@ def init(options: argparse.Namespace) -> int:
     names = ' '.join(map(str, options.file))
     _write(options.output, robot_text(topics, origin, options.output, names), force=options.force)
     name = options.output
-    print(f'{name}: proposed from {len(topics)} topics; next: dyknow lint {name}')  # noqa: T201
+    count = f'{len(topics)} topic{"s" * (len(topics) != 1)}'
+    print(f'{name}: proposed from {count}; next: dyknow lint {name}')  # noqa: T201
     return SUCCESS
 
 

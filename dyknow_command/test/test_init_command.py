@@ -215,6 +215,17 @@ def test_a_file_is_never_replaced_unless_asked(
     assert path.read_text(encoding='utf-8') != 'mine'
 
 
+def test_no_check_is_proposed_without_a_formula(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trace, path = tmp_path / 'modes.csv', tmp_path / 'robot.yaml'
+    trace.write_text('time_s,mode\n0,a\n1,b\n', encoding='utf-8')
+    assert run('init', trace, '--output', path) == 0
+    assert capsys.readouterr().out.startswith(f'{path}: proposed from 1 topic; next')
+    assert 'dyknow check' not in path.read_text(encoding='utf-8')
+    assert run('lint', path) == 0
+
+
 def test_export_needs_one_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert run('init', '--export', 'files') == 2
     assert capsys.readouterr().err == 'dyknow: --export needs one robot.yaml\n'

@@ -324,13 +324,15 @@ def robot_text(topics: Iterable[ObservedTopic], origin: str, path: Path, recordi
     draft = draft_robot(topics)
     used = [each for each in draft.features if not each.reason]
     others = [each for each in draft.features if each.reason]
+    formulas = [*_formulas(used, draft.topics)]
+    checked = recording if any(not line.lstrip().startswith('#') for line in formulas[1:]) else ''
     parts = [
-        _head(origin, path, recording),
+        _head(origin, path, checked),
         _topics(draft),
         *([_objects(draft)] if draft.objects else []),
         _features(used, others),
         *([positions] if (positions := [*_positions(draft.features)]) else []),
-        _formulas(used, draft.topics),
+        formulas,
     ]
     return '\n'.join(line.rstrip() for line in chain.from_iterable([*each, ''] for each in parts))
 
