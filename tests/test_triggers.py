@@ -353,7 +353,7 @@ BAD = {
         '[a]',
     ),
     '{run: [no_such_command]}': ("there is no command 'no_such_command'", 'no_such'),
-    '{cancel_goal: "/a b"}': ("the action '/a b' cannot be the name of a topic", '/a b'),
+    '{cancel_goal: "/{a}/b"}': ("the action '/{a}/b' cannot be the name of a topic", '/{a}/b'),
 }
 
 

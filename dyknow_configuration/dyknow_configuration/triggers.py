@@ -172,6 +172,9 @@ MAX_DEPTH: Final = 20
 _INTERFACES: Final = {'topic': 'msg', 'service': 'srv', 'action': 'action'}
 """The folders of the types of targets."""
 
+_TARGET: Final = re.compile(r'(~?/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*')
+"""The names that targets may have; nodes know what ~ and {node} stand for."""
+
 _NAME: Final = r'[A-Za-z][A-Za-z0-9_]*'
 
 PLACEHOLDERS: Final[Mapping[str, ValueType]] = {
@@ -295,7 +298,7 @@ def _action(kind: TriggerKind, value: YamlValue, content: _Content) -> tuple[str
     target, *rest = ACTION_KEYS[kind]
     if not rest and value.is_text:
         content.place((target,), value)
-        return value.text().strip(), ''
+        return _target(value, target), ''
     stated = value.mapping(ACTION_KEYS[kind], (target, *rest[:1]))
     for key, each in stated.items():
         content.place((key,), each)
@@ -304,7 +307,11 @@ def _action(kind: TriggerKind, value: YamlValue, content: _Content) -> tuple[str
         if not isinstance(content.content, dict):
             raise stated[rest[1]].expected('a mapping from fields to values')
     type_name = _type_name(stated['type'], kind) if rest else ''
-    return stated[target].text(f'the name of the {target}').strip(), type_name
+    return _target(stated[target], target), type_name
+
+
+def _target(value: YamlValue, kind: str) -> str:
+    return value.matched(_TARGET, f'the name of {"an" if kind == "action" else "a"} {kind}')
 
 
 def _words(values: list[YamlValue], content: _Content) -> Iterator[str]:
