@@ -145,6 +145,7 @@ def test_a_silent_topic_that_should_not_be_is_a_failure() -> None:
     assert world.look(9, a=0) == []  # It may never have a sample.
     world.look(9, a=1)
     assert world.session.failure().message == "topic '/a' has been silent for 5 s"
+    assert world.session.react(9 * SECOND_NS) is None
     world.session.note_obstacle((periodic, G), DyKnowError('no engine'), 0)
     assert world.session.failure().message.endswith('5 s; no other states: no engine')
 
@@ -165,6 +166,7 @@ def test_sources_that_no_stream_is_made_of_are_tried_again_if_that_may_help(
 ) -> None:
     world = World(A, G, published='ag', can_wait=can_wait)
     world.violate('/a', ViolationKind.LOST)
+    world.session.exclude([A], 1)
     assert world.session.react(1) == (A, G)
     world.session.note_obstacle((A, G), DyKnowError('no engine', ExitCode.UNAVAILABLE), 1)
     assert world.session.react(1) == ((A, G) if can_wait else None)
