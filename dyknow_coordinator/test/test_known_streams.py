@@ -89,6 +89,17 @@ def test_one_topic_of_transforms_is_enough() -> None:
     for published, there in (({'/tf'}, True), ({'/tf_static'}, True), (set(), False)):
         known = KnownStreams((), published.__contains__)
         assert known.is_available(source('tf("map", "base")')) is there
+        begun = KnownStreams((), lambda _: True, has_begun=published.__contains__)
+        assert begun.is_flowing(source('tf("map", "base")')) is there
+
+
+def test_messages_count_from_a_time_on() -> None:
+    made, both = source('select z from "/a"'), source('sync("/a", "/b")')
+    known = KnownStreams([KnownStream('s', received={'/a': 3, '/b': 0})], lambda _: True)
+    assert known.are_received('s', made, 2)
+    assert not known.are_received('s', made, 3)
+    assert not known.are_received('s', both, 2)
+    assert not known.are_received('unreported', made, 2)
 
 
 @pytest.mark.parametrize(
