@@ -32,7 +32,8 @@ class Evaluations:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._statuses: list[Any] = []
+        self.reported: list[Any] = []
+        """Those of the last report."""
         # By name and time of the request; the coordinator forgets them after a while.
         self._ended: dict[tuple[str, int], Any] = {}
         self._subscription = system.client.node.create_subscription(
@@ -46,12 +47,12 @@ class Evaluations:
     @property
     def running(self) -> list[Any]:
         """Those that have not ended."""
-        return [each for each in self._statuses if each.phase != EvaluationStatus.ENDED]
+        return [each for each in self.reported if each.phase != EvaluationStatus.ENDED]
 
     @property
     def latest(self) -> Any:
         """The one that was asked for last."""
-        return self._statuses[-1]
+        return self.reported[-1]
 
     def ended(self, name: str) -> list[Any]:
         """Those of a name that have ended."""
@@ -116,8 +117,8 @@ class Evaluations:
         )
 
     def _hear(self, report: Any) -> None:
-        self._statuses = list(report.evaluations)
-        for each in self._statuses:
+        self.reported = list(report.evaluations)
+        for each in self.reported:
             if each.phase == EvaluationStatus.ENDED:
                 self._ended[each.name, time_to_nanoseconds(each.started)] = each
 

@@ -19,7 +19,8 @@ from dyknow_interfaces.msg import (
 )
 from rclpy.action import ActionClient
 
-from services import LATCHED, Nodes, assert_refused, time_of
+from evaluations import Evaluations
+from services import LATCHED, Nodes, assert_refused, nanoseconds, time_of
 from system import POLL, System
 
 ENGINE = 'stream_reasoning_engine'
@@ -228,6 +229,22 @@ def test_too_many_evaluations(limited: System) -> None:
         limited.decided(future, FormulaResult.FALSE)
     limited.batteries.power['uav1'] = 100.0
     assert limited.evaluate('1 < 2').verdict == FormulaResult.TRUE
+
+
+def test_repeated_errors_evict_no_verdict(limited: System) -> None:
+    """A formula that is retried every 0.5 s hid the verdicts of others after a while."""
+    assert limited.evaluate('2 < 1').verdict == FormulaResult.FALSE
+    evaluations = Evaluations(limited)
+    for _ in range(3):
+        before = limited.client.node.get_clock().now().nanoseconds
+        answer = limited.evaluate('always Power[nobody] < 1')
+        assert answer.exit_status.code == ExitStatus.NOT_FOUND
+    limited.client.spin_until(
+        lambda: any(nanoseconds(each.started) > before for each in evaluations.reported),
+        'the last error is reported',
+    )
+    assert '2 < 1' in {each.name for each in evaluations.reported}, evaluations.told()
+    evaluations.close()
 
 
 def test_too_many_features(limited: System) -> None:

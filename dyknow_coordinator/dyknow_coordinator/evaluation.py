@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final, Self
 
@@ -63,6 +63,10 @@ class EvaluationRequest:
     record: BlackBoxOptions | None = None
     delay_s: float = 0.0
 
+    def repeats(self, other: EvaluationRequest) -> bool:
+        """Return True if both requests are the same, whatever their timeouts are."""
+        return self == replace(other, timeout_s=self.timeout_s, delay_s=self.delay_s)
+
 
 @dataclass(frozen=True, slots=True)
 class Answer:
@@ -99,6 +103,21 @@ class Answer:
         if self.error is not None:
             raise self.error
         return self
+
+
+def is_superseded(former: Answer | None, later: Answer | None) -> bool:
+    """Return True if the end of an evaluation is no longer reported, as its request was repeated.
+
+    An error is superseded by the begin of the next evaluation, a verdict by the next verdict. So
+    retries do not accumulate, and a verdict stays until there is another one.
+
+    Args:
+        former: its answer; None while it runs.
+        later: the answer of an evaluation that has just ended; None if it has just begun.
+    """
+    if former is None:
+        return False
+    return former.error is not None or (later is not None and later.error is None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,13 @@
 """The life of an evaluation: its first end is the one that counts."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
-from dyknow_common import ExitCode, Verdict
+from dyknow_common import BlackBoxOptions, ExitCode, Verdict
 from dyknow_coordinator import Answer, CoordinationError, EvaluationPhase
-from dyknow_coordinator.evaluation import Evaluation
+from dyknow_coordinator.evaluation import Evaluation, EvaluationRequest, is_superseded
 
 
 @pytest.fixture
@@ -85,3 +86,21 @@ def test_a_timeout_without_states_says_why(answers: list[Answer]) -> None:
     assert str(answers[0].error) == (
         'no verdict within 5 s (no state has come: nobody publishes /odm)'
     )
+
+
+def test_retries_supersede_each_other_but_no_verdict() -> None:
+    """Each of them may have been reported for a day: 200 of them hid the verdicts of others."""
+    verdict, error = Answer(Verdict.FALSE), Answer(error=LATE)
+    assert is_superseded(error, None)
+    assert is_superseded(error, error)
+    assert is_superseded(verdict, Answer(Verdict.TRUE))
+    assert not is_superseded(verdict, None)
+    assert not is_superseded(verdict, error)
+    assert not any(is_superseded(None, later) for later in (None, verdict, error))
+
+
+def test_a_retry_repeats_the_request_for_the_rest_of_its_time() -> None:
+    request = EvaluationRequest('always p', name='calm', timeout_s=60.0, record=BlackBoxOptions())
+    assert replace(request, timeout_s=49.5, delay_s=1.0).repeats(request)
+    assert not replace(request, name='other').repeats(request)
+    assert not replace(request, action='land').repeats(request)

@@ -30,7 +30,7 @@ from dyknow_common.ros import (
     to_message,
 )
 from dyknow_coordinator.errors import CoordinationError
-from dyknow_coordinator.evaluation import Answer, EvaluationRequest
+from dyknow_coordinator.evaluation import Answer, EvaluationRequest, is_superseded
 from dyknow_coordinator.grounding.source_session import SILENCE_LIMIT_NS, SILENCE_LIMITS_S
 from dyknow_coordinator.reporting.evaluation_status import (
     EvaluationStatus,
@@ -168,6 +168,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             'formulas that are evaluated at once',
         )
         evaluation = FormulaEvaluation(self._shared, self._groups, request, self._publish_soon)
+        self._forget_superseded(evaluation)
         self._evaluations.append(evaluation)
         self._publish_soon()
         self.spawn(self._run, evaluation)
@@ -176,6 +177,7 @@ class StreamReasoningCoordinator(DyKnowNode):
     async def _run(self, evaluation: FormulaEvaluation) -> None:
         await evaluation.run()
         self._log_alarm(evaluation)
+        self._forget_superseded(evaluation)
         ended = [each for each in self._evaluations if each.has_ended]
         for oldest in ended[: -self._shared.limits['ended_limit']]:
             self._forget(oldest)
@@ -193,6 +195,11 @@ class StreamReasoningCoordinator(DyKnowNode):
                 logger.error(text)
             else:
                 logger.warning(text)
+
+    def _forget_superseded(self, later: FormulaEvaluation) -> None:
+        for each in [each for each in self._evaluations if each is not later]:
+            if is_superseded(each.answer, later.answer) and later.request.repeats(each.request):
+                self._forget(each)
 
     def _forget(self, evaluation: FormulaEvaluation) -> None:
         if evaluation in self._evaluations:

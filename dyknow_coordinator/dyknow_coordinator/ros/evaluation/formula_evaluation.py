@@ -156,6 +156,11 @@ class FormulaEvaluation(Evaluation):
         return (self.request.name,) if self.request.name else formulas
 
     @property
+    def answer(self) -> Answer | None:
+        """The answer; None before the end."""
+        return self.outcome.result() if self.outcome.done() else None
+
+    @property
     def waits_for(self) -> str:
         """Why no state comes; empty if states come or it is not evaluated."""
         return self._group.waits_for if self._group is not None else ''
@@ -312,7 +317,7 @@ class FormulaEvaluation(Evaluation):
 
     def status(self) -> EvaluationStatus:
         """Return the status for operators."""
-        answer: Answer = self.outcome.result() if self.outcome.done() else Answer()
+        answer = self.answer or Answer()
         progress, group, request = self.progress, self._group, self.request
         return EvaluationStatus(
             name=self.title,
