@@ -257,8 +257,6 @@ class FormulaMonitor(MonitorNode):
 
     def _on_progress(self, index: int, progress: Progress) -> None:
         monitored = self.formulas[index]
-        if self._monitors[index].outcome.done():
-            return  # Feedback may arrive after the verdict.
         self._triggers.on_progress(monitored.formula, progress)
         self.note_progress(monitored, progress)
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from rclpy.action import ActionClient
-from rclpy.action.client import ClientGoalHandle
 from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
@@ -63,7 +62,7 @@ class ActionCall:
     Args:
         server: the node that offers the action.
         on_end: called once, with the result or an error.
-        on_feedback: called with each feedback.
+        on_feedback: called with each feedback before the end.
 
     Attributes:
         accepted: a future that is done when the goal is accepted or the call has ended.
@@ -100,7 +99,7 @@ class ActionCall:
         self._deadline = node.wall_clock.now().nanoseconds + round(timeouts.server_s * SECOND_NS)
         executor = node.node.executor
         if executor is None:
-            self._poll_later()
+            self._later(self._poll)
         else:
             # The caller knows no call yet that ends at once.
             executor.create_task(self._poll)
@@ -119,21 +118,21 @@ class ActionCall:
             self.fail(DyKnowError('cancelled by the caller', ExitCode.CANCELLED))
             return
         if self._handle is not None:
-            self._cancel(self._handle)
+            self._cancel()
         self._fail_after(GRACE_S, 'is cancelled, and', ExitCode.CANCELLED)
 
     def fail(self, error: DyKnowError) -> None:
         """End with an error, and cancel the goal at the server."""
         if self._handle is not None and not self._has_ended:
             self._is_cancelled = True
-            self._cancel(self._handle)
+            self._cancel()
         self._end(None, error)
 
     def _is_server_ready(self) -> bool:
         return bool(self._server.alive and self._client.server_is_ready())
 
-    def _poll_later(self) -> None:
-        self._node.deadlines.after(POLL_PERIOD_S).add_done_callback(lambda _: self._poll())
+    def _later(self, poll: Callable[[], None]) -> None:
+        self._node.deadlines.after(POLL_PERIOD_S).add_done_callback(lambda _: poll())
 
     def _poll(self) -> None:
         if self._has_ended:
@@ -143,16 +142,14 @@ class ActionCall:
         elif self._node.wall_clock.now().nanoseconds > self._deadline:
             self.fail(self._server.unavailable('is not running'))
         else:
-            self._poll_later()
+            self._later(self._poll)
 
     def _send(self) -> None:
         self._is_sent = True
         self._server.on_lost.append(self._on_server_lost)
         self._fail_after(GRACE_S, 'was sent, and', ExitCode.UNAVAILABLE)
         with self._client.sending:
-            response = self._client.send_goal_async(
-                self._goal, lambda message: self._on_feedback(message.feedback)
-            )
+            response = self._client.send_goal_async(self._goal, self._receive_feedback)
         self._await(response, self._on_response)
 
     def _await(self, answer: Future, then: Callable[[Future], None] = lambda _: None) -> None:
@@ -169,6 +166,10 @@ class ActionCall:
 
         answer.add_done_callback(on_answer)
 
+    def _receive_feedback(self, message: Any) -> None:
+        if not self._has_ended:
+            self._on_feedback(message.feedback)
+
     def _on_response(self, response: Future) -> None:
         handle = response.result()
         if not handle.accepted:
@@ -176,7 +177,7 @@ class ActionCall:
             return
         self._handle = handle
         if self._is_cancelled or self._has_ended:
-            self._cancel(handle)
+            self._cancel()
         elif self._timeouts.result_s is None:
             self._timeout.cancel()
         else:
@@ -187,14 +188,25 @@ class ActionCall:
             result = handle.get_result_async()
         result.add_done_callback(lambda done: self._end(done.result().result, None))
 
-    def _cancel(self, handle: ClientGoalHandle) -> None:
+    def _cancel(self) -> None:
         with self._client.sending:
-            answer = handle.cancel_goal_async()
+            answer = self._handle.cancel_goal_async()
         self._await(answer)
 
     def _on_server_lost(self) -> None:
-        self._handle = None
-        self.fail(self._server.unavailable('has died'))
+        if self._handle is not None:
+            self._server.on_found.append(self._on_server_found)
+        self._end(None, self._server.unavailable('has died'))
+
+    def _on_server_found(self) -> None:
+        """Cancel the goal: if the server was only stopped, it still pursues the goal."""
+        if self._on_server_found not in self._server.on_found:
+            return  # The goal is cancelled.
+        if self._is_server_ready():
+            self._server.on_found.remove(self._on_server_found)
+            self._cancel()
+        elif self._server.alive:
+            self._later(self._on_server_found)
 
     def _fail_after(self, delay_s: float, what: str, code: ExitCode) -> None:
         self._timeout.cancel()

@@ -65,23 +65,19 @@ class PlanMonitor:
             self.call.cancel()
 
     def update(self, verdict: PlanVerdict) -> None:
-        """Pass on a new status of a formula, unless the plan has ended."""
-        if not self.outcome.done():
-            self._publish(verdict)
+        """Pass on a new status of a formula."""
+        # Errors are never equal; the phase shows that there is one.
+        comparable = replace(verdict, error=None)
+        if self._published.get(verdict.position) != comparable:
+            self._published[verdict.position] = comparable
+            self._on_verdict(verdict)
 
     def end(self, outcome: PlanOutcome) -> None:
         """Set the outcome; it may arrive before the last verdicts."""
         self.outcome.set_result(outcome)
         for verdict in outcome.verdicts:
             if verdict.phase is not PlanPhase.PENDING:
-                self._publish(verdict)
-
-    def _publish(self, verdict: PlanVerdict) -> None:
-        # Errors are never equal; the phase shows that there is one.
-        comparable = replace(verdict, error=None)
-        if self._published.get(verdict.position) != comparable:
-            self._published[verdict.position] = comparable
-            self._on_verdict(verdict)
+                self.update(verdict)
 
     async def _report(self, action: str, event: Event) -> None:
         if self.call is not None:
