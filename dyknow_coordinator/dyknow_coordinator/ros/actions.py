@@ -1,13 +1,27 @@
-"""Action servers whose goals end in any case."""
+"""Action servers whose goals end in any case.
+
+A node that is killed does not cancel its goals. Nodes of DyKnow have unique names, so the first
+goal of the next run shows that the former run is over. The identifier of a goal shows its client:
+
+    5 bytes    a hash of the name of the node
+    6 bytes    its time of start in milliseconds
+    5 bytes    random
+
+Other clients choose identifiers at random; each goal seems to be of another client.
+"""
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
+from hashlib import blake2b
 from typing import Any, Final
 
 from rclpy.action import ActionServer, CancelResponse
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from unique_identifier_msgs.msg import UUID
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.ros import SERVICE, DyKnowNode, RCLError, snake_case
@@ -20,6 +34,23 @@ RESULT_TIMEOUT_S: Final = 30
 Until then, rclpy keeps the goal, whose formula may have a million characters. Its default is 15
 minutes.
 """
+
+_NAME: Final = slice(0, 5)
+_START: Final = slice(5, 11)
+
+
+def goal_id(node: Node) -> UUID:
+    """Return an identifier for a goal of a node."""
+    data = bytearray(uuid.uuid4().bytes)
+    if isinstance(node, DyKnowNode):
+        data[_NAME] = blake2b(node.get_fully_qualified_name().encode(), digest_size=5).digest()
+        data[_START] = (node.started_at // 1_000_000).to_bytes(6, 'big')
+    return UUID(uuid=list(data))
+
+
+def is_of_former_run(goal: bytes, newer: bytes) -> bool:
+    """Return True if the client of a goal is a former run of the client of a newer goal."""
+    return goal[_NAME] == newer[_NAME] and goal[_START] < newer[_START]
 
 
 class ClientWatch:
@@ -45,7 +76,10 @@ class ClientWatch:
 
 
 class CancellingActionServer:
-    """Action server that cancels goals on request, and all goals when no client is left.
+    """Action server that cancels goals on request, and those whose client is known to be gone.
+
+    All clients are gone when none is left, and a former run of a client when the next one sends a
+    goal.
 
     Args:
         action_type: `MonitorFormula` is offered as `~/monitor_formula`.
@@ -57,12 +91,13 @@ class CancellingActionServer:
     ) -> None:
         self._context = node.context
         self._name = snake_case(action_type.__name__)
+        self._execute = execute
         self._running: dict[bytes, Callable[..., None]] = {}
         self._server = ActionServer(
             node,
             action_type,
             f'~/{self._name}',
-            execute,
+            self._pursue,
             callback_group=node.reentrant,
             cancel_callback=self._on_cancel,
             # The default profiles drop goals without an error when many arrive at once.
@@ -109,6 +144,13 @@ class CancellingActionServer:
             yield
         finally:
             del self._running[key]
+
+    async def _pursue(self, goal: Any) -> Any:
+        newer = bytes(goal.goal_id.uuid)
+        for key, cancel in list(self._running.items()):
+            if is_of_former_run(key, newer):
+                cancel(f'the client of ~/{self._name} was restarted')
+        return await self._execute(goal)
 
     def _on_cancel(self, goal: Any) -> CancelResponse:
         cancel = self._running.get(bytes(goal.goal_id.uuid))

@@ -11,6 +11,7 @@ import pytest
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError, ExitCode
+from dyknow_coordinator.ros.client import action_call
 from dyknow_coordinator.ros.client.action_call import ActionCall, GoalTimeouts
 
 
@@ -60,7 +61,8 @@ class Situation:
     def server_is_ready(self) -> bool:
         return self.is_ready
 
-    def send_goal_async(self, _: Any, take_feedback: Any) -> Future:
+    def send_goal_async(self, _: Any, take_feedback: Any, goal_id: Any) -> Future:
+        assert goal_id == id(self), 'the identifier of a goal shows its client'
         self.take_feedback = take_feedback
         return self.answer
 
@@ -83,8 +85,9 @@ class Situation:
 
 
 @pytest.fixture
-def situation() -> Situation:
+def situation(monkeypatch: pytest.MonkeyPatch) -> Situation:
     """A goal that the server pursues."""
+    monkeypatch.setattr(action_call, 'goal_id', id)
     pursued = Situation()
     pursued.answer.set_result(pursued)
     return pursued

@@ -2,30 +2,93 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rclpy.task import Future
+from unique_identifier_msgs.msg import UUID
 
+from dyknow_common import SECOND_NS
+from dyknow_common.ros import DyKnowNode
 from dyknow_coordinator.ros import actions
 
 
-def test_goals_that_have_ended_are_not_kept_for_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each has its request, such as a formula of 1 MB; the default of rclpy is 900 s."""
-    given: dict[str, Any] = {}
-    monkeypatch.setattr(actions, 'ActionServer', lambda *_, **options: given.update(options))
+class Node:
+    """A node, as an action server sees it."""
+
+    context = reentrant = None
+
+    def get_fully_qualified_name(self) -> str:
+        return '/node'
+
+
+class Action:
+    """An action type."""
+
+
+class Situation:
+    """An action server whose goals run until they are cancelled."""
+
+    def __init__(self) -> None:
+        self.options: dict[str, Any] = {}
+        self.pursue: Any = None
+        self.reasons: list[str] = []
+        self.goals: list[Any] = []
+
+    def make_server(self, *arguments: Any, **options: Any) -> None:
+        self.options, self.pursue = options, arguments[3]
+
+    async def execute(self, goal: Any) -> None:
+        with self.server.running(goal, self.reasons.append):
+            await Future()
+
+    def send(self, goal_id: UUID) -> None:
+        goal = SimpleNamespace(goal_id=goal_id, is_cancel_requested=False)
+        self.goals.append(self.pursue(goal))
+        self.goals[-1].send(None)
+
+    def start(self) -> None:
+        node: Any = Node()
+        self.server = actions.CancellingActionServer(node, Action, self.execute)
+
+
+@pytest.fixture
+def situation(monkeypatch: pytest.MonkeyPatch) -> Situation:
+    made = Situation()
+    monkeypatch.setattr(actions, 'ActionServer', made.make_server)
     monkeypatch.setattr(actions, 'ClientWatch', lambda *_: None)
+    made.start()
+    return made
 
-    class Action:
-        """An action type."""
 
-    class Node:
-        """A node, as the server sees it."""
+def test_goals_that_have_ended_are_not_kept_for_long(situation: Situation) -> None:
+    """Each has its request, such as a formula of 1 MB; the default of rclpy is 900 s."""
+    assert situation.options['result_timeout'] <= 60
 
-        context = reentrant = None
 
-        def get_fully_qualified_name(self) -> str:
-            return '/node'
+class FakeClient(DyKnowNode):
+    """A node of DyKnow that sends goals."""
 
-    node: Any = Node()
-    actions.CancellingActionServer(node, Action, id)  # type: ignore[arg-type]
-    assert given['result_timeout'] <= 60
+    def __init__(self, name: str, started_at: int) -> None:  # without a ROS graph
+        self.name, self.started_at = name, 1_800_000_000_000_000_000 + started_at * SECOND_NS
+
+    def get_fully_qualified_name(self) -> str:
+        return self.name
+
+
+def test_goals_of_a_client_that_was_killed_end_when_it_is_back(situation: Situation) -> None:
+    """Its formulas were evaluated twice, as the next run of it is a client, too."""
+    former, other = FakeClient('/formula_monitor', 1), FakeClient('/monitor', 1)
+    foreign: Any = object()
+    for client in (former, former, other, foreign, foreign):
+        situation.send(actions.goal_id(client))
+    assert situation.reasons == []
+    situation.send(actions.goal_id(FakeClient('/formula_monitor', 2)))
+    assert situation.reasons == ['the client of ~/action was restarted'] * 2
+
+
+def test_a_former_run_that_is_still_alive_ends_no_goals(situation: Situation) -> None:
+    for started_at in (2, 1):
+        situation.send(actions.goal_id(FakeClient('/formula_monitor', started_at)))
+    assert situation.reasons == []

@@ -12,6 +12,7 @@ from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode
 from dyknow_common.ros import NodeAdapter, RemoteNode
+from dyknow_coordinator.ros.actions import goal_id
 
 POLL_PERIOD_S: Final = 0.02
 """Time between two checks for a server that has not been discovered."""
@@ -149,7 +150,9 @@ class ActionCall:
         self._server.on_lost.append(self._on_server_lost)
         self._fail_after(GRACE_S, 'was sent, and', ExitCode.UNAVAILABLE)
         with self._client.sending:
-            response = self._client.send_goal_async(self._goal, self._receive_feedback)
+            response = self._client.send_goal_async(
+                self._goal, self._receive_feedback, goal_id(self._node.node)
+            )
         self._await(response, self._on_response)
 
     def _await(self, answer: Future, then: Callable[[Future], None] = lambda _: None) -> None:
