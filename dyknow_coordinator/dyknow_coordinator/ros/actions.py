@@ -1,7 +1,7 @@
 """Action servers whose goals end in any case.
 
-A node that is killed does not cancel its goals. Nodes of DyKnow have unique names, so the first
-goal of the next run shows that the former run is over. The identifier of a goal shows its client:
+A node that is killed does not cancel its goals. Nodes of DyKnow have unique names, so goals of the
+next run show that the former run is over. The identifier of a goal shows its client:
 
     5 bytes    a hash of the name of the node
     6 bytes    its time of start in milliseconds
@@ -34,6 +34,9 @@ RESULT_TIMEOUT_S: Final = 30
 Until then, rclpy keeps the goal, whose formula may have a million characters. Its default is 15
 minutes.
 """
+
+SECOND_CLIENT_S: Final = 3.0
+"""The time within which a second node of one name hears of the first one, and ends."""
 
 _NAME: Final = slice(0, 5)
 _START: Final = slice(5, 11)
@@ -89,6 +92,7 @@ class CancellingActionServer:
     def __init__(
         self, node: DyKnowNode, action_type: Any, execute: Callable[[Any], Awaitable[Any]]
     ) -> None:
+        self._node = node
         self._context = node.context
         self._name = snake_case(action_type.__name__)
         self._execute = execute
@@ -147,10 +151,19 @@ class CancellingActionServer:
 
     async def _pursue(self, goal: Any) -> Any:
         newer = bytes(goal.goal_id.uuid)
-        for key, cancel in list(self._running.items()):
+        if any(is_of_former_run(key, newer) for key in self._running):
+            self._node.spawn(self._end_former_run, newer)
+        return await self._execute(goal)
+
+    async def _end_former_run(self, newer: bytes) -> None:
+        """Cancel the goals of the former run of a client, unless the next run ends at once.
+
+        That is a second client of one name, which ends when it hears of the first one.
+        """
+        await self._node.deadlines.after(SECOND_CLIENT_S)
+        for key, cancel in list(self._running.items()) if newer in self._running else ():
             if is_of_former_run(key, newer):
                 cancel(f'the client of ~/{self._name} was restarted')
-        return await self._execute(goal)
 
     def _on_cancel(self, goal: Any) -> CancelResponse:
         cancel = self._running.get(bytes(goal.goal_id.uuid))

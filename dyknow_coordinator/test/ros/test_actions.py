@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +20,21 @@ class Node:
 
     context = reentrant = None
 
+    def __init__(self) -> None:
+        self.spawned: list[Any] = []
+        self.deadlines = SimpleNamespace(after=self.passed)
+
+    async def passed(self, _seconds: float) -> None:
+        """A time has passed."""
+
+    def spawn(self, function: Any, *arguments: Any) -> None:
+        self.spawned.append(function(*arguments))
+
+    def let_time_pass(self) -> None:
+        for each in self.spawned:
+            with suppress(StopIteration):
+                each.send(None)
+
     def get_fully_qualified_name(self) -> str:
         return '/node'
 
@@ -35,6 +51,7 @@ class Situation:
         self.pursue: Any = None
         self.reasons: list[str] = []
         self.goals: list[Any] = []
+        self.node = Node()
 
     def make_server(self, *arguments: Any, **options: Any) -> None:
         self.options, self.pursue = options, arguments[3]
@@ -49,7 +66,7 @@ class Situation:
         self.goals[-1].send(None)
 
     def start(self) -> None:
-        node: Any = Node()
+        node: Any = self.node
         self.server = actions.CancellingActionServer(node, Action, self.execute)
 
 
@@ -85,10 +102,22 @@ def test_goals_of_a_client_that_was_killed_end_when_it_is_back(situation: Situat
         situation.send(actions.goal_id(client))
     assert situation.reasons == []
     situation.send(actions.goal_id(FakeClient('/formula_monitor', 2)))
+    assert situation.reasons == []
+    situation.node.let_time_pass()
     assert situation.reasons == ['the client of ~/action was restarted'] * 2
+
+
+def test_a_second_client_that_ends_at_once_ends_no_goals(situation: Situation) -> None:
+    """The formulas of a running monitor were cancelled by a second one, which was refused."""
+    for started_at in (1, 2):
+        situation.send(actions.goal_id(FakeClient('/formula_monitor', started_at)))
+    situation.goals[-1].close()
+    situation.node.let_time_pass()
+    assert situation.reasons == []
 
 
 def test_a_former_run_that_is_still_alive_ends_no_goals(situation: Situation) -> None:
     for started_at in (2, 1):
         situation.send(actions.goal_id(FakeClient('/formula_monitor', started_at)))
+    situation.node.let_time_pass()
     assert situation.reasons == []
