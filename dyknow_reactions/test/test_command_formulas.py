@@ -30,7 +30,7 @@ def test_what_a_formula_needs() -> None:
     both = formula(
         f'forall r in Rover: {SPEED} > 0.5 and not docked -> Ahead[r] > 1 or "/odom".x = "a"'
     )
-    never = 'eventually[500000 h, 500000 h]'
+    never = 'always[500000 h, 500000 h]'
     assert both.state_formula == (
         f'(({never} (docked))) and (forall r in Rover: ({never} (Ahead[r] = Ahead[r]))) and '
         f'(({never} ("/odom".x = "/odom".x)))'
@@ -42,6 +42,16 @@ def test_what_a_formula_needs() -> None:
     assert {str(each) for each in group.symbols()} == {
         'docked', 'Ahead[r1]', 'Ahead[r2]', '"/odom".x'
     }  # fmt: skip
+
+
+def test_states_are_presumably_fine() -> None:
+    states = formula(f'{SPEED} > 0.5 and not docked and Mode = "a" -> Ahead > 1').state_formula
+    group = FormulaGroup()
+    number = group.add_formula('', states)
+    group.begin({}, UnknownFeatures({'Ahead': (0.0, 9.0)}))
+    for time, ahead in enumerate((2.0, float('nan'), 0.5)):
+        assert not group.progress(time, {'docked': True, 'Mode': 'b', 'Ahead': ahead})
+        assert not group.presumably_false(number)
 
 
 def test_a_command_that_would_violate_it_is_refused() -> None:

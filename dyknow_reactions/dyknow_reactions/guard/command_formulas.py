@@ -7,7 +7,7 @@ For the input /cmd_vel_in, the formula
 is tried at each command, with the fields of the command and the latest values of `Ahead`. These
 come with the states of another formula, which is about the same features and is never decided:
 
-    forall r in Rover: (eventually[500000 h, 500000 h] (Ahead[r] = Ahead[r]))
+    forall r in Rover: (always[500000 h, 500000 h] (Ahead[r] = Ahead[r]))
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from dyknow_reasoning import (
     walk,
 )
 
-_NEVER = 'eventually[500000 h, 500000 h]'
-"""In 57 years, about the longest time that messages can hold."""
+_NEVER = 'always[500000 h, 500000 h]'
+"""In 57 years, about the longest time that messages can hold; `always` is presumably true."""
 
 
 class CommandFormula:
