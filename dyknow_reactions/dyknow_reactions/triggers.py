@@ -177,10 +177,11 @@ class FormulaEvents:
 
 
 def _number(margin: Margin | None) -> float:
-    """Return the bound that is known; the bounds are equal once the formula is decided."""
+    """Return the bound that is known, or NaN; bounds are equal once the formula is decided."""
     if margin is None:
         return nan
-    return next(filter(isfinite, (margin.lower, margin.upper)), margin.lower)
+    unknown = margin.lower if margin.lower == margin.upper else nan
+    return next(filter(isfinite, (margin.lower, margin.upper)), unknown)
 
 
 class TriggerState(IntEnum):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from math import inf, isnan
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import Verdict
+from dyknow_common import Margin, Verdict
 from dyknow_configuration import RequestedFormula, Trigger, TriggerEvent, TriggerKind
 from dyknow_reactions.triggers import (
     FIRST_BACKOFF,
@@ -141,3 +144,23 @@ def test_a_goal_and_its_cancellation_run_in_their_order() -> None:
     runs.end(again, FIRST_BACKOFF)
     (last,) = runs.begin(FIRST_BACKOFF)
     assert last.use.trigger is cancel
+
+
+@pytest.mark.parametrize(
+    ('margin', 'text', 'number'),
+    [
+        (None, 'unknown', None),
+        (Margin(), 'unknown', None),
+        (Margin(upper=3.0), 'at most 3', 3.0),
+        (Margin(1.0), 'at least 1', 1.0),
+        (Margin(-inf, -inf), '-inf', -inf),
+    ],
+)
+def test_placeholders_of_margins(margin: Margin | None, text: str, number: float | None) -> None:
+    report = TriggerReport(
+        formula_of([0], 0), TriggerEvent.FALSE, Verdict.FALSE, '', 0, margin=margin
+    )
+    assert report.texts['margin'] == text
+    found = report.numbers['margin']
+    assert isinstance(found, float)
+    assert isnan(found) if number is None else found == number
