@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from commands import command, output_of
-from dyknow_common.executables import CANNOT_START
+from dyknow_common.executables import ERROR
 from system import private_environment
 
 GUARD = """\
@@ -47,7 +47,7 @@ def test_a_guard_that_cannot_start(change: tuple[str, str], message: str, tmp_pa
     path = tmp_path / 'robot.yaml'
     path.write_text(GUARD.replace(*change))
     done = output_of(command('dyknow', 'guard', str(path)), private_environment())
-    assert done.returncode == CANNOT_START
+    assert done.returncode == ERROR
     assert message in done.stderr
     assert f'{path}:2:5: the ' in done.stderr
 
@@ -61,5 +61,5 @@ def test_the_choice_of_a_guard(tmp_path: Path) -> None:
         (('third',), "there is no guard 'third' (there are: base_guard, other)"),
     ):
         done = output_of(command('dyknow', 'guard', str(path), *name), private_environment())
-        assert done.returncode == 2
+        assert done.returncode == ERROR
         assert message in done.stderr

@@ -20,7 +20,7 @@ from dyknow_interfaces.msg import EvaluationStatusArray, GuardStatus, Heartbeat
 from std_srvs.srv import Trigger
 
 from dyknow_common import DyKnowError, with_readable_times
-from dyknow_common.executables import describe
+from dyknow_common.executables import ERROR, describe
 from dyknow_common.ros import (
     HEARTBEAT,
     LATCHED,
@@ -317,7 +317,7 @@ def guard(options: argparse.Namespace) -> int:
         'use_sim_time': options.use_sim_time,
     }.items():
         arguments += ['-p', f'{name}:={value}']
-    return run(GuardNode, arguments=arguments)
+    return run(GuardNode, arguments=arguments, failure=ERROR)
 
 
 def add_guard_options(parser: argparse.ArgumentParser) -> None:
