@@ -246,12 +246,12 @@ def test_without_a_clock_that_is_the_reason(nodes: StreamNodes) -> None:
     timer.cancel()
     nodes.until(
         lambda: (
-            'simulated time stands still at ' in report_of(nodes, 'level').message
+            'simulated time stands still: ' in report_of(nodes, 'level').message
             or report_of(nodes, 'level').state == StreamStatus.FLOWING
         ),
         'it is told that time stands still',
     )
-    wait_for_reason(nodes, 'level', 'simulated time stands still at ')
+    wait_for_reason(nodes, 'level', 'simulated time stands still: ')
     nodes.client.node.destroy_timer(timer)
 
 

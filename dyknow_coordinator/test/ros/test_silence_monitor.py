@@ -19,11 +19,12 @@ class Bench:
 
     def __init__(self) -> None:
         self.now = BORN
+        self.simulated: int | None = None
         self.limits: list[int] = []
         self.warnings: list[str] = []
         self.streams = SimpleNamespace(known_until=0, heard_at=0)
         node = SimpleNamespace(
-            now=self._now_ns,
+            now=self._ros_now,
             wall_clock=None,
             create_timer=self._set_timer,
             get_logger=lambda: SimpleNamespace(warning=self.warnings.append),
@@ -58,6 +59,9 @@ class Bench:
     def _now_ns(self) -> int:
         return self.now * SECOND_NS
 
+    def _ros_now(self) -> int:
+        return self._now_ns() if self.simulated is None else self.simulated * SECOND_NS
+
     def _set_timer(self, _period: float, check: Any, **_: Any) -> None:
         self._check = check
 
@@ -78,3 +82,18 @@ def test_nodes_that_do_not_run_are_blamed_instead_of_a_topic(bench: Bench) -> No
         bench.check(now)
     (warning,) = bench.warnings
     assert 'nothing was reported about topics for 5 s, so none of them is taken for' in warning
+
+
+def test_simulated_time_that_begins_late_or_goes_on(bench: Bench) -> None:
+    bench.simulated = 0
+    bench.streams.known_until = bench.streams.heard_at = 0
+    bench.check(BORN + 60)
+    bench.simulated = 1_700_000_000
+    bench.check(BORN + 61)
+    bench.report(1_700_000_000)
+    bench.check(BORN + 100)
+    bench.simulated += 1
+    bench.check(BORN + 101)
+    assert bench.warnings == []
+    bench.check(BORN + 106)
+    assert len(bench.warnings) == 1

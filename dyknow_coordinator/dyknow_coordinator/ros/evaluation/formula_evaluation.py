@@ -319,6 +319,8 @@ class FormulaEvaluation(Evaluation):
         """Return the status for operators."""
         answer = self.answer or Answer()
         progress, group, request = self.progress, self._group, self.request
+        # Simulated time is 0 until /clock comes; then it begins anywhere.
+        self._started = self._started or self._context.node.now()
         return EvaluationStatus(
             name=self.title,
             formula=self._formula or self.canonical_formula or request.formula,

@@ -47,6 +47,7 @@ class SilenceMonitor:
         self._groups = groups
         self._limit_s = limit_s
         self._log = LogOnce()
+        self._time_passes_since = context.wall_time()
         context.node.create_timer(PERIOD_S, self._check, clock=context.node.wall_clock)
 
     def _check(self) -> None:
@@ -65,7 +66,7 @@ class SilenceMonitor:
             for group in groups
             if group.waits_for
         }
-        if any(group.states.chosen for group in groups) and self._is_outdated():
+        if self._is_outdated() and any(group.states.chosen for group in groups):
             outdated = (
                 f'nothing was reported about topics for {format_duration(REPORT_LIMIT_NS)}, so '
                 'none of them is taken for silent: this node, the stream manager or an engine was '
@@ -77,6 +78,7 @@ class SilenceMonitor:
 
     def _is_outdated(self) -> bool:
         """Return True if the latest report is old; simulated time may stand still, or be fast."""
-        streams = self._context.streams
-        age = self._context.wall_time() - streams.heard_at
-        return age > REPORT_LIMIT_NS and streams.known_until < self._context.node.now()
+        streams, now = self._context.streams, self._context.wall_time()
+        if streams.known_until >= self._context.node.now():
+            self._time_passes_since = now
+        return now - max(streams.heard_at, self._time_passes_since) > REPORT_LIMIT_NS

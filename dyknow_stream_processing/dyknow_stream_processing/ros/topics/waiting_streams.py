@@ -8,7 +8,7 @@ from typing import Final
 
 from rclpy.node import Node
 
-from dyknow_common import format_duration, round_time, with_readable_times
+from dyknow_common import format_duration, with_readable_times
 from dyknow_common.ros import DyKnowNode, LogOnce
 from dyknow_stream_processing.dataflow.dataflow import Dataflow
 from dyknow_stream_processing.reporting.silence import (
@@ -128,7 +128,7 @@ class ClockWatch:
                 return 'simulated time is 0: /clock has a publisher, but time has not started'
             return 'no /clock has come: nobody publishes it, but use_sim_time is true'
         if len(self._times) == self._times.maxlen and now == self.since:
-            return f'simulated time stands still at {round_time(now)}'
+            return f'simulated time stands still: /clock has not advanced for {SILENT_PERIODS} s'
         return ''
 
     def _now(self) -> int:
