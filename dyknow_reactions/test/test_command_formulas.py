@@ -115,6 +115,19 @@ def test_a_response_that_is_late_fails_when_that_becomes_known() -> None:
     assert 'q' in found[2]
 
 
+def test_a_kept_value_is_compared_with_later_states() -> None:
+    watched = WatchedFormula('let v = Ahead in eventually[0 ns, 2 ns] Ahead < v', {})
+    states = [(1, 5.0), (2, 4.0), (3, 3.0), (4, 6.0), (5, 6.0), (6, 7.0), (7, 2.0), (9, 1.0)]
+    found = [watched.failure(t, {'Ahead': ahead}) for t, ahead in states]
+    # No lower value comes until 5 after that of 3, nor until 6 after that of 4.
+    assert [each for each, reason in zip(states, found, strict=True) if reason] == states[4:6]
+
+
+def test_a_kept_value_is_refused_in_a_formula_about_messages() -> None:
+    with pytest.raises(LanguageError, match=r"'let v = ...' keeps a value for states to come"):
+        formula(f'let v = {SPEED} in eventually[0 s, 1 s] {SPEED} < v')
+
+
 def test_a_formula_that_may_be_false_does_not_hold() -> None:
     unknown = UnknownFeatures({'Ahead': (0.0, 9.0)})
     watched = WatchedFormula('forall r in Rover: Ahead[r] > 1', {'Rover': ['r1']}, unknown)
