@@ -9,10 +9,18 @@ class StreamError(DyKnowError):
     """A stream cannot be created, found or kept, or a sample does not fit its specification."""
 
 
-def unknown_stream(name: str, known: Iterable[str]) -> StreamError:
-    """Return the error about a stream that does not exist, with the known ones."""
+def unknown_stream(name: str, known: Iterable[str], topic: str = '') -> StreamError:
+    """Return the error about a stream that does not exist.
+
+    Args:
+        name: of the stream.
+        known: the names of those that exist.
+        topic: one that was probably meant.
+    """
     listed = ', '.join(known) or 'none'
-    return StreamError(f"there is no stream '{name}' (there are: {listed})", ExitCode.NOT_FOUND)
+    hint = f'; for the topic, write "{topic}"' if topic else ''
+    text = f"there is no stream '{name}' (there are: {listed}){hint}"
+    return StreamError(text, ExitCode.NOT_FOUND)
 
 
 def open_value(fields: Mapping[str, Value], use: str) -> StreamError:

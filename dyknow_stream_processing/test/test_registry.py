@@ -66,6 +66,17 @@ def test_an_unknown_stream_is_answered_with_those_there_are(registry: StreamRegi
         assert e.value.code is ExitCode.NOT_FOUND
 
 
+def test_an_unknown_stream_may_be_a_relative_topic() -> None:
+    topics = {'rng': ('/robot1/rng', 'sensor_msgs/msg/Range')}
+    known = StreamRegistry(published=topics.get)
+    known.add(created('_states_1'))
+    place(known, '_states_1', E1)
+    for name, hint in (('rng', '; for the topic, write "/robot1/rng"'), ('nowhere', '')):
+        with pytest.raises(StreamError) as e:
+            known.topic(name)
+        assert str(e.value).endswith(f"there is no stream '{name}' (there are: none){hint}")
+
+
 @pytest.mark.parametrize(
     ('name', 'words'),
     [('a', "a stream 'a' already; destroy"), ('waiting', 'already, which is not made yet')],

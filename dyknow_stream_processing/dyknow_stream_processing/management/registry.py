@@ -30,7 +30,7 @@ from dyknow_stream_processing.management.streams import (
     Stream,
     canonical,
 )
-from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState
+from dyknow_stream_processing.reporting.stream_report import StreamReport, StreamState, is_hidden
 
 DEFAULT_CONVENTION: Final = NamingConvention('dyknow/streams/<name>')
 """The topics on which engines publish streams by default."""
@@ -110,7 +110,9 @@ class StreamRegistry:
             return self._streams[name]
         found = self._published(self._convention.topic(name))
         if found is None:
-            raise unknown_stream(name, self.names())
+            topic, _ = self._published(name) or ('', '')
+            shown = (each for each in self.names() if not is_hidden(each))
+            raise unknown_stream(name, shown, topic)
         return RegisteredStream(name, *found)
 
     def topic(self, name: str) -> str:
