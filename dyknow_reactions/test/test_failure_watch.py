@@ -110,6 +110,21 @@ def test_a_failure_that_was_never_seen_to_run_is_told() -> None:
     assert watch.update([FALSE], 31 * S) == []
 
 
+def test_a_retry_that_fails_at_once_extends_the_box_of_the_attempt_before() -> None:
+    watch = FailureWatch(0, 5)
+    watch.update([RUNNING], 20 * S)
+    error = CoordinationError('nan', ExitCode.CONSTRAINT_VIOLATION)
+    ended = replace(FALSE, verdict=Verdict.UNDECIDED, decided_at=None, error=error)
+    retries = [replace(ended, started=second * S) for second in range(30, 50)]
+    assert watch.update([ended], 30 * S) == []
+    assert watch.update([ended, retries[1]], 31 * S) == []
+    assert watch.due(32 * S) == []
+    assert watch.update([ended, *retries[1:3]], 32 * S) == []
+    (box,) = watch.due(34 * S)
+    assert (box.end, box.failures) == (34 * S, 3)
+    assert len(watch.update([ended, *retries[1:6]], 35 * S)) == 3
+
+
 def test_no_more_boxes_than_the_limit_within_a_minute() -> None:
     watch = FailureWatch(0, 2)
     watch.update([RUNNING], 20 * S)

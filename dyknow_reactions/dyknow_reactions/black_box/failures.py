@@ -85,6 +85,14 @@ class BoxedFormula:
     episodes: int = 0
     box: OpenBox | None = None
 
+    def extend(self, now: int) -> bool:
+        """Let the open box go on for a later failure; return False if there is none."""
+        if self.box is None or now >= self.box.last_end:
+            return False
+        self.box.failures += 1
+        self.box.end = min(max(self.box.end, now + self.options.after), self.box.last_end)
+        return True
+
 
 @dataclass(frozen=True, slots=True)
 class LostFailure:
@@ -175,7 +183,11 @@ class FailureWatch:
         has_ended = status.phase is EvaluationPhase.ENDED
         lost: Sequence[LostFailure] = ()
         if is_new and has_ended:
-            if failure is not None and status.started >= self.started_at:
+            if (
+                failure is not None
+                and status.started >= self.started_at
+                and not self._goes_on(key, now)
+            ):
                 error = 'the formula has failed before its topics could be recorded'
                 lost = (LostFailure(status, failure, error),)
         elif failure is not None:
@@ -187,9 +199,7 @@ class FailureWatch:
     def _fail(self, key: FormulaKey, failure: FormulaFailure, now: int) -> Sequence[LostFailure]:
         watched = self.watched[key]
         before, after = watched.options.before, watched.options.after
-        if watched.box is not None and now < watched.box.last_end:
-            watched.box.failures += 1
-            watched.box.end = min(max(watched.box.end, now + after), watched.box.last_end)
+        if watched.extend(now):
             return ()
         while self._opened and self._opened[0] <= now - _MINUTE_NS:
             self._opened.popleft()
@@ -209,6 +219,11 @@ class FailureWatch:
             max(now, failure.time) + before + after,
         )
         return ()
+
+    def _goes_on(self, key: FormulaKey, now: int) -> bool:
+        """Return True if a box of an earlier evaluation of a formula records its failure, too."""
+        earlier = [each for (name, _), each in self.watched.items() if name == key[0]]
+        return any(each.extend(now) for each in earlier)
 
     def _end(self, key: FormulaKey) -> None:
         self._ended.add(key)
