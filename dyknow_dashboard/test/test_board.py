@@ -98,7 +98,7 @@ def test_metrics() -> None:
     board = board_of(POWER, slow, older)
     board.streams.update(STREAMS, ['/engine'])
     gone = NodeHealth('/manager', NodeState(False, Level.OK, 'running', 7 * SECOND_NS))
-    board.health.update([gone], 0)
+    board.health.update([gone, NodeHealth('/new', NodeState(absent=SECOND_NS))], 0)
     lines = metrics_of(board).decode().splitlines()
     for expected in (
         'dyknow_formula_failing{formula="power"} 0.0',
@@ -116,7 +116,7 @@ def test_metrics() -> None:
         'dyknow_node_level{node="/manager"} 2.0',
     ):
         assert lines.count(expected) == 1, expected
-    assert not [line for line in lines if 'bound="upper"' in line or '_states_1' in line]
+    assert not [line for line in lines if 'bound="upper"' in line or '_states_1' in line or '/new' in line]
     # The example for Grafana asks for nothing else.
     known = {re.match(r'\w+', line)[0] for line in lines if not line.startswith('#')}
     panels = json.loads(GRAFANA.read_text(encoding='utf-8'))['panels']

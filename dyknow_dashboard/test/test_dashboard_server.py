@@ -69,6 +69,13 @@ def test_metrics_are_served_and_all_reports_read_from_then_on(served: Served) ->
     assert len(served.changes) == 1
 
 
+def test_a_check_has_all_reports_read_from_then_on(served: Served) -> None:
+    for _ in range(2):
+        assert served.post('check', {'text': 'p', 'cursor': 1})[0] == 200
+    assert served.server.pages.are_open
+    assert len(served.changes) == 1
+
+
 def test_the_page_draws_with_the_code_of_the_report(served: Served) -> None:
     pictures = resources.files('dyknow_recordings.reporting.pictures')
     _, _, drawing = served.request('GET', '/drawing.js')

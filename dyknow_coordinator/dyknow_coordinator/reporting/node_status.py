@@ -10,7 +10,7 @@ from dyknow_common import SECOND_NS, round_duration
 from dyknow_coordinator.reporting.evaluation_status import Diagnosis, Level
 
 START_UP_NS: Final = 5 * SECOND_NS
-"""Time from the start of the coordinator within which the other nodes may be missing."""
+"""Time from when a node is first looked for, within which it may be missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +28,11 @@ class NodeState:
     level: Level = Level.OK
     message: str = ''
     absent: int = 0
+
+    @property
+    def is_new(self) -> bool:
+        """True before the first sign of life, for the time that it may take."""
+        return not (self.alive or self.message) and self.absent < START_UP_NS
 
 
 def has_loaded(statuses: Mapping[str, Mapping[str, str]]) -> bool:
@@ -51,7 +56,7 @@ def diagnose_node(state: NodeState) -> Diagnosis:
     if state.message:
         reason = 'it was stopped or killed, or is out of reach'
         return Diagnosis(Level.ERROR, f'gone for {absent}: {reason}')
-    if state.absent < START_UP_NS:
+    if state.is_new:
         return Diagnosis(Level.WARN, 'not found yet')
     question = 'is it running, in this namespace and ROS domain?'
     return Diagnosis(Level.ERROR, f'not found within {absent}: {question}')

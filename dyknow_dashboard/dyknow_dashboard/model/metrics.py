@@ -65,6 +65,8 @@ class _BoardCollector(Collector):
         alive = _gauge('node_alive', 'Whether a node of DyKnow runs.', 'node')
         level = _gauge('node_level', 'Its diagnosis: 0 ok, 1 warning, 2 error.', 'node')
         for each in self._board.health.nodes:
+            if each.state.is_new:
+                continue
             alive.add_metric([each.name], float(each.state.alive))
             level.add_metric([each.name], float(diagnose_node(each.state).level))
         yield from (alive, level)

@@ -156,6 +156,7 @@ class ServedSystem:
         names: of this machine, in the header `Host`.
         limit: of requests.
         read_only: True if pages may change nothing.
+        read_all: has all reports read from then on.
     """
 
     board: Board
@@ -163,6 +164,7 @@ class ServedSystem:
     names: frozenset[str]
     limit: RateLimit
     read_only: bool
+    read_all: Callable[[], None]
 
 
 class GuardedHandler(RequestHandler):
@@ -283,6 +285,7 @@ class HistoryHandler(GuardedHandler):
 
 
 async def _check(system: ServedSystem, document: Mapping[str, Any]) -> dict[str, Any]:
+    system.read_all()  # The ontology is known soon, also without an open page.
     typed, knowledge = typed_text(document), system.board.concepts.knowledge
     found = check(typed.text, knowledge)
     return {**found, 'proposals': proposals(typed.text, typed.cursor, knowledge)}

@@ -101,8 +101,7 @@ class OpenPages:
         self.greeting = greeting
         self.on_change = on_change
         self.sockets: set[PageSocket] = set()
-        self.has_scraper = False
-        """True once metrics were asked for: then all reports are read, as for an open page."""
+        self._reads_all = False
 
     @property
     def states(self) -> list[PageState]:
@@ -112,13 +111,17 @@ class OpenPages:
     @property
     def are_open(self) -> bool:
         """True if all reports are needed."""
-        return bool(self.sockets) or self.has_scraper
+        return bool(self.sockets) or self._reads_all
+
+    def read_all(self) -> None:
+        """Read all reports from now on, as for an open page: other programs ask for them."""
+        if not self._reads_all:
+            self._reads_all = True
+            self.on_change()
 
     def serve_metrics(self) -> bytes:
         """Return the metrics of all reports that were read; reports of formulas always are."""
-        if not self.has_scraper:
-            self.has_scraper = True
-            self.on_change()
+        self.read_all()
         return metrics_of(self.board)
 
     def close(self) -> None:
@@ -224,9 +227,10 @@ class DashboardServer:
         on_change: Callable[[], None],
     ) -> None:
         names = frozenset({'localhost', options.host.lower(), socket.gethostname().lower()})
-        system = ServedSystem(board, operator, names, RateLimit(20.0, 60), options.read_only)
         greeting = {'type': 'hello', 'read_only': options.read_only}
         self.pages = OpenPages(board, names, greeting, on_change)
+        limit, read_all = RateLimit(20.0, 60), self.pages.read_all
+        system = ServedSystem(board, operator, names, limit, options.read_only, read_all)
         self._options = options
         self._server = HTTPServer(
             Application(

@@ -42,6 +42,7 @@ class WatchedNodes:
         self._started = self._wall_time()
         self._lost: dict[str, int] = {}
         self._remotes: dict[str, RemoteNode] = {}
+        self._added: dict[str, int] = {}
 
     def __iter__(self) -> Iterator[tuple[str, RemoteNode]]:
         return iter(self._remotes.items())
@@ -55,12 +56,14 @@ class WatchedNodes:
     def add(self, name: str, remote: RemoteNode) -> None:
         """Watch one more node."""
         self._remotes[name] = remote
+        self._added[name] = self._wall_time()
         remote.on_lost.append(partial(self._note_loss, name))
         remote.on_found.append(partial(self._note_return, name))
 
     def state(self, name: str, latest: Any, *, alive: bool) -> NodeState:
         """Return the state of a node, given its latest status; None if it has sent none."""
-        absent = self._wall_time() - self._lost.get(name, self._started)
+        since = self._lost.get(name, self._added.get(name, self._started))
+        absent = self._wall_time() - since
         if latest is None:
             return NodeState(alive, absent=absent)
         level = Level(min(latest.level[0], Level.ERROR))
