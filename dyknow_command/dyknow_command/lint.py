@@ -12,6 +12,7 @@ from pathlib import Path
 from dyknow_command.linting.findings import (
     Finding,
     FindingLevel,
+    error_at,
     in_order,
     robot_error,
     warning_at,
@@ -40,6 +41,7 @@ def lint(options: argparse.Namespace) -> int:
             *inputs.findings,
             *_notes(inputs),
             *_trigger_findings(inputs, is_live=options.live),
+            *_guard_findings(inputs),
             *_findings(inputs, topics, _where(options)),
         ]
     )
@@ -131,7 +133,7 @@ def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]
             observe_target_faults,
         )
     except ImportError as error:
-        sys.stderr.write(f'dyknow lint: types of triggers are not checked without ROS: {error}\n')
+        _warn_of_types('triggers', error)
         return
     errors = check_triggers(formulas)
     for each in errors:
@@ -141,6 +143,25 @@ def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]
             found = _finding_of(fault.error, inputs)
             level = FindingLevel.WARNING if fault.is_missing else FindingLevel.ERROR
             yield replace(found, level=level)
+
+
+def _guard_findings(inputs: LintInputs) -> Iterator[Finding]:
+    """Yield the faults of guards that are known where ROS is: types and their fields."""
+    guards = [each for each in inputs.guards if each.message_type]
+    if not guards:
+        return
+    try:
+        from dyknow_reactions.ros.guard.passage import message_fault  # noqa: PLC0415
+    except ImportError as error:
+        _warn_of_types('guards', error)
+        return
+    for each in guards:
+        if fault := message_fault(each):
+            yield error_at(inputs.placed(each.place), f"the guard '{each.name}': {fault}")
+
+
+def _warn_of_types(users: str, error: ImportError) -> None:
+    sys.stderr.write(f'dyknow lint: types of {users} are not checked without ROS: {error}\n')
 
 
 def _finding_of(error: DyKnowError, inputs: LintInputs) -> Finding:

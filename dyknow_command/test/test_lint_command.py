@@ -59,11 +59,12 @@ def test_findings(
     assert shown == (LINTED / f'{name}.expected').read_text(encoding='utf-8')
 
 
-def test_messages_of_triggers(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize('name', ['triggers', 'guard_messages'])
+def test_messages(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('rclpy')
-    test_findings('triggers', ['triggers.yaml'], capsys, monkeypatch)
+    test_findings(name, [f'{name}.yaml'], capsys, monkeypatch)
 
 
 def test_notes_on_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -116,7 +116,8 @@ def test_metrics() -> None:
         'dyknow_node_level{node="/manager"} 2.0',
     ):
         assert lines.count(expected) == 1, expected
-    assert not [line for line in lines if 'bound="upper"' in line or '_states_1' in line or '/new' in line]
+    hidden = 'bound="upper"', '_states_1', '/new'
+    assert not [line for line in lines if any(each in line for each in hidden)]
     # The example for Grafana asks for nothing else.
     known = {re.match(r'\w+', line)[0] for line in lines if not line.startswith('#')}
     panels = json.loads(GRAFANA.read_text(encoding='utf-8'))['panels']

@@ -20,6 +20,7 @@ from dyknow_common import (
 from dyknow_configuration import (
     ConfigurationError,
     RequestedFormula,
+    RequestedGuard,
     RobotConfiguration,
     RobotFaults,
     TextSource,
@@ -82,6 +83,7 @@ class LintInputs:
         refused: the texts of formulas at fault: what they name is used.
         expectations: of a robot.yaml about topics.
         shared: the features that a robot.yaml shares with peers.
+        guards: of a robot.yaml.
     """
 
     files: MonitoringFiles = field(default_factory=MonitoringFiles)
@@ -95,6 +97,7 @@ class LintInputs:
     refused: set[str] = field(default_factory=set)
     expectations: list[TopicExpectation] = field(default_factory=list)
     shared: set[str] = field(default_factory=set)
+    guards: list[RequestedGuard] = field(default_factory=list)
 
     def is_consequence(self, message: str) -> bool:
         """Return True if a message is due to a fault that is among the findings."""
@@ -102,9 +105,15 @@ class LintInputs:
 
     def place_of(self, source: TextSource) -> FilePlace:
         """Return where a text begins."""
-        found = _PLACE.fullmatch(str(source)) if isinstance(source, InlineText) else None
+        if isinstance(source, InlineText):
+            return self.placed(str(source))
+        return FilePlace(str(source), self.texts.get(str(source), ''), TextPosition(1, 1))
+
+    def placed(self, place: str) -> FilePlace:
+        """Return a place that is given as a text: `robot.yaml:3:5`."""
+        found = _PLACE.fullmatch(place)
         if found is None:
-            return FilePlace(str(source), self.texts.get(str(source), ''), TextPosition(1, 1))
+            return FilePlace(place, self.texts.get(place, ''), TextPosition(1, 1))
         position = TextPosition(int(found['line']), int(found['column']))
         return FilePlace(found['path'], self.texts.get(found['path'], ''), position)
 
@@ -176,6 +185,7 @@ def _add_robot(inputs: LintInputs, found: RobotFaults) -> None:
     inputs.formulas += _placed(robot.formulas, found.document)
     inputs.formulas += _placed_of_guards(robot, found.document)
     inputs.expectations += robot.topics
+    inputs.guards += robot.guards
     if robot.federation is not None:
         inputs.shared |= {each.name for each in robot.federation.share}
     for section, key, _ in _entries(found.document):

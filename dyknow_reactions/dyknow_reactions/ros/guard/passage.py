@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, Final
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -14,6 +14,7 @@ from dyknow_common import DyKnowError, Value
 from dyknow_common.ros import DyKnowNode, absolute_topic
 from dyknow_configuration import RequestedGuard
 from dyknow_reactions.errors import ReactionError
+from dyknow_reactions.guard.command_formulas import CommandFormula
 from dyknow_stream_processing.ros import (
     FieldError,
     MessageWriter,
@@ -130,10 +131,8 @@ class Passage:
 
     def _use(self, type_name: str) -> None:
         """Create the topics of a type."""
-        class_ = message_class(type_name)
-        check_fields(class_, self._fields)
-        if self._guard.safe is not None:
-            self._safe = safe_bytes(safe_message(class_, self._guard.safe))
+        class_, safe = message_of(self._guard, type_name, self._fields)
+        self._safe = None if safe is None else safe_bytes(safe)
         if self._fields:
             self._read = extractor(class_, self._fields)
         self._class, self._type = class_, type_name
@@ -162,6 +161,35 @@ class Passage:
             ),
             callback_group=self._group,
         )
+
+
+def message_of(guard: RequestedGuard, type_name: str, fields: Collection[str]) -> tuple[Any, Any]:
+    """Return the class of a guard's messages, and its safe message; None if it sends none.
+
+    Args:
+        guard: the guard.
+        type_name: of its messages.
+        fields: the paths that formulas name.
+
+    Raises:
+        DyKnowError: for a type that is not installed, or that lacks a field.
+    """
+    class_ = message_class(type_name)
+    check_fields(class_, fields)
+    return class_, None if guard.safe is None else safe_message(class_, guard.safe)
+
+
+def message_fault(guard: RequestedGuard) -> str:
+    """Return why a guard cannot have messages of the type that it states; empty if it can."""
+    topic = guard.input
+    read = (each for each in guard.formulas if each.reads(topic))
+    commands = [CommandFormula(each.closed_text, topic, {}) for each in read]
+    paths = {path for each in commands for path in each.fields.values()}
+    try:
+        message_of(guard, guard.message_type, paths)
+    except DyKnowError as error:
+        return error.message
+    return ''
 
 
 def safe_message(class_: Any, fields: Mapping[str, object]) -> Any:
