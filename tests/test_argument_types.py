@@ -20,6 +20,14 @@ def node(client: Client) -> Iterator[Node]:
     made.destroy_node()
 
 
+def test_a_negative_wait(node: Node) -> None:
+    with (
+        FormulaClient(node) as client,
+        pytest.raises(ValueError, match='wait must not be negative, but it is -1'),
+    ):
+        client.monitor('always p', wait=-1)
+
+
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [

@@ -165,6 +165,11 @@ def test_forall_over_nothing_is_true_and_each_formula_is_reported_once() -> None
         ('always Power[uav1] > 3', {'Power[uav1]': 'x'}, 'the string "x", not a number'),
         ('always Power[uav1] > 3', {'Power[uav1]': True}, 'the boolean true, not a number'),
         ('always A > 3', {'A': float('nan')}, "the field 'A' holds nan, not a number; if "),
+        (
+            'always "/rng".range > 3',
+            {'"/rng".range': float('nan')},
+            "nan, not a number; if that is an unknown value, use a feature from it with 'missing: ",
+        ),
         ('always p', {'p': 1}, "the field 'p' holds the number 1, not a boolean"),
         ('always Mode = "on"', {'Mode': False}, 'the boolean false, not a string'),
         ('always A = B', {'A': 1, 'B': 'x'}, '\'A = B\' compares the number 1 with the string "x"'),

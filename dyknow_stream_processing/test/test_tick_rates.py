@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dyknow_common import NO_CONSTRAINTS, LanguageError, StreamConstraints
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, LanguageError, StreamConstraints
 from dyknow_stream_processing import parse_specification
 from dyknow_stream_processing.language.term_sizes import MAX_TICK_RATE, MAX_VALUE_RATE, check_rates
 
@@ -42,3 +42,8 @@ def test_a_period_that_is_requested_beside_the_text_counts_for_the_last_sync() -
         with pytest.raises(LanguageError, match='too fast'):
             check(text, fast)
     check(f'stream s = {plain}; sink select x from s', fast)
+
+
+def test_a_period_that_no_stream_can_keep_is_not_called_fast() -> None:
+    with pytest.raises(DyKnowError, match='sample_period is -5 ns; it must be more than 0'):
+        check('sync("/a", "/b")', StreamConstraints(sample_period=-5))

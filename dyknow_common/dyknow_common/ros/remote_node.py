@@ -207,8 +207,12 @@ class RemoteNode:
         self._clients.clear()
 
     def unavailable(self, reason: str) -> DyKnowError:
-        """Return the error that the node `has died` or `is not running`."""
+        """Return the error that the node `has died`, or another one."""
         return DyKnowError(f'node {self.name} {reason}', ExitCode.UNAVAILABLE)
+
+    def missing(self, patience_s: float) -> DyKnowError:
+        """Return the error that the node has not been found within some time."""
+        return self.unavailable(f'is not running, or was not found within {patience_s:g} s')
 
     def _client(self, service_type: Any) -> Any:
         if service_type not in self._clients:
@@ -227,7 +231,7 @@ class RemoteNode:
             if self._is_released:
                 raise self._cancelled()
             if clock.now().nanoseconds > end:
-                raise self.unavailable('is not running')
+                raise self.missing(patience_s)
             await self._node.deadlines.after(POLL_PERIOD_S)
 
     def _on_status(self, message: Any) -> None:

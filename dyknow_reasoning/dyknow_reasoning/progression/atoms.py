@@ -73,8 +73,8 @@ POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
 """One comparison operator of each pair of opposites."""
 
 _NOT_A_NUMBER: Final = (
-    "holds nan, not a number; if that is an unknown value, add 'missing: unknown' to the feature "
-    "in robot.yaml, or '--missing unknown' to dyknow check"
+    'holds nan, not a number; if that is an unknown value, {} in robot.yaml, or add '
+    "'--missing unknown' to dyknow check"
 )
 
 MAX_GENERATED: Final = 256
@@ -306,7 +306,10 @@ def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> Read
         if isinstance(error := cast('object', value), ReasoningError):
             raise error  # Of an operand of a past operator.
         if is_usable:
-            raise UnusableValueError(f"the field '{name}' {_NOT_A_NUMBER}")
+            is_reference = isinstance(term, FieldReference)
+            mend = "add 'missing: unknown' to the feature"
+            mend = "use a feature from it with 'missing: unknown'" if is_reference else mend
+            raise UnusableValueError(f"the field '{name}' {_NOT_A_NUMBER.format(mend)}")
         wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
         raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}")
 

@@ -72,8 +72,10 @@ def check_rates(specification: Specification, constraints: StreamConstraints) ->
         constraints: on the stream, which apply to the last of its operators.
 
     Raises:
+        DyKnowError: for constraints that no stream can keep.
         LanguageError: for too many samples or values per second, with the position.
     """
+    constraints.validate()
     last = made(specification)
     declared = {each.name: each.stream for each in specification.declared(StreamDeclaration)}
     waiting = [last, *declared.values()]

@@ -141,7 +141,7 @@ class ActionCall:
         if self._is_server_ready():
             self._send()
         elif self._node.wall_clock.now().nanoseconds > self._deadline:
-            self.fail(self._server.unavailable('is not running'))
+            self.fail(self._server.missing(self._timeouts.server_s))
         else:
             self._later(self._poll)
 

@@ -482,7 +482,7 @@ def check_arguments(**arguments: object) -> None:
 
     Raises:
         TypeError: names the argument of a wrong type.
-        ValueError: names the time that is not finite.
+        ValueError: names the time that is not finite, or a wait that is negative.
     """
     for name, value in arguments.items():
         expected, words = _TYPES[name]
@@ -490,3 +490,5 @@ def check_arguments(**arguments: object) -> None:
             raise TypeError(f'{name} must be {words}, not {value!r}')
         if isinstance(value, Real) and not isfinite(value):
             raise ValueError(f'{name} must be a finite number of seconds, not {value!r}')
+        if name == 'wait' and isinstance(value, Real) and value < 0:
+            raise ValueError(f'wait must not be negative, but it is {value!r}')
