@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from recorded import TYPE, ListedSamples, RecordedSample, at, recording, sample
 
-from dyknow_common import DyKnowError, ExitCode, InlineText, Verdict
+from dyknow_common import DyKnowError, ExitCode, InlineText, Verdict, round_time
 from dyknow_configuration import RequestedFormula
 from dyknow_reasoning import parse_constants
 from dyknow_recordings.evaluation.episodes import FROM_FIRST_STATE, EpisodeStart, Every
@@ -338,6 +338,42 @@ def test_a_topic_is_silent_by_its_own_rate(times: list[float], end: float, reaso
     assert check(source, 'always "/a".p < 5').waits_for == reason
     late = check(source, 'always "/a".p < 5', start=EpisodeStart(at(9)))
     assert str(late.error) == 'the recording has no state: /a has fallen silent'
+
+
+@pytest.mark.parametrize('times', [steps(0, 2), [0.1]])
+@pytest.mark.parametrize('batch', [1, 1 << 14])
+@pytest.mark.parametrize('every', ['', 'true'])
+def test_samples_that_no_state_contains_are_noted(
+    times: list[float], batch: int, every: str
+) -> None:
+    """What they would break after the last state is no success of a strict check."""
+    messages = [*series('/a', steps(0, 20)), *series('/b', times), sample('/a', 20, p=99.0)]
+    source = recording(messages, batch=batch)
+    wanted = [
+        RequestedFormula('always "/a".p - "/b".p < 50', name='f', every_state=bool(every)),
+        RequestedFormula('always "/a".p + "/b".p < -50', name='decided'),
+        RequestedFormula('always "/a".p < 500', name='whole'),
+    ]
+    report = evaluate_recording(source, wanted)
+    until = round_time(at(times[-1]))
+    why = '/b has fallen silent'
+    assert report.notes == (f"'f' was evaluated until {until} of {round_time(at(20))}: {why}",)
+    assert report.formulas[0].waits_for == why
+
+
+def test_a_topic_that_falls_silent_for_longer_than_the_limit_is_noted() -> None:
+    source = recording([*series('/a', steps(0, 1)), *series('/b', steps(0, 9))])
+    report = evaluate_recording(source, [RequestedFormula('always "/a".p < 5', name='f')])
+    (note,) = report.notes
+    assert note.startswith("'f' was evaluated until ")
+    assert note.endswith(': /a has fallen silent')
+
+
+def test_states_that_end_with_the_recording_are_not_noted() -> None:
+    messages = [*series('/a', steps(0, 20)), *series('/b', [0, 8, 16])]
+    source = recording(messages)
+    texts = ['always "/a".p < 99', 'always "/b".p < 99', 'always "/a".p + "/b".p < 99']
+    assert evaluate_recording(source, [RequestedFormula(each) for each in texts]).notes == ()
 
 
 def test_a_stand_in_that_published_all_the_time_loses_no_state(files: MonitoringFiles) -> None:

@@ -13,7 +13,7 @@ reasoning engine). One loop drives all of them by the log times of the recording
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -74,6 +74,11 @@ class _Request:
     error: DyKnowError | None = None
     episodes: FormulaEpisodes | None = None
     group: StateGroup | None = None
+
+    @property
+    def name(self) -> str:
+        """The name of the formula, for people."""
+        return self.requested.name or one_line(self.requested.text)
 
 
 def evaluate_recording(
@@ -178,7 +183,12 @@ class RecordingEvaluation:
             start_time=start,
             end_time=end,
             formulas=tuple(self._report(each) for each in self._requests),
-            notes=(*self._vocabulary_notes, *self._streams.notes, *map(str, recording.faults)),
+            notes=(
+                *self._vocabulary_notes,
+                *self._streams.notes,
+                *map(str, recording.faults),
+                *self._lacks(),
+            ),
             topics=tuple(self._fields),
         )
 
@@ -352,9 +362,15 @@ class RecordingEvaluation:
                 self._streams.keep(frozenset().union(*(each.origins for each in running)))
             self._running = running
 
+    def _lacks(self) -> Iterator[str]:
+        """Yield notes on undecided formulas that are evaluated over a part of the recording."""
+        for each in self._requests:
+            if each.group and each.group.lack and each.episodes and not each.episodes.has_ended:
+                yield f"'{each.name}' {each.group.lack}"
+
     def _report(self, request: _Request) -> FormulaReport:
         requested, group, episodes = request.requested, request.group, request.episodes
-        name = requested.name or one_line(requested.text)
+        name = request.name
         if group is None or episodes is None:
             return FormulaReport(name, requested.text, error=request.error)
         error = episodes.error

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from dyknow_common import SECOND_NS, DyKnowError, ExitCode, without_generated_text
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time, without_generated_text
 from dyknow_coordinator import (
     CoordinationError,
     FeatureSource,
@@ -62,6 +62,8 @@ class StateGroup:
         self.episodes = episodes
         self.groundings: tuple[SymbolGrounding, ...] = ()
         self.waits_for = ''
+        self.lack = ''
+        """From when to when its formulas have had no states, and why; empty if to the end."""
         self._name, self._inputs, self._streams = name, inputs, streams
         self._begin, self._on_fault = begin, on_fault
         self._line: StateLine[RecordedStates] = StateLine(episodes.gap, episodes.end_gap)
@@ -227,12 +229,19 @@ class StateGroup:
             error = self._session.cause
             self.episodes.fail(CoordinationError(f'{error.message}; {reason}', error.code))
         self.episodes.finish()
-        since = end - WAITING_LIMIT_NS
-        if self._line.latest is None:
+        since, latest = end - WAITING_LIMIT_NS, self._line.latest
+        if latest is None:
             self.waits_for = self._streams.waits_for(stream.name, made)
-        elif self._latest_receipt <= since:
-            since = max(since, made)
-            self.waits_for = self._streams.waits_for(stream.name, since, (start, end))
+            return
+        received = min(self._streams.valid_until(stream.name), end)
+        is_behind = received - latest > self._session.silence_limit
+        if is_behind or self._latest_receipt <= since:
+            span = None if is_behind else (start, end)
+            self.waits_for = self._streams.waits_for(stream.name, max(since, made), span)
+        is_over = end - self._latest_receipt > self._session.silence_limit
+        if is_behind or (is_over and self.waits_for):
+            times = f'{round_time(latest)} of {round_time(end)}'
+            self.lack = f'was evaluated until {times}: {self.waits_for or "no state follows"}'
 
     def _switch(self, chosen: tuple[FeatureSource, ...], now: int) -> None:
         """Make the states of other sources from now on."""
