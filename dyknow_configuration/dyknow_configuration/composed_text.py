@@ -146,7 +146,8 @@ def constraint_texts(stated: Mapping[str, YamlValue]) -> dict[str, str]:
     }
 
 
-def constraints_text(stated: Mapping[str, YamlValue]) -> str:
+def constraints_text(stated: Mapping[str, YamlValue], **defaults: str) -> str:
     """Return the constraints of a stream that are among some keys, ` with max_gap = 1 s`."""
-    given = [f'{name} = {text}' for name, text in constraint_texts(stated).items()]
+    found = {**defaults, **constraint_texts(stated)}
+    given = [f'{name} = {text}' for name, text in found.items()]
     return f' with {", ".join(given)}' if given else ''

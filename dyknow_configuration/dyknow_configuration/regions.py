@@ -64,6 +64,9 @@ _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _CONSTRAINTS: Final = tuple(name for name in CONSTRAINT_KINDS if name != 'expires')
 """The constraints of a position or an outline, which cannot be unknown."""
 
+_STAMPED: Final = {'max_delay': '1 s'}
+"""Constraints of outlines with stamps that state no others: else, states wait for the next one."""
+
 _MOVING_KEYS: Final = ('field', 'header', *_CONSTRAINTS)
 
 REGION_KEYS: Final = ('is', 'frame', *_SHAPES, 'altitude', *_TIMES, *_MOVING_KEYS)
@@ -260,7 +263,7 @@ def _moving(
         frame,
         altitude,
         f'select {checked}{WKT}({points}) as outline from {topic}',
-        constraints_text(stated),
+        constraints_text(stated, **(_STAMPED if is_checked else {})),
         is_checked,
         stated['topic'],
     )

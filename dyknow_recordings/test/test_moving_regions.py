@@ -62,6 +62,25 @@ def test_a_cell_that_comes_over_a_robot(tmp_path: Path) -> None:
     assert found['out']['episodes'][0]['margin']['upper'] == pytest.approx(-0.75)
 
 
+@pytest.mark.parametrize(('options', 'outcome'), [('', 'false'), (', max_gap: 5 s', 'error')])
+def test_the_last_outline_holds_until_a_max_gap(
+    tmp_path: Path, options: str, outcome: str
+) -> None:
+    (tmp_path / 'robot.yaml').write_text(ROBOT.replace(', max_gap: 5 s', options))
+    types, path = STORE.types, tmp_path / 'bag'
+    points = [types['geometry_msgs/msg/Point32'](x, y, 0.0) for x, y in square(15)]
+    outline = types['geometry_msgs/msg/Polygon'](points)
+    messages = [(START, '/cell', types[CELL](header(START, 'map'), outline))]
+    for number in range(20):
+        time = START + number * 10**9
+        position = types['geometry_msgs/msg/Point'](float(number), 0.0, 0.0)
+        message = types[POSITION](header(time, 'map'), position)
+        messages.append((time, '/uav1/position', message))
+    write_messages(path, messages)
+    found = run_check(path, '--config', tmp_path / 'robot.yaml', '--json', '--strict')
+    assert found.by_name['out']['outcome'] == outcome
+
+
 @pytest.mark.parametrize(
     ('ring', 'frame', 'message'),
     [
