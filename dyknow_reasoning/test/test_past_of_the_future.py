@@ -10,12 +10,20 @@ import pytest
 from reasoning_reference import NAMES, Trace, begun, holds, random_cases, with_history
 
 from dyknow_common import Verdict
-from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, ReasoningError
+from dyknow_reasoning import (
+    FormulaGroup,
+    FormulaLimits,
+    FormulaResult,
+    ReasoningError,
+    parse_formula,
+)
 from dyknow_reasoning.language.formula import (
     Always,
     And,
+    Comparison,
     Eventually,
     Formula,
+    Freeze,
     Historically,
     Implies,
     Interval,
@@ -28,7 +36,7 @@ from dyknow_reasoning.language.formula import (
     looks_forward,
     walk,
 )
-from dyknow_reasoning.language.terms import Feature
+from dyknow_reasoning.language.terms import Feature, Kept
 from dyknow_reasoning.progression.past_operators import PreviousMemory
 from dyknow_reasoning.standing import start_verdicts
 
@@ -43,12 +51,16 @@ def is_mixed(formula: Formula) -> bool:
 
 
 def random_formula(random: Random, depth: int) -> Formula:
-    """A formula with operators of the past and the future in any order."""
+    """A formula with operators of the past and the future in any order, and kept values."""
     if not depth or random.random() < 0.1:
         return Feature(random.choice(NAMES))
     start = random.choice([0, 0, 0, 1, 2, 5])
     interval = Interval(start, random.choice([None, start, start + 1, start + 4]))
     body, other = (random_formula(random, depth - 1) for _ in range(2))
+    if random.random() < 0.2:
+        first, second = (Feature(random.choice(NAMES)) for _ in range(2))
+        same = Comparison('=', second, Kept('v', first))
+        other = Freeze('v', first, random.choice([Eventually, Always])(same, interval))
     temporal = (Once, Historically, Eventually, Always)
     if random.random() < 0.6:
         return random.choice(temporal)(body, interval)
@@ -64,10 +76,17 @@ def random_formula(random: Random, depth: int) -> Formula:
     )
 
 
+def is_kept_in_the_past(formula: Formula) -> bool:
+    """Return True for a value that is kept within an operator of the past, which is an error."""
+    past = (each for each in walk(formula) if isinstance(each, PastFormula))
+    return any(isinstance(inner, Freeze) for each in past for inner in walk(each))
+
+
 def random_mixed(random: Random) -> Formula:
-    while not is_mixed(found := random_formula(random, random.choice([2, 3, 3, 4]))):
-        pass
-    return found
+    while True:
+        found = random_formula(random, random.choice([2, 3, 3, 4]))
+        if is_mixed(found) and not is_kept_in_the_past(found):
+            return found
 
 
 def random_trace(random: Random, most: int = 12) -> Trace:
@@ -152,6 +171,14 @@ def test_every_start_is_that_of_the_reference() -> None:
     random = Random(1)  # noqa: S311 - no secret
     for _ in range(CASES):
         check(random_mixed(random), random_trace(random))
+
+
+def test_a_kept_value_beside_the_past_of_the_future() -> None:
+    """A history that later formulas look back to does not read the kept value of any of them."""
+    names = [{name: name in values for name in NAMES} for values in ('pq', 'q', '', 'p', 'q')]
+    for past in ('previous eventually[0, 1 ns] p', 'once[0, 2 ns] eventually[0, 1 ns] p'):
+        text = f'({past}) or let v = q in eventually[1 ns, 2 ns] q = v'
+        check(parse_formula(text), list(enumerate(names)))
 
 
 def same(first: Outcome, second: Outcome) -> bool:

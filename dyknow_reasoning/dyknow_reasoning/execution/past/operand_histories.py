@@ -13,7 +13,7 @@ from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.registers import StateTaker, field_names
-from dyknow_reasoning.language.formula import Formula, PastFormula, parts
+from dyknow_reasoning.language.formula import Formula, Freeze, PastFormula, parts
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values
@@ -34,7 +34,10 @@ class OperandHistory(StateTaker):
     """
 
     def __init__(self, instance: Instance, kinds: Kinds, reach: float, node_limit: int) -> None:
-        atoms, mask = instance.atoms, instance.node.mask
+        atoms = instance.atoms
+        # No operator of the past is over a kept value.
+        known = (each for each in slots(instance.node.mask) if not isinstance(atoms[each], Freeze))
+        mask = sum(1 << slot for slot in known)
         self._read = quick_reader(atoms, kinds, mask)
         self.names = {name for slot in slots(mask) for name in field_names(atoms[slot])}
         self.fields = ()
