@@ -137,10 +137,10 @@ def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]
         return
     errors = check_triggers(formulas)
     for each in errors:
-        yield _finding_of(each, inputs)
+        yield _finding_of(each)
     if is_live and not errors:
         for fault in observe_target_faults(formulas):
-            found = _finding_of(fault.error, inputs)
+            found = _finding_of(fault.error)
             level = FindingLevel.WARNING if fault.is_missing else FindingLevel.ERROR
             yield replace(found, level=level)
 
@@ -164,9 +164,8 @@ def _warn_of_types(users: str, error: ImportError) -> None:
     sys.stderr.write(f'dyknow lint: types of {users} are not checked without ROS: {error}\n')
 
 
-def _finding_of(error: DyKnowError, inputs: LintInputs) -> Finding:
-    path = str(getattr(error, 'path', ''))
-    return robot_error(error, inputs.texts.get(path, ''), path)
+def _finding_of(error: DyKnowError) -> Finding:
+    return robot_error(error, str(getattr(error, 'path', '')))
 
 
 def _success(files: Iterable[Path], inputs: LintInputs) -> str:

@@ -322,6 +322,48 @@ formulas:
     assert "most'" not in shown
 
 
+def test_a_fault_in_another_file_shows_its_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'table.yaml').write_text('Height: {forecast: other, coverage: 0.9, widening: []}')
+    (tmp_path / 'robot.yaml').write_text(
+        'features:\n  Height:\n    from: {topic: /a, field: z}\n    forecast:\n'
+        '      {by: constant_velocity, fields: {rate: v}, horizons: [1 s], table: table.yaml}\n'
+    )
+    code, shown = lint(capsys, tmp_path / 'robot.yaml')
+    assert code == 1
+    place, line, caret = shown.splitlines()
+    assert f'{tmp_path}/table.yaml:1:20: error: the table is of another forecast' in place
+    assert line.strip().startswith('Height: {forecast: other')
+    assert line[caret.index('^') :].startswith('other')
+
+
+def test_relations_of_positions_that_the_file_does_not_give(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    relations = {
+        'crosses(r1, z)': "'moves: straight'",
+        'facing(r1, r2)': "'orientation' or 'yaw'",
+        'in_sight(r1, r2)': "'walls'",
+        'inside(r1)': 'inside(a, b)',
+        'left_of(r1, z, z)': 'left_of(a, b)',
+    }
+    formulas = ''.join(
+        f"  - {{name: f{number}, formula: '{each}'}}\n" for number, each in enumerate(relations)
+    )
+    (tmp_path / 'robot.yaml').write_text(
+        'objects: {R: [r1, r2]}\n'
+        'regions: {z: {is: Z, frame: map, circle: {center: [0, 0], radius: 1}}}\n'
+        'positions: [{of: {r: R}, frame: map, topic: "/{r}/odom", field: pose}]\n'
+        f'formulas:\n{formulas}'
+    )
+    code, shown = lint(capsys, tmp_path / 'robot.yaml')
+    assert code == 1
+    lines = [each for each in shown.splitlines() if ' error: ' in each]
+    for line, mend in zip(lines, relations.values(), strict=True):
+        assert mend in line
+
+
 def test_expected_topics_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot = tmp_path / 'robot.yaml'
     robot.write_text(

@@ -21,13 +21,14 @@ class ConfigurationError(DyKnowError):
         super().__init__(message, code)
         self.reason = message
         self.path: Path | None = None
+        self.text = ''
         self.position = NOWHERE
 
     @classmethod
     def at(cls, reason: str, path: Path, text: str, position: TextPosition) -> ConfigurationError:
         """Return an error at a position of a file with a text."""
         error = cls(LanguageError(reason, str(path), text, position).message)
-        error.reason, error.path, error.position = reason, path, position
+        error.reason, error.path, error.text, error.position = reason, path, text, position
         return error
 
 

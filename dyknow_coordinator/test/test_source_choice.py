@@ -21,8 +21,10 @@ from dyknow_coordinator import (
     parse_sources,
     worst_fault,
 )
+from dyknow_coordinator.grounding import feature_sources
 from dyknow_coordinator.grounding.completion import infer_sorts
 from dyknow_coordinator.grounding.source_session import may_be_silent
+from dyknow_reasoning.language.sugar import SPATIAL
 from dyknow_stream_processing import Violation
 
 
@@ -204,6 +206,16 @@ def test_an_unknown_feature_is_the_only_fault() -> None:
     with pytest.raises(CoordinationError) as error:
         Candidates((), {'Speed[r1]': 'nearest: a'}).choose(['Speed[r1]'])
     assert error.value.message == 'no stream carries Speed[r1]; annotate one that does\nnearest: a'
+
+
+def test_relations_of_positions_have_mends() -> None:
+    relations = SPATIAL.keys() | {'swept_distance', 'yaw', 'sight_distance'}
+    assert relations == feature_sources._MENDS.keys()
+    unknown = "concept:1:1: unknown concept 'inside'\n  inside[a]\n  ^"
+    with pytest.raises(CoordinationError) as error:
+        Candidates((), {'inside[a]': unknown}).choose(['inside[a]'])
+    mend = 'the relation is of two objects: inside(a, b)'
+    assert error.value.message == f'no stream carries inside[a]; {mend}'
 
 
 def test_sorts_are_inferred_from_a_query() -> None:

@@ -275,8 +275,10 @@ def test_the_link_that_is_missing() -> None:
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('somewhere[0, 5 m] p', "'somewhere' needs links between objects"),
+        ('somewhere[0, 5 m] p', 'operators of space need links'),
+        ('p surround[0, 15] q', 'operators of space need links'),
         ('over (L[a,b] for a,b in R) from x to s: somewhere[0, 5 m] P[s]', 'the links have none'),
+        ('over (L[a,b] for a,b in R) from x to s: P[s] surround[0, 15] Q[s]', "'[0, 15]' measures"),
         ('over (L[a,b] for a,b in R) from x to s: somewhere[0, 2.5 hops] P[s]', 'whole links'),
         (
             'over (D[a,b]<3 for a,b in R) from x to s: somewhere[2, 5 m] P[s]',

@@ -63,9 +63,7 @@ def test_a_cell_that_comes_over_a_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('options', 'outcome'), [('', 'false'), (', max_gap: 5 s', 'error')])
-def test_the_last_outline_holds_until_a_max_gap(
-    tmp_path: Path, options: str, outcome: str
-) -> None:
+def test_the_last_outline_holds_until_a_max_gap(tmp_path: Path, options: str, outcome: str) -> None:
     (tmp_path / 'robot.yaml').write_text(ROBOT.replace(', max_gap: 5 s', options))
     types, path = STORE.types, tmp_path / 'bag'
     points = [types['geometry_msgs/msg/Point32'](x, y, 0.0) for x, y in square(15)]

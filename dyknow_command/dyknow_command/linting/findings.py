@@ -87,12 +87,11 @@ def warning_at(place: FilePlace, message: str) -> Finding:
     return Finding(FindingLevel.WARNING, place, message)
 
 
-def robot_error(error: DyKnowError, text: str, path: str) -> Finding:
-    """Return the error of a robot.yaml, given its text; it may be in another file."""
+def robot_error(error: DyKnowError, path: str) -> Finding:
+    """Return the error of a robot.yaml; it may be in another file."""
     if not isinstance(error, ConfigurationError) or error.path is None:
         return error_at(FilePlace(path), error)
-    shown = text if str(error.path) == path else ''
-    place = FilePlace(str(error.path), shown, error.position)
+    place = FilePlace(str(error.path), error.text, error.position)
     return Finding(FindingLevel.ERROR, place, error.reason)
 
 

@@ -143,24 +143,20 @@ def read_inputs(paths: Iterable[Path]) -> LintInputs:
 def _read_yaml_file(inputs: LintInputs, path: Path) -> None:
     document = read_yaml(path)
     inputs.texts[str(path)] = document.document.text
-    inputs.findings += [
-        robot_error(each, document.document.text, str(path)) for each in parameter_faults(document)
-    ]
+    inputs.findings += [robot_error(each, str(path)) for each in parameter_faults(document)]
     if is_parameter_file(document):
         return
     if document.is_list:
         try:
             formulas = read_formulas(path)
         except ConfigurationError as error:
-            inputs.findings.append(robot_error(error, document.document.text, str(path)))
+            inputs.findings.append(robot_error(error, str(path)))
             return
         inputs.formulas += _placed(formulas, document)
         return
     found = find_faults(path)
     inputs.has_robot = True
-    inputs.findings += [
-        robot_error(each, document.document.text, str(path)) for each in found.faults
-    ]
+    inputs.findings += [robot_error(each, str(path)) for each in found.faults]
     inputs.consequences.append(found.is_consequence)
     inputs.refused |= found.refused
     inputs.is_complete &= found.robot is not None and not found.lacks_texts

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+from typing import Final
 
 from dyknow_common import (
     NOT_CALIBRATED,
@@ -88,6 +89,23 @@ class FeatureSource:
         return self.declaration.partition(' = ')[2]
 
 
+_OF_TWO: Final = (
+    'inside', 'crosses', 'in_sight', 'ahead_of', 'left_of', 'facing', 'bearing_to',
+    'longitudinal_distance', 'lateral_distance',
+)  # fmt: skip
+"""The relations of positions, which are features only if they are not of two objects."""
+
+_POSITION: Final = 'beside the position in the robot.yaml'
+
+_MENDS: Final = {
+    'swept_distance': f"state 'moves: straight' {_POSITION}",
+    'yaw': f"state 'orientation' or 'yaw' {_POSITION}",
+    'sight_distance': f"state 'walls' {_POSITION}",
+    **{name: f'the relation is of two objects: {name}(a, b)' for name in _OF_TWO},
+}
+"""The mends by the features that positions may give."""
+
+
 @dataclass(frozen=True)
 class Candidates:
     """The sources found for the features of a formula.
@@ -153,9 +171,12 @@ class Candidates:
         others = f' (there are streams for {listed(similar)})' if similar else ''
         reasons = [text for symbol, text in self.nearest.items() if _feature_name(symbol) in names]
         faults = [without_generated_text(each) for each in reasons]
-        if faults == reasons:  # The feature and its objects are known.
-            text = f'no stream carries {listed(missing)}{others}; annotate one that does'
-            faults = [text, *reasons]
+        mend = next((_MENDS[name] for name in sorted(names) if name in _MENDS), '')
+        if mend or faults == reasons:  # The feature and its objects are known.
+            text = (
+                f'no stream carries {listed(missing)}{others}; {mend or "annotate one that does"}'
+            )
+            faults = [text, *(reasons if faults == reasons else ())]
         return CoordinationError('\n'.join(dict.fromkeys(faults)), ExitCode.NOT_FOUND)
 
 

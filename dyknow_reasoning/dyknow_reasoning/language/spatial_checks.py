@@ -35,8 +35,8 @@ def _with_links(node: Any, over: Over | None) -> Any:
     elif isinstance(node, Spatial):
         if over is None:
             message = (
-                f"'{node.operator}' needs links between objects; write, for example, 'over "
-                f"(Dist[a, b] <= 50 m for a, b in Robot) from r to s: {node.operator}...'"
+                "operators of space need links between objects; write, for example, 'over (Dist[a, b] "
+                "<= 50 m for a, b in Robot) from r to s: somewhere...'"
             )
             raise PositionedError(message, node.position)
         _check_operator(node, over.links)
@@ -47,7 +47,7 @@ def _with_links(node: Any, over: Over | None) -> Any:
 def _check_operator(node: Spatial, links: LinkEnd) -> None:
     if not node.distances.hops and links.link.weight is None:
         message = (
-            f"'{node.operator}{node.distances}' measures lengths, and the links have none; count "
+            f"'{node.distances}' measures lengths, and the links have none; count "
             "them, as in [0, 3 hops], or give them a length: 'over (LINK by LENGTH for ...)'"
         )
         raise PositionedError(message, node.position)
