@@ -89,6 +89,46 @@ def test_a_robot_says_what_may_be_unknown(trace: str, tmp_path: Path) -> None:
     assert 'it may be false; what remains: ' in output
 
 
+CELLS = """\
+objects: {Robot: [r1]}
+features:
+  Charge: {of: Robot, unit: '%', missing: unknown, from: {topic: /trace, field: charge, unit: '1'}}
+  Docked: {missing: unknown, from: {topic: /trace, field: docked}, type: boolean}
+  Mode: {type: int, from: {topic: /trace, field: mode}}
+  Level: {missing: unknown, from: {topic: /trace, field: level}, unknown: quality < 1}
+  Plain: {missing: unknown, from: {topic: /trace, field: quality}}
+formulas:
+  - {name: charged, formula: 'always[0 s, 2 s] Charge[r1] > 50 %'}
+  - {name: emptied, formula: 'eventually Charge[r1] < 40 %'}
+  - {name: docked, formula: 'eventually[2 s, 2 s] Docked'}
+  - {name: mode, formula: 'always Mode < 5'}
+  - {name: level, formula: 'always Level < 5'}
+"""
+
+
+@pytest.mark.parametrize(
+    ('name', 'outcome'),
+    [
+        ('charged', 'undecided'),
+        ('emptied', 'true'),
+        ('docked', 'undecided'),
+        ('mode', 'error'),  # The feature may not be unknown.
+        ('level', 'error'),  # Nobody knows whether the condition holds.
+    ],
+)
+def test_an_empty_cell_of_a_feature_that_may_be_unknown(
+    tmp_path: Path, name: str, outcome: str
+) -> None:
+    trace, robot = tmp_path / 'trace.csv', tmp_path / 'robot.yaml'
+    columns = 'time_s,charge: float,docked: boolean,mode: int,level: float,quality: int'
+    trace.write_text(f'{columns}\n0,0.9,false,1,1,1\n1,,true,,1,\n2,0.7,,1,1,1\n3,0.3,true,1,1,1\n')
+    robot.write_text(CELLS)
+    found = run_check(trace, '--config', robot, '--json').by_name[name]
+    assert found['outcome'] == outcome
+    if outcome == 'error':
+        assert 'is empty' in found['error']['message']
+
+
 GPS_LOSS = """\
 objects: {UAV: [uav1]}
 features:

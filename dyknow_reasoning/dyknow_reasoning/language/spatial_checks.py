@@ -35,8 +35,8 @@ def _with_links(node: Any, over: Over | None) -> Any:
     elif isinstance(node, Spatial):
         if over is None:
             message = (
-                "operators of space need links between objects; write, for example, 'over (Dist[a, b] "
-                "<= 50 m for a, b in Robot) from r to s: somewhere...'"
+                'operators of space need links between objects; write, for example, '
+                "'over (Dist[a, b] <= 50 m for a, b in Robot) from r to s: somewhere...'"
             )
             raise PositionedError(message, node.position)
         _check_operator(node, over.links)

@@ -147,7 +147,8 @@ class RecordingEvaluation:
         self._requests = self._ground_all(formulas, files)
         inputs = [each.grounded.inputs for each in self._requests if each.grounded]
         sources = dict.fromkeys(source for each in inputs for source in each.candidates.found)
-        self._fields = self._streams.prepare(sources)
+        unknown = frozenset(chain.from_iterable(each.unknown for each in inputs))
+        self._fields = self._streams.prepare(sources, unknown)
         self._columns = ColumnStates(self._streams, recording.start_time, self._silence_limit)
         self._groups = self._make_groups()
         self._running = [group for group in self._groups if not group.has_ended]

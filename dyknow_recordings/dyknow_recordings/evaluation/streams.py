@@ -46,8 +46,10 @@ from dyknow_stream_processing import (
     PartialFields,
     Sample,
     SampleBatch,
+    Select,
     SourceType,
     StreamError,
+    Term,
     Violation,
     ViolationKind,
     WholeMessage,
@@ -105,6 +107,8 @@ class RecordedStreams:
         self._rejected: dict[str, str] = {}
         self._unstamped: set[str] = set()
         self._kept: dict[str, Callable[[], Sample]] = {}
+        # The columns of a trace whose empty cells are unknown values.
+        self._optional: AbstractSet[str] = frozenset()
         self.known = self._known_streams()
 
     @property
@@ -148,10 +152,17 @@ class RecordedStreams:
         )
         return FeatureSource(feature, 'recorded', text)
 
-    def prepare(self, candidates: Iterable[FeatureSource]) -> Mapping[str, frozenset[str]]:
+    def prepare(
+        self, candidates: Iterable[FeatureSource], unknown: Collection[str] = ()
+    ) -> Mapping[str, frozenset[str]]:
         """Make the streams that some sources are made of; return the fields that these read.
 
         The streams run from the beginning of the recording, as under a stream manager.
+
+        Args:
+            candidates: the sources.
+            unknown: the features that may be unknown: an empty cell of a trace is such a value,
+                unless a condition or a stream of a file reads it, too.
 
         Returns:
             The fields by absolute topic.
@@ -167,12 +178,18 @@ class RecordedStreams:
             trial.create(name, specification, NO_CONSTRAINTS)
         # Those that select from streams read no more than these do.
         of_topics = (source for source in sources if source.select is None)
+        terms: list[tuple[bool, Term]] = []
+        required = trial.sources().get(TRACE_TOPIC, frozenset())
         for number, source in enumerate(of_topics):
             specification = parse_specification(';\n'.join([*source.units, source.declaration]))
+            name = f'candidate {number}'
             try:
-                trial.create(f'candidate {number}', specification, NO_CONSTRAINTS)
+                trial.create(name, specification, NO_CONSTRAINTS)
             except DyKnowError:
                 continue  # It is an error of the formulas that choose it.
+            may_be_unknown = source.feature.partition('[')[0] in unknown
+            terms.append((may_be_unknown, trial.term(name)))
+        self._optional = frozenset() if ALL in required else _optional_cells(terms) - required
         for topic, fields in trial.sources().items():
             demand[self.absolute(topic)] |= fields
         return {
@@ -297,8 +314,11 @@ class RecordedStreams:
         valid_time = recorded.log_time if recorded.stamp is None else recorded.stamp
         fields, absent = recorded.values, recorded.absent
         rows = {name: each for name, each in fields.items() if isinstance(each, list)}
-        if absent and self._absent_is_unknown:
-            fields, absent = {**fields, **dict.fromkeys(absent, nan)}, {}
+        optional = self._optional if recorded.message_type == TRACE_TYPE else ()
+        unknown = [each for each in absent if self._absent_is_unknown or each in optional]
+        if unknown:
+            fields = {**fields, **dict.fromkeys(unknown, nan)}
+            absent = {name: reason for name, reason in absent.items() if name not in unknown}
         if absent or rows:
             others = {name: each for name, each in fields.items() if name not in rows}
             fields = PartialFields(others, absent, rows)
@@ -494,6 +514,23 @@ class RecordedStreams:
         if topic in self._rejected:
             return f'messages of {topic} cannot be used: {self._rejected[topic]}'
         return f'{topic} has fallen silent' if self._received[topic] <= since else ''
+
+
+def _optional_cells(terms: Iterable[tuple[bool, Term]]) -> AbstractSet[str]:
+    """Return the fields that sources select, some of unknown features, and test in no condition.
+
+    Args:
+        terms: the sources, each after True for a feature that may be unknown.
+    """
+    optional: set[str] = set()
+    required: set[str] = set()
+    for may_be_unknown, term in terms:
+        for select in (each for each in subterms(term) if isinstance(each, Select)):
+            values = {each.field for each in select.selections}
+            tests = (*select.conditions, *(each.unless for each in select.selections))
+            required |= (select.demand - values) | {each.field for each in tests if each}
+            optional |= values if may_be_unknown else set()
+    return optional - required
 
 
 def _batch_of(parts: Sequence[MessageColumns]) -> SampleBatch:
