@@ -34,7 +34,7 @@ from copy import copy, deepcopy
 from typing import Final, Protocol
 
 from dyknow_common import ProbabilityInterval, shortened
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.execution.automata.automaton import Automaton, Location, Times
 from dyknow_reasoning.execution.probability.bounds import operator_of, state_parts
 from dyknow_reasoning.execution.probability.distributions import Cells, Chance, StateDistribution
@@ -293,11 +293,11 @@ class AskedProbability:
         return self._is_known(bound, self._interval.upper < bound, self._interval.lower >= bound)
 
     def _is_known(self, bound: float, *sides: bool) -> bool:
-        """Return the first side; raise ReasoningError if none of both is known."""
+        """Return the first side; raise UnusableValueError if none of both is known."""
         if self._is_final and not any(sides):
             is_bound = self._interval.assumption.startswith(NOTHING_KNOWN)
             correction = 'give the errors a time constant, or ' if is_bound else ''
-            raise ReasoningError(
+            raise UnusableValueError(  # Of a later state, it may be known.
                 f"the probability of '{self._formula}' is {self._interval}, which is not known to "
                 f'be on one side of {bound:g}; {correction}compare with another number'
             )
