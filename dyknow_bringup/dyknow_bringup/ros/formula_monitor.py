@@ -239,6 +239,7 @@ class FormulaMonitor(MonitorNode):
             on_feedback=lambda progress: self._on_progress(index, progress),
             name=monitored.name,
             every_state=monitored.formula.every_state,
+            restart_on_change=True,
             margin=monitored.formula.margin,
             record=monitored.formula.record,
             timeout=self._timeout,

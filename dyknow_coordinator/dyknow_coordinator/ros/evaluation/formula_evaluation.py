@@ -125,7 +125,11 @@ class FormulaEvaluation(Evaluation):
         self._on_change = on_change
         self._started = context.node.now()
         self._group: EvaluationGroup | None = None
-        self._is_preparing = False
+        # Of semantics, in all and before the objects of its sorts were looked up last; while it
+        # starts, changes are only counted.
+        self._changes, self._seen_changes, self._is_starting = 0, 0, True
+        # Its verdict with the present objects of its sorts, if that needs no state.
+        self._standing_answer: Answer | None = None
         self._units: dict[str, str] = {}
         # The objects of its sorts, also of parts that peers evaluate.
         self._domains: Mapping[str, tuple[str, ...]] = {}
@@ -163,6 +167,8 @@ class FormulaEvaluation(Evaluation):
     @property
     def waits_for(self) -> str:
         """Why no state comes; empty if states come or it is not evaluated."""
+        if self._standing_answer is not None:
+            return f'{self._standing_answer.explanation}; it begins again with other objects'
         return self._group.waits_for if self._group is not None else ''
 
     async def run(self) -> None:
@@ -174,6 +180,9 @@ class FormulaEvaluation(Evaluation):
             expiry.add_done_callback(lambda _: self.expire(timeout_s))
         try:
             await self._start(await self._prepare())
+            self._is_starting = False
+            if self.request.restart_on_change:  # Objects may have come meanwhile.
+                await self.update_domains()
             await self.outcome
         except DyKnowError as error:
             self.fail(error)
@@ -190,20 +199,25 @@ class FormulaEvaluation(Evaluation):
 
     async def update_domains(self) -> None:
         """Restart if a sort in the formula has other objects now."""
-        group = self._group
-        if group is None or self.has_ended or self._is_preparing:
+        self._changes += 1
+        if self._is_starting:
             return
-        domains = self._domains
+        self._is_starting = True
         try:
-            if await self._context.clients.domains(domains) == domains:
+            while self._seen_changes != self._changes and not self.has_ended:
+                self._seen_changes = self._changes
+                await self._follow_domains()
+        finally:
+            self._is_starting = False
+
+    async def _follow_domains(self) -> None:
+        try:
+            if await self._context.clients.domains(self._domains) == self._domains:
                 return
-            self._is_preparing = True
             prepared = await self._prepare()
         except DyKnowError as error:
             self.add_event(f'it cannot restart with other objects yet: {error}')
             return
-        finally:
-            self._is_preparing = False
         if self.outcome.done():
             self._context.cleanup.destroy_group(prepared.group_id)
             return
@@ -213,7 +227,7 @@ class FormulaEvaluation(Evaluation):
         )
         self.add_event(f'restarted with {objects}')
         self.progress, self.episodes = Progress(), StandingVerdicts()
-        self.margin = None
+        self.margin = self._standing_answer = None
         try:
             await self._start(prepared)
         except DyKnowError as error:
@@ -224,8 +238,11 @@ class FormulaEvaluation(Evaluation):
         answer = from_message(Answer, result)
         self._note_margin(answer.margin)
         if (error := answer.error) is None:
-            # At every state, with other objects, one that needs no state now may need some.
-            if not (self.request.every_state and self.request.restart_on_change):
+            # With other objects, one that needs no state now may need some.
+            if self.request.restart_on_change and self._domains and answer.decided_at is None:
+                self._standing_answer = answer
+                self.set_phase(self.phase)
+            else:
                 self.decide(answer.verdict, answer.decided_at, answer.explanation)
             return
         fault = self._group.states.fault if self._group else ''
@@ -281,7 +298,9 @@ class FormulaEvaluation(Evaluation):
     def expire(self, timeout_s: float) -> None:
         """End because the timeout has passed: with a verdict, if one is known from all states."""
         verdict, text = self.episodes.verdict, self.episodes.text
-        if verdict is not Verdict.UNDECIDED:
+        if (answer := self._standing_answer) is not None:
+            self.decide(answer.verdict, None, answer.explanation)
+        elif verdict is not Verdict.UNDECIDED:
             episodes = self.episodes.latest_episodes
             self.decide(verdict, episodes[0].decided_at if episodes else None, text)
         elif self.episodes.holds:
@@ -292,6 +311,8 @@ class FormulaEvaluation(Evaluation):
 
     def set_phase(self, phase: EvaluationPhase) -> None:
         """Set the phase, unless the evaluation has ended, and report it."""
+        if self._standing_answer is not None:
+            phase = EvaluationPhase.WAITING
         super().set_phase(phase)
         self._on_change()
         if phase is EvaluationPhase.WAITING:
