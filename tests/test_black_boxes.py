@@ -19,7 +19,7 @@ from dyknow_interfaces.msg import (
     FormulaResult,
     StreamStatusArray,
 )
-from dyknow_interfaces.srv import SaveBlackBox
+from dyknow_interfaces.srv import InstanceCreate, InstanceDestroy, SaveBlackBox
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
@@ -28,7 +28,7 @@ from dyknow_bringup.processes.processes import Process
 from dyknow_common.ros import LATCHED, nanoseconds_to_duration, time_to_nanoseconds
 from dyknow_configuration import ParameterValue
 from dyknow_recordings import BlackBoxContent, open_recording, read_black_box
-from evaluations import Evaluations, Monitored
+from evaluations import Evaluations, Monitored, Spares
 from system import POLL, SOON_NOTICED, Batteries, SharedSystem, System
 
 INVARIANT = 'forall u in UAV: always Power[u] < 150'
@@ -199,6 +199,38 @@ def test_a_false_formula_has_the_same_verdict_offline(
     found_content = content(report.path)
     assert found_content.domains == {'UAV': ['uav1', 'uav2']}
     assert found_content.is_complete
+
+
+def test_a_box_has_the_objects_of_the_last_restart(
+    system: System,
+    recorder: Recorder,
+    batteries: Batteries,
+    evaluations: Evaluations,
+    spares: Spares,
+) -> None:
+    recorder.start()
+    monitored = Monitored(
+        system.client, INVARIANT, name='power', record=recorded(), restart_on_change=True
+    )
+    evaluations.wait_for_state()
+    recorder.wait_for_memory()
+    names = {'instance_name': 'uav3', 'concept_names': ['UAV']}
+    system.client.call(InstanceCreate, 'ontology_manager/instance_create', **names)
+    spares.power('uav3_power', 'uav1', of='uav3')
+    evaluations.wait_for_event('restarted', 'uav3')
+    evaluations.wait_for_state()
+    recorder.wait_for_memory()
+    batteries.power['uav1'] = 240.0
+    result = monitored.result()
+    batteries.power['uav1'] = 100.0
+    (report,) = recorder.wait_for_reports(1)
+    spares.clear()
+    system.client.call(InstanceDestroy, 'ontology_manager/instance_destroy', instance_name='uav3')
+    assert content(report.path).domains == {'UAV': ['uav1', 'uav2', 'uav3']}
+    code, document = checked(report.path)
+    (found,) = document['formulas']
+    assert (code, found['outcome'], document['notes']) == (1, 'false', [])
+    assert found['episodes'][0]['explanation'] == result.explanation
 
 
 def test_an_episode_has_a_box(

@@ -148,6 +148,7 @@ class FormulaOrigin:
 
     Args:
         status: the latest one with a state, or the first.
+        group_id: of its states at the reasoning engine; 0 before they are asked for.
         reported_stream: the latest state stream that was reported.
         state_stream: whose origin is known.
         origin: of these states.
@@ -158,6 +159,7 @@ class FormulaOrigin:
     """
 
     status: EvaluationStatus
+    group_id: int = 0
     reported_stream: str = ''
     state_stream: str = ''
     origin: StateOrigin = field(default_factory=StateOrigin)

@@ -49,6 +49,12 @@ class FormulaOrigins:
     def note(self, key: FormulaKey, status: EvaluationStatus) -> FormulaOrigin:
         """Process the status of a formula, and return what is known of it."""
         found = self._found.setdefault(key, FormulaOrigin(status))
+        if status.formula_group_id not in {0, found.group_id}:
+            # It begins, or begins again with other objects.
+            found = self._found[key] = FormulaOrigin(
+                status, status.formula_group_id, topics=found.topics
+            )
+            self._searches.pop(key, None)
         if status.state_stream:
             found.reported_stream = status.state_stream
             self._find_streams(found)
