@@ -61,11 +61,13 @@ from dyknow_coordinator.plan import (
 )
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, Level, diagnose
 from dyknow_coordinator.reporting.node_status import has_loaded
+from dyknow_coordinator.reporting.peer_reasons import PEER_VERDICT, with_reasons_of_peers
 from dyknow_coordinator.reporting.verdict_topics import verdict_token
 
 __all__ = [
     'EXCLUSION_NS',
     'FOLLOWED',
+    'PEER_VERDICT',
     'SILENCE_LIMITS_S',
     'SILENCE_LIMIT_NS',
     'TRANSIENT',
@@ -117,6 +119,7 @@ __all__ = [
     'unknown_features',
     'verdict_token',
     'with_caveat',
+    'with_reasons_of_peers',
     'with_unit',
     'worst_fault',
 ]

@@ -8,10 +8,12 @@ each robot evaluates its own instance, with its own streams and by its own clock
 
     always (Charge_r1.value < 0.2 -> eventually[0 s, 1 min] Docked_r1.value)
 
-Only the verdict crosses, as a stream of text: `undecided`, then `true` or `false`, with the reason.
-What remains here is `v1 and v2 and v3`, each of which is
+Only the verdict crosses, as a stream of text: `undecided` or, if it would be false without further
+states, `presumably false`; then `true` or `false`, with the reason. What remains here is
+`v1 and v2 and v3`, each of which is presumably false while the verdict is:
 
-    verdict = "undecided" holds until verdict starts with "true"
+    verdict starts with "true" release
+    (not verdict starts with "false" and eventually verdict != "presumably false")
 
 A part contains an operator of time, and no operator of time contains it: so it begins when the
 formula begins, and is decided once. Its verdict is that of the same formula here, over the same
@@ -62,7 +64,11 @@ from dyknow_reasoning import (
 UNDECIDED: Final = 'undecided'
 """The verdict of a peer that knows none yet."""
 
+PRESUMABLY_FALSE: Final = 'presumably false'
+"""Its verdict if the formula would be false without further states."""
+
 _TRUE: Final = 'true'
+_FALSE: Final = 'false'
 
 MAX_NODES: Final = 10_000
 """The size of a formula for given objects of which parts are pushed down."""
@@ -249,12 +255,15 @@ def _filled(node: Any, topics: Mapping[PeerPart, str]) -> Any:
     if node.part not in topics:
         return node.part.formula
     verdict = f'"{topics[node.part]}".{VALUE}'
-    return parse_formula(f'{verdict} = "{UNDECIDED}" holds until {verdict} starts with "{_TRUE}"')
+    return parse_formula(
+        f'{verdict} starts with "{_TRUE}" release (not {verdict} starts with "{_FALSE}" '
+        f'and eventually {verdict} != "{PRESUMABLY_FALSE}")'
+    )
 
 
 def verdict_text(*, is_true: bool, reason: str) -> str:
     """Return what a peer is told of a formula that is decided."""
-    verdict = _TRUE if is_true else 'false'
+    verdict = _TRUE if is_true else _FALSE
     return f'{verdict}: {reason}' if reason else verdict
 
 

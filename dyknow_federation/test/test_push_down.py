@@ -11,9 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import SECOND_NS, Verdict
+from dyknow_coordinator import PEER_VERDICT, with_reasons_of_peers
 from dyknow_federation.errors import FederationError
 from dyknow_federation.push_down import (
     MAX_NODES,
+    PRESUMABLY_FALSE,
     UNDECIDED,
     PeerPart,
     PushDown,
@@ -23,6 +25,7 @@ from dyknow_federation.push_down import (
 )
 from dyknow_reasoning import Feature, FormulaGroup, parse_formula, walk
 
+UNKNOWN = Verdict.UNDECIDED
 DOMAINS = {'Robot': ('r1', 'r2', 'r3')}
 PEERS = ('r1', 'r2')
 """Each is a peer with the streams of its features; `r3` is this host."""
@@ -34,24 +37,24 @@ FEATURES = [f'{feature}[{robot}]' for robot in DOMAINS['Robot'] for feature in (
 
 
 def verdict_topic(part: PeerPart, number: int) -> str:
-    return f'/dyknow/federation/{part.peer}/_{number}'
+    return f'/dyknow/federation/{part.peer}/{PEER_VERDICT}1f_{number}'
 
 
 def verdicts(
     formula: str, domains: Mapping[str, Sequence[str]], states: Sequence[Mapping[str, Any]]
-) -> list[Verdict]:
-    """The verdict on a formula after each state."""
+) -> list[tuple[Verdict, bool]]:
+    """The verdict on a formula after each state, and whether it is presumably false."""
     group = FormulaGroup()
     number = group.add_formula('', formula)
     group.begin(domains)
-    found, verdict = [], Verdict.UNDECIDED
+    found, verdict = [], UNKNOWN
     for result in group.decided_at_once():
         verdict = result.verdict
     for time, state in enumerate(states):
         for result in group.progress(time * SECOND_NS, state):
             assert result.formula_id == number
             verdict = result.verdict
-        found.append(verdict)
+        found.append((verdict, verdict is UNKNOWN and group.presumably_false(number)))
     return found
 
 
@@ -121,7 +124,7 @@ STATES = st.lists(
 def test_the_verdict_is_that_of_the_whole_formula(
     formula: str, states: list[dict[str, Any]], refusing: set[str]
 ) -> None:
-    """At each state: a verdict crosses at the state that decides it.
+    """At each state: a verdict crosses at the state that decides it, as what it is presumably.
 
     Only where parts share features, they may contradict each other before one is decided.
     """
@@ -135,17 +138,42 @@ def test_the_verdict_is_that_of_the_whole_formula(
         topics[part] = verdict_topic(part, number)
         own = [{f'{name}_{part.peer}.value': state[f'{name}[{part.peer}]'] for name in 'PX'}
                for state in states]  # fmt: skip
-        for state, verdict in zip(seen, verdicts(part.text, {}, own), strict=True):
-            is_true, is_known = verdict is Verdict.TRUE, verdict is not Verdict.UNDECIDED
-            told = verdict_text(is_true=is_true, reason='so') if is_known else UNDECIDED
+        for state, (verdict, is_pending) in zip(seen, verdicts(part.text, {}, own), strict=True):
+            told = PRESUMABLY_FALSE if is_pending else UNDECIDED
+            if verdict is not UNKNOWN:
+                told = verdict_text(is_true=verdict is Verdict.TRUE, reason='so')
             state[f'"{topics[part]}".value'] = told
     remaining = found.remaining(topics)
     pushed, whole = verdicts(remaining, DOMAINS, seen), verdicts(str(parsed), DOMAINS, states)
     if not may_contradict(found, topics):
         assert pushed == whole
-    for state, verdict, expected in zip(seen, pushed, whole, strict=True):
-        is_open = UNDECIDED in [state[f'"{each}".value'] for each in topics.values()]
-        assert verdict is expected or (is_open and verdict is Verdict.UNDECIDED)
+    for state, (verdict, _), (expected, _) in zip(seen, pushed, whole, strict=True):
+        told = {state[f'"{each}".value'] for each in topics.values()}
+        is_open = not told.isdisjoint({UNDECIDED, PRESUMABLY_FALSE})
+        assert verdict is expected or (is_open and verdict is UNKNOWN)
+
+
+@pytest.mark.parametrize(
+    ('told', 'explanation'),
+    [
+        ('false: P[r1] is "off", not "on"; so', 'P[r1] is "off", not "on"; so'),
+        (
+            'true: a \\ b\nc',
+            'a \\ b\nc; P[r3] is true at 2.000 s (eventually awaited since 0.000 s)',
+        ),
+    ],
+)
+def test_the_explanation_of_a_peer_is_given_once(told: str, explanation: str) -> None:
+    formula = parse_formula('(always P[r1]) and eventually P[r3]')
+    found = PushDown(formula, DOMAINS, STREAMS)
+    topic = verdict_topic(found.parts[0], 1)
+    group = FormulaGroup()
+    group.add_formula('', found.remaining({found.parts[0]: topic}))
+    group.begin(DOMAINS)
+    assert not group.progress(0, {f'"{topic}".value': UNDECIDED, 'P[r3]': False})
+    assert not group.progress(1, {f'"{topic}".value': PRESUMABLY_FALSE, 'P[r3]': False})
+    [result] = group.progress(2 * SECOND_NS, {f'"{topic}".value': told, 'P[r3]': True})
+    assert with_reasons_of_peers(result.explanation) == explanation
 
 
 def may_contradict(found: PushDown, topics: dict[PeerPart, str]) -> bool:

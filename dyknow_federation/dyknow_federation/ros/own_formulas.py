@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from dyknow_common import SECOND_NS, StreamConstraints, Verdict
-from dyknow_coordinator import Answer, Grounding
+from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_federation.offers import VALUE
 from dyknow_federation.peer import FormulaForPeer
-from dyknow_federation.push_down import UNDECIDED, verdict_text, with_prefix
+from dyknow_federation.push_down import PRESUMABLY_FALSE, UNDECIDED, verdict_text, with_prefix
 from dyknow_federation.ros.own_streams import NAME, OwnStreams
 from dyknow_stream_processing import ViolationKind
 
@@ -71,6 +71,7 @@ class OwnFormulas:
         request, now = asked.request, self._streams.node.now()
         monitor = self._client.monitor(
             with_prefix(request.formula, NAME),
+            on_feedback=lambda progress: self._on_progress(name, monitor, progress),
             grounding=Grounding.SYNTACTIC,
             constraints=StreamConstraints(sample_period=request.sample_period or None),
             timeout=MAX_TIMEOUT_S,
@@ -78,6 +79,15 @@ class OwnFormulas:
         self._running[name] = _Running(monitor, told_at=now, promised=now - 1)
         self._tell(name, UNDECIDED, now)
         monitor.outcome.add_done_callback(lambda _: self._end(name, asked.streams, monitor))
+
+    def _on_progress(self, name: str, monitor: Monitor, progress: Progress) -> None:
+        """Tell if it would be false without further states, when that has changed."""
+        running = self._running.get(name)
+        if running is None or running.monitor is not monitor or monitor.outcome.done():
+            return  # Feedback may arrive after the verdict.
+        verdict = PRESUMABLY_FALSE if progress.presumably_false else UNDECIDED
+        if verdict != running.verdict:
+            self._tell(name, verdict, self._streams.node.now())
 
     def _go_on(self, name: str, now: int) -> None:
         """Promise that the verdict is as it was told, which is told again once in a while."""

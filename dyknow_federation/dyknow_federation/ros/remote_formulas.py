@@ -10,6 +10,7 @@ from rclpy.task import Future
 
 from dyknow_common import shortened
 from dyknow_common.ros import time_to_nanoseconds
+from dyknow_coordinator import PEER_VERDICT
 from dyknow_federation.events import FormulaAnswered
 from dyknow_federation.messages import FormulaRequest
 from dyknow_federation.offers import VALUE
@@ -34,7 +35,7 @@ class RemoteFormulas:
         self._streams = streams
         # Unique among all hosts, and their restarts.
         run = crc32(f'{name} {streams.node.started_at}'.encode())
-        self._names = (f'_verdict_{run:08x}_{each}' for each in count(1))
+        self._names = (f'{PEER_VERDICT}{run:08x}_{each}' for each in count(1))
         self._waiting: dict[StreamName, Future] = {}
 
     def take(self, event: FormulaAnswered) -> None:

@@ -54,6 +54,7 @@ from dyknow_coordinator.grounding.units import (
     with_unit,
 )
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
+from dyknow_coordinator.reporting.peer_reasons import with_reasons_of_peers
 from dyknow_coordinator.ros.context import CoordinatorContext, check_domains
 from dyknow_coordinator.ros.evaluation.evaluation_group import (
     EvaluationGroup,
@@ -513,7 +514,10 @@ class FormulaEvaluation(Evaluation):
                 answer = replace(answer, verdict=Verdict.FALSE)
         groundings = self.groundings()
         if answer.error is None:
-            answer = replace(answer, explanation=with_caveat(answer.explanation, groundings))
+            explanation = answer.explanation
+            if self.needs_peers:
+                explanation = with_reasons_of_peers(explanation)
+            answer = replace(answer, explanation=with_caveat(explanation, groundings))
         self.outcome.set_result(
             replace(
                 answer,
