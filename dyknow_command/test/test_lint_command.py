@@ -83,6 +83,26 @@ def test_notes_on_formulas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert f"{path}:5:26: warning: the comparison with 'prev' is false at the first" in shown
 
 
+STATION = """\
+formulas: [{name: charged, formula: 'forall c in Carrier: always Charge[c] > 0.2'}]
+"""
+
+
+def test_objects_may_come_from_peers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'station.yaml'
+    path.write_text(STATION, encoding='utf-8')
+    code, shown = lint(capsys, path)
+    assert (code, 'objects: {Carrier: [object1, object2]} in robot.yaml' in shown) == (1, True)
+    path.write_text(f'{STATION}federation: {{name: station}}\n', encoding='utf-8')
+    assert lint(capsys, path) == (0, f'{path}: 1 formula, nothing to mend\n')
+    # What this host declares is known.
+    features = 'features: {Range: {unit: m, from: {topic: /range, field: range}}}\n'
+    wrong = STATION.replace('Charge[c] > 0.2', 'Range > 2 kg')
+    path.write_text(f'{features}{wrong}federation: {{name: station}}\n', encoding='utf-8')
+    code, shown = lint(capsys, path)
+    assert (code, 'Range' in shown) == (1, True), shown
+
+
 OBJECTS = ', '.join(f'r{number}' for number in range(50_100))
 WORDS = 'a > 1 and ' * 50_100
 

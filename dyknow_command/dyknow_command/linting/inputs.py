@@ -84,6 +84,7 @@ class LintInputs:
         expectations: of a robot.yaml about topics.
         shared: the features that a robot.yaml shares with peers.
         guards: of a robot.yaml.
+        has_peers: True if sorts, features, objects and streams may come from peers, too.
     """
 
     files: MonitoringFiles = field(default_factory=MonitoringFiles)
@@ -98,6 +99,7 @@ class LintInputs:
     expectations: list[TopicExpectation] = field(default_factory=list)
     shared: set[str] = field(default_factory=set)
     guards: list[RequestedGuard] = field(default_factory=list)
+    has_peers: bool = False
 
     def is_consequence(self, message: str) -> bool:
         """Return True if a message is due to a fault that is among the findings."""
@@ -183,6 +185,7 @@ def _add_robot(inputs: LintInputs, found: RobotFaults) -> None:
     inputs.expectations += robot.topics
     inputs.guards += robot.guards
     if robot.federation is not None:
+        inputs.has_peers = True
         inputs.shared |= {each.name for each in robot.federation.share}
     for section, key, _ in _entries(found.document):
         place = FilePlace(str(key.document.path), key.document.text, key.position(0))

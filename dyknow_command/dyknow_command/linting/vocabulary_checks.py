@@ -13,6 +13,7 @@ from dyknow_command.observing import absolute_topic
 from dyknow_common import (
     NO_CONSTRAINTS,
     DyKnowError,
+    ExitCode,
     InlineText,
     LanguageError,
     Symbol,
@@ -141,6 +142,7 @@ class VocabularyChecks:
             except DyKnowError as error:
                 reason = _reason(error)
                 is_unfit = any(f'no stream carries {each}' in reason for each in self._unfit)
+                is_unfit |= self._inputs.has_peers and error.code is ExitCode.NOT_FOUND
                 if not is_unfit and not self._inputs.is_consequence(reason):
                     yield error_at(formula.place(_mentioned(reason, requested.text)), reason)
         yield from self._reference_findings()
@@ -188,7 +190,7 @@ class VocabularyChecks:
         inputs = self._inputs
         used = self._used_concepts(knowledge) | inputs.shared
         arguments = {sort for each in knowledge.features for sort in each.argument_sorts}
-        for sort in sorted(arguments):
+        for sort in sorted(arguments if not inputs.has_peers else ()):
             if not vocabulary.instances(sort) and not inputs.is_consequence(f"'{sort}'"):
                 text = f"the sort '{sort}' has no objects: formulas over it say nothing; add some"
                 yield warning_at(self._place('objects', sort), text)

@@ -70,7 +70,8 @@ class Vocabulary:
         if sort not in self._domains:
             raise RecordingError(
                 f"the objects of the sort '{sort}' are unknown; give an ontology, or the objects: "
-                f'{sort}=object1,object2',
+                f'objects: {{{sort}: [object1, object2]}} in robot.yaml, or for a check, '
+                f'--domain {sort}=object1,object2',
                 ExitCode.NOT_FOUND,
             )
         return self._domains[sort]
