@@ -160,6 +160,7 @@ def test_a_new_vehicle(
         instance_name='uav3', concept_names=['UAV'],
     )  # fmt: skip
     evaluations.wait_for_event('cannot restart', 'Power[uav3]')
+    assert any('no stream carries Power[uav3]' in each.waits_for for each in evaluations.running)
     spares.power('uav3_power', 'uav3', of='uav3')
     result = following.result()
     assert result.verdict == FALSE, result

@@ -131,7 +131,7 @@ class Progress:
         presumably_false: True if the formula would be false without further states.
         streams: the specifications of the streams in use.
         events: what has happened since the last report.
-        waits_for: why no state has come for 3 s; empty while states come.
+        waits_for: why no state has come for 3 s, or why new objects are left out; else empty.
         margin: if it was asked for.
         probability: of the latest state, if the formula asks for one.
         episodes: for a formula that is asked at every state.

@@ -62,6 +62,9 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import (
     find_candidates,
 )
 
+RETRY_DELAY_S: Final = 1.0
+"""The time until it is tried again to restart a formula with other objects."""
+
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
 
@@ -131,6 +134,7 @@ class FormulaEvaluation(Evaluation):
         self._changes, self._seen_changes, self._is_starting = 0, 0, True
         # Its verdict with the present objects of its sorts, if that needs no state.
         self._standing_answer: Answer | None = None
+        self._restart_fault = ''
         self._units: dict[str, str] = {}
         # The objects of its sorts, also of parts that peers evaluate.
         self._domains: Mapping[str, tuple[str, ...]] = {}
@@ -167,7 +171,9 @@ class FormulaEvaluation(Evaluation):
 
     @property
     def waits_for(self) -> str:
-        """Why no state comes; empty if states come or it is not evaluated."""
+        """Why no state comes, or it leaves out objects; empty if it does not wait."""
+        if self._restart_fault:
+            return self._restart_fault
         if self._standing_answer is not None:
             return f'{self._standing_answer.explanation}; it begins again with other objects'
         return self._group.waits_for if self._group is not None else ''
@@ -212,12 +218,22 @@ class FormulaEvaluation(Evaluation):
             self._is_starting = False
 
     async def _follow_domains(self) -> None:
+        """Restart if its sorts have other objects, once streams carry all their features."""
+        node = self._context.node
         try:
-            if await self._context.clients.domains(self._domains) == self._domains:
-                return
-            prepared = await self._prepare()
+            is_same = await self._context.clients.domains(self._domains) == self._domains
+            prepared = None if is_same else await self._prepare()
         except DyKnowError as error:
-            self.add_event(f'it cannot restart with other objects yet: {error}')
+            former = self._restart_fault
+            self._restart_fault = f'it cannot restart with other objects yet: {error}'
+            if self._restart_fault != former:
+                self.add_event(self._restart_fault)
+            if error.code is not ExitCode.NOT_FOUND:  # It may pass without a change of semantics.
+                due = node.deadlines.after(RETRY_DELAY_S)
+                due.add_done_callback(lambda _: node.spawn(self.update_domains))
+            return
+        self._restart_fault = ''
+        if prepared is None:
             return
         if self.outcome.done():
             self._context.cleanup.destroy_group(prepared.group_id)
