@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from functools import partial
@@ -176,19 +176,8 @@ class RecordedStreams:
         for name in self.running(origins):
             specification = parse_specification(self.dataflow.specification(name))
             trial.create(name, specification, NO_CONSTRAINTS)
-        # Those that select from streams read no more than these do.
-        of_topics = (source for source in sources if source.select is None)
-        terms: list[tuple[bool, Term]] = []
         required = trial.sources().get(TRACE_TOPIC, frozenset())
-        for number, source in enumerate(of_topics):
-            specification = parse_specification(';\n'.join([*source.units, source.declaration]))
-            name = f'candidate {number}'
-            try:
-                trial.create(name, specification, NO_CONSTRAINTS)
-            except DyKnowError:
-                continue  # It is an error of the formulas that choose it.
-            may_be_unknown = source.feature.partition('[')[0] in unknown
-            terms.append((may_be_unknown, trial.term(name)))
+        terms = list(_terms_of_topics(sources, unknown, trial))
         self._optional = frozenset() if ALL in required else _optional_cells(terms) - required
         for topic, fields in trial.sources().items():
             demand[self.absolute(topic)] |= fields
@@ -514,6 +503,24 @@ class RecordedStreams:
         if topic in self._rejected:
             return f'messages of {topic} cannot be used: {self._rejected[topic]}'
         return f'{topic} has fallen silent' if self._received[topic] <= since else ''
+
+
+def _terms_of_topics(
+    sources: Iterable[FeatureSource], unknown: Collection[str], trial: Dataflow
+) -> Iterator[tuple[bool, Term]]:
+    """Make the sources that select from topics; yield them after True for an unknown feature.
+
+    Those that select from streams read no more than these do.
+    """
+    of_topics = (source for source in sources if source.select is None)
+    for number, source in enumerate(of_topics):
+        specification = parse_specification(';\n'.join([*source.units, source.declaration]))
+        name = f'candidate {number}'
+        try:
+            trial.create(name, specification, NO_CONSTRAINTS)
+        except DyKnowError:
+            continue  # It is an error of the formulas that choose it.
+        yield source.feature.partition('[')[0] in unknown, trial.term(name)
 
 
 def _optional_cells(terms: Iterable[tuple[bool, Term]]) -> AbstractSet[str]:
