@@ -25,6 +25,19 @@ def test_a_true_formula(system: System) -> None:
     assert answer.decided_at.sec > 0
 
 
+def test_the_status_counts_the_state_that_decides(system: System, evaluations: Evaluations) -> None:
+    answer = system.evaluate('Power[uav1] < 150')
+    assert_decided(answer, FormulaResult.TRUE)
+    system.client.spin_until(
+        lambda: (
+            evaluations.latest.states_progressed == 1
+            and evaluations.latest.latest_valid_time == answer.decided_at
+        ),
+        'the only state',
+        instead=evaluations.told,
+    )
+
+
 @pytest.mark.parametrize(
     ('formula', 'verdict'),
     [

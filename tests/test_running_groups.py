@@ -156,6 +156,16 @@ class Group:
         self.wait(found, f'{states} states')
         return found()[0]
 
+    def last_report(self, formula_id: int) -> Any:
+        """The report that no other one follows."""
+
+        def found() -> list[Any]:
+            return [each for each in self._reports(formula_id) if not each.residual_formula]
+
+        self.wait(found, 'the last report')
+        assert found() == self._reports(formula_id)[-1:]
+        return found()[0]
+
     def events(self, formula_id: int) -> list[str]:
         """All that was reported to have happened."""
         return [event for report in self._reports(formula_id) for event in report.events]
@@ -220,6 +230,32 @@ def test_reports_tell_what_is_presumably_false(nodes: Nodes) -> None:
     states.publish({10: 100.0})
     calm, soon = (group.progressed(each, 1) for each in group.formulas)
     assert (calm.presumably_false, soon.presumably_false) == (False, True)
+
+
+def test_the_last_report_on_a_formula_tells_of_all_states(nodes: Nodes) -> None:
+    states = States(nodes)
+    group = Group(nodes, states, CALM, SOON)
+    calm, soon = group.formulas
+    states.publish({10: 100.0, 11: 100.0, 12: 160.0})
+    group.wait(lambda: len(group.results) > 1, 'both results')
+    response = group.add('eventually[0 s, 20 s] Power[uav1] > 150')
+    states.publish({13: 100.0, 14: 160.0})
+    group.wait(lambda: len(group.results) > 2, 'the third result')
+    open_one = group.add('Power[uav1] < 150 -> eventually[0 s, 20 s] Power[uav1] > 150')
+    group.add('eventually[0 s, 20 s] Power[uav1] < 50')
+    states.publish({15: 100.0, 16: 40.0})
+    group.wait(lambda: len(group.results) > 3, 'the fourth result')
+    assert group.remove(open_one).code == ExitStatus.SUCCESS
+    expected = {
+        calm: (3, 12, True),
+        soon: (3, 12, False),
+        response: (2, 14, False),
+        open_one: (2, 16, True),
+    }
+    for formula, numbers in expected.items():
+        last = group.last_report(formula)
+        found = last.states_progressed, last.latest_valid_time.sec, last.presumably_false
+        assert found == numbers
 
 
 def test_going_over_loses_no_state(nodes: Nodes) -> None:

@@ -166,6 +166,11 @@ class StandingVerdicts:
     latest_episodes: tuple[ViolationEpisode, ...] = ()
 
     @property
+    def states(self) -> int:
+        """The number of states from which it was asked."""
+        return self.holds + self.fails + self.undecided + self.unknown
+
+    @property
     def verdict(self) -> Verdict:
         """FALSE if it is false from a state, TRUE if it is true from all states."""
         if self.fails:
@@ -176,14 +181,13 @@ class StandingVerdicts:
     @property
     def text(self) -> str:
         """The verdicts in one line, for people."""
-        states = self.holds + self.fails + self.undecided + self.unknown
         episodes = f' in {_plural(self.episode_count, "episode")}'
         others = (
             f', fails from {self.fails}{episodes}' if self.fails else '',
             f', undecided from {self.undecided}' if self.undecided else '',
             f', unknown from {self.unknown}' if self.unknown else '',
         )
-        return f'holds from {self.holds} of {_plural(states, "state")}{"".join(others)}'
+        return f'holds from {self.holds} of {_plural(self.states, "state")}{"".join(others)}'
 
     def change(self, before: StandingVerdicts) -> str:
         """Return what has happened since earlier verdicts, for people; empty if nothing has."""

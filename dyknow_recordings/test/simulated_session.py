@@ -318,8 +318,9 @@ class SimulatedSystem:
             GROUP,
             'group',
             formulas,
-            background,
-            publisher,  # type: ignore[arg-type]
+            background,  # type: ignore[arg-type]
+            publisher,
+            publisher,
         )
         self._engine.create_timer(SUPERVISION_PERIOD_S, self.group.change_if_due)
         self._context: Any = SimpleNamespace(

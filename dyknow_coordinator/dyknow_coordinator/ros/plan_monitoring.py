@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from dyknow_interfaces.action import MonitorPlan
@@ -106,28 +107,20 @@ class MonitoredPlan:
 
     def _take(self, step: Step) -> None:
         for position in step.withdraw:
-            evaluation = self._evaluations.pop(position, None)
+            evaluation = self._evaluations.get(position)
             if evaluation is None:  # It was about to start.
                 self._update(position, phase=PlanPhase.WITHDRAWN, explanation=NO_STATE)
-                continue
-            progress = evaluation.progress
-            explanation = withdrawal(
-                progress.states_progressed, presumably_false=progress.presumably_false
-            )
-            self._update(
-                position,
-                formula=evaluation.canonical_formula or self._verdicts[position].formula,
-                phase=PlanPhase.WITHDRAWN,
-                presumably_false=progress.presumably_false,
-                explanation=explanation,
-            )
-            evaluation.cancel(f"withdrawn by plan '{self._execution.plan.name}': {explanation}")
+            else:  # It ends with the last report on it.
+                evaluation.cancel(partial(self._reason, evaluation))
         for position in step.start:
             # A formula that cannot be started may end the plan before the next one.
             if self._execution.phase(position) is PlanPhase.RUNNING:
                 self._evaluate(position)
-        if self._execution.has_ended and not self.ended.done():
+        if self._execution.has_ended and not self._evaluations and not self.ended.done():
             self.ended.set_result(None)
+
+    def _reason(self, evaluation: FormulaEvaluation) -> str:
+        return f"withdrawn by plan '{self._execution.plan.name}': {_outcome(evaluation)}"
 
     def _evaluate(self, position: FormulaPosition) -> None:
         request = EvaluationRequest(
@@ -149,9 +142,17 @@ class MonitoredPlan:
         evaluation.outcome.add_done_callback(lambda done: self._conclude(position, done.result()))
 
     def _conclude(self, position: FormulaPosition, answer: Answer) -> None:
-        if self._execution.phase(position) is not PlanPhase.RUNNING:
-            return  # The formula was withdrawn.
-        self._evaluations.pop(position, None)
+        evaluation = self._evaluations.pop(position, None)
+        if evaluation and self._execution.phase(position) is PlanPhase.WITHDRAWN:
+            self._update(
+                position,
+                formula=answer.canonical_formula or self._verdicts[position].formula,
+                phase=PlanPhase.WITHDRAWN,
+                presumably_false=evaluation.progress.presumably_false,
+                explanation=_outcome(evaluation),
+            )
+            self._take(Step())
+            return
         step = self._execution.conclude(
             position,
             failed=answer.error is not None,
@@ -171,6 +172,12 @@ class MonitoredPlan:
     def _update(self, position: FormulaPosition, **changes: Any) -> None:
         self._verdicts[position] = replace(self._verdicts[position], **changes)
         self._on_change(self._verdicts[position])
+
+
+def _outcome(evaluation: FormulaEvaluation) -> str:
+    """Return how a formula stood when it was withdrawn."""
+    progress = evaluation.progress
+    return withdrawal(progress.states_progressed, presumably_false=progress.presumably_false)
 
 
 class PlanMonitoring:

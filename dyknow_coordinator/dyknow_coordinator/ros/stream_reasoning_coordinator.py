@@ -230,7 +230,7 @@ class StreamReasoningCoordinator(DyKnowNode):
         self._monitoring.finish(goal, answer.error)
         return result
 
-    def _cancel(self, request: Any, response: Any) -> None:
+    async def _cancel(self, request: Any, response: Any) -> None:
         running = [each for each in self._evaluations if not each.has_ended]
         named = [each for each in running if request.name in each.names]
         if not named:
@@ -243,6 +243,8 @@ class StreamReasoningCoordinator(DyKnowNode):
         for each in named:
             self.get_logger().info(f'{each.title}: cancelled by an operator')
             each.cancel(f'cancelled by an operator, who called {service}')
+        for each in named:
+            await each.outcome
         response.cancelled = len(named)
 
     def _read_request(self, message: Any) -> EvaluationRequest:

@@ -9,7 +9,7 @@ from functools import partial
 from time import perf_counter
 from typing import Any, Final, TypeVar
 
-from dyknow_interfaces.msg import FormulaProgress
+from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress
 from dyknow_interfaces.msg import FormulaResult as FormulaResultMessage
 from dyknow_interfaces.msg import Symbol as SymbolMessage
 from rclpy.task import Future
@@ -92,9 +92,11 @@ class GroupEvaluation:
         name: str,
         group: FormulaGroup,
         background: Background,
+        progress: Any,
         episodes: Any,
     ) -> None:
         self.group = group
+        self._reports = progress
         self._episodes = EpisodeReports(node, group_id, group, episodes)
         self.name = name
         self._node = node
@@ -147,9 +149,25 @@ class GroupEvaluation:
         return formula_id
 
     async def remove_formula(self, formula_id: int) -> None:
-        """Remove a formula; raise ReasoningError for an unknown one."""
-        await self._work.run(lambda: self.group.remove_formula(formula_id), self._is_large)
+        """Remove a formula, after the last reports on it if it is undecided.
+
+        Raises:
+            ReasoningError: for an unknown formula.
+        """
+        progress, episodes = await self._work.run(lambda: self._remove(formula_id), self._is_large)
+        self._episodes.publish(episodes)
+        if progress is not None:
+            self._reports.publish(progress)
+
+    def _remove(self, formula_id: int) -> tuple[FormulaProgress | None, FormulaEpisodes | None]:
+        progress = None
+        if formula_id in self.group.undecided:
+            # While states wait, it is not known how the formula stands.
+            progress = self._report(formula_id, is_last=not self._work.waiting_states)
+        episodes = self._episodes.report(formula_id)
+        self.group.remove_formula(formula_id)
         self._states_before.pop(formula_id, None)
+        return progress, episodes
 
     async def symbols(self) -> list[SymbolMessage]:
         """Return the symbols of the formulas."""
@@ -303,15 +321,19 @@ class GroupEvaluation:
         return await self._work.run(lambda: list(self._progress_reports()), self._is_large)
 
     def _progress_reports(self) -> Iterator[FormulaProgress]:
-        events = list(self._events)
+        reports = [self._report(each) for each in sorted(self.group.undecided)]
         self._events.clear()
-        for formula_id in sorted(self.group.undecided):
-            states = self._states - self._states_before[formula_id]
-            latest = self._line.latest if states else None
-            report = progress_to_message(self.group, formula_id, latest)
-            report.formula_group_id, report.states_progressed = self._id, states
-            report.events = events
-            yield report
+        yield from reports
+
+    def _report(self, formula_id: int, *, is_last: bool = False) -> FormulaProgress:
+        states = self._states - self._states_before[formula_id]
+        latest = self._line.latest if states else None
+        report = progress_to_message(self.group, formula_id, latest)
+        report.formula_group_id, report.states_progressed = self._id, states
+        report.events = list(self._events)
+        if is_last:
+            report.residual_formula = ''
+        return report
 
     def publish(self, results: Iterable[FormulaResult]) -> None:
         """Publish the results of formulas."""
@@ -320,6 +342,7 @@ class GroupEvaluation:
         stamp = self._node.get_clock().now().to_msg()
         for result in results:
             self._results.publish(result_to_message(result, self._id, stamp))
+            self._reports.publish(self._report(result.formula_id, is_last=True))
         self._episodes.publish_changes()
 
     def report_episodes(self) -> None:

@@ -85,17 +85,24 @@ class EpisodeReports:
         for formula_id, published in self._published.items():
             due = _SHORTEST_NS if formula_id in self._changed else PERIOD_NS
             if now - published >= due:
-                self._publish(formula_id)
+                self.publish(self.report(formula_id))
                 self._published[formula_id] = now
                 self._changed.discard(formula_id)
 
-    def _publish(self, formula_id: int) -> None:
-        name = self._group.formulas[formula_id].name
+    def report(self, formula_id: int) -> FormulaEpisodes | None:
+        """Return the present report on a formula; None if it is not asked at every state."""
+        if formula_id not in self._group.standing.formulas:
+            return None
         message = to_message(self._group.standing.summary(formula_id), FormulaEpisodes())
         message.formula_group_id, message.formula_id = self._group_id, formula_id
-        message.formula_name = name
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+        message.formula_name = self._group.formulas[formula_id].name
+        return message
+
+    def publish(self, report: FormulaEpisodes | None) -> None:
+        """Publish a report, if there is one."""
+        if report is not None:
+            report.header.stamp = self._node.get_clock().now().to_msg()
+            self._publisher.publish(report)
 
     def _wall_time(self) -> int:
         return int(self._node.wall_clock.now().nanoseconds)

@@ -97,6 +97,7 @@ class StreamReasoningEngine(DyKnowNode):
             request.formula_group_name,
             FormulaGroup(limits_of_group(self._limits)),
             self._background,
+            self._progress,
             self._episodes,
         )
         response.formula_group_id = group_id

@@ -59,7 +59,10 @@ class Group:
 
         background.run = run
         self.streams: dict[str, StateSubscription] = {}
-        self.evaluation = GroupEvaluation(node, 1, 'group', group, background, mock.MagicMock())
+        self.reports = mock.MagicMock()
+        self.evaluation = GroupEvaluation(
+            node, 1, 'group', group, background, self.reports, mock.MagicMock()
+        )
 
         def subscribe(*arguments: Any) -> StateSubscription:
             with mock.patch(f'{StateSubscription.__module__}.DirectSubscription'):

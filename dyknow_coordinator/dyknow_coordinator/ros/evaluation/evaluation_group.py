@@ -80,6 +80,7 @@ class EvaluationGroup:
         self.waits_for = ''
         """Why no state comes; empty if the phase is not WAITING."""
         self._members: dict[int, GroupMember] = {}
+        self._removed: set[int] = set()
         self._joining = 0
         self._error: DyKnowError | None = None
 
@@ -140,14 +141,26 @@ class EvaluationGroup:
             self._joining -= 1
             self._end_if_empty()
 
+    def remove(self, leaving: GroupMember) -> bool:
+        """Have the engine remove a formula after a last report; return False if it has not got it.
+
+        The formula is a member until it leaves.
+        """
+        members = [each for each, member in self._members.items() if member is leaving]
+        found = set(members) - self._removed
+        self._removed |= found
+        for formula_id in found:
+            self._context.node.spawn(self._remove, formula_id)
+        return bool(found)
+
     def leave(self, leaving: GroupMember) -> None:
-        """Remove a formula; end with the last one."""
+        """Remove a formula, unless that has happened; end with the last one."""
         for formula_id, member in list(self._members.items()):
             if member is leaving:
+                if len(self._members) > 1 or self._joining:
+                    self.remove(leaving)
                 del self._members[formula_id]
                 self._context.results.unregister(self.group_id, formula_id)
-                if self._members or self._joining:
-                    self._context.node.spawn(self._remove, formula_id)
         self._end_if_empty()
 
     async def update_candidates(self) -> None:

@@ -65,6 +65,9 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import (
 RETRY_DELAY_S: Final = 1.0
 """The time until it is tried again to restart a formula with other objects."""
 
+LAST_REPORT_S: Final = 1.0
+"""The longest time that the end of an evaluation waits for the last report on its formula."""
+
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
 
@@ -124,6 +127,9 @@ class FormulaEvaluation(Evaluation):
         self.on_progress: Callable[[], None] = lambda: None
         self.history = History()
         self.episodes = StandingVerdicts()
+        self._is_last_report = False
+        self._last_report: Future = Future()
+        self._last_report.set_result(None)  # Nothing waits for it yet.
         self._context = context
         self._groups = groups
         self._on_change = on_change
@@ -197,6 +203,7 @@ class FormulaEvaluation(Evaluation):
             self._context.node.log_fault(self.name, error)
             self.fail(self._fault(error))
         expiry.cancel()
+        await self._last_report
         self._leave()
 
     def _fault(self, error: Exception) -> CoordinationError:
@@ -245,6 +252,7 @@ class FormulaEvaluation(Evaluation):
         self.add_event(f'restarted with {objects}')
         self.progress, self.episodes = Progress(), StandingVerdicts()
         self.margin = self._standing_answer = None
+        self._is_last_report = False
         try:
             await self._start(prepared)
         except DyKnowError as error:
@@ -254,6 +262,8 @@ class FormulaEvaluation(Evaluation):
         """End with a FormulaResult of the reasoning engine (step 8)."""
         answer = from_message(Answer, result)
         self._note_margin(answer.margin)
+        if answer.error or answer.decided_at is not None:
+            self._await_last_report()
         if (error := answer.error) is None:
             # With other objects, one that needs no state now may need some.
             if self.request.restart_on_change and self._domains and answer.decided_at is None:
@@ -270,11 +280,40 @@ class FormulaEvaluation(Evaluation):
 
     def receive_progress(self, message: Any) -> None:
         """Record a FormulaProgress of the reasoning engine."""
-        self.progress = progress = from_message(Progress, message)
+        before, self.progress = self.progress, from_message(Progress, message)
+        progress = self.progress
         self._note_margin(progress.margin)
         for event in progress.events:
             self.add_event(event)
-        self.on_progress()
+        self._is_last_report = not progress.residual_formula
+        if self._is_last_report or progress.presumably_false != before.presumably_false:
+            self._on_change()
+        if self._is_last_report:
+            self._note_last_report()
+        else:
+            self.on_progress()
+
+    @property
+    def _is_up_to_date(self) -> bool:
+        """True if the last reports on the formula have come; they are on two topics."""
+        states = self.episodes.states if self.request.every_state else None
+        return self._is_last_report and states in {None, self.progress.states_progressed}
+
+    def _note_last_report(self) -> None:
+        is_complete = self._is_last_report if self.has_ended else self._is_up_to_date
+        if is_complete and not self._last_report.done():
+            self._last_report.set_result(None)
+
+    def _await_last_report(self) -> None:
+        if not self._is_last_report and self._last_report.done():
+            self._last_report = self._context.node.deadlines.after(LAST_REPORT_S)
+
+    async def _end_after_last_report(self, end: Callable[[], None]) -> None:
+        """Have the formula removed, and end with the last report on it; a verdict may be first."""
+        if self._group is not None and self._group.remove(self):
+            self._await_last_report()
+        await self._last_report
+        end()
 
     def _note_margin(self, margin: Margin | None) -> None:
         if margin is not None:
@@ -290,6 +329,7 @@ class FormulaEvaluation(Evaluation):
             self.history.add(change)
             self._log_change(change)
             self._on_change()
+        self._note_last_report()
         self.on_progress()
 
     def _with_units(self, verdicts: StandingVerdicts) -> StandingVerdicts:
@@ -314,14 +354,28 @@ class FormulaEvaluation(Evaluation):
 
     def expire(self, timeout_s: float) -> None:
         """End because the timeout has passed: with a verdict, if one is known from all states."""
+        self._context.node.spawn(self._end_after_last_report, partial(self._expire, timeout_s))
+
+    def cancel(self, reason: str | Callable[[], str] = 'cancelled by the caller') -> None:
+        """End because the client needs no answer any more; the reason may need the last report."""
+        cancel = super().cancel
+        self._context.node.spawn(
+            self._end_after_last_report,
+            lambda: cancel(reason if isinstance(reason, str) else reason()),
+        )
+
+    def _expire(self, timeout_s: float) -> None:
         verdict, text = self.episodes.verdict, self.episodes.text
+        # Later states may be undecided.
+        is_known = self._is_up_to_date or verdict is Verdict.FALSE
         if (answer := self._standing_answer) is not None:
             self.decide(answer.verdict, None, answer.explanation)
-        elif verdict is not Verdict.UNDECIDED:
+        elif verdict is not Verdict.UNDECIDED and is_known:
             episodes = self.episodes.latest_episodes
             self.decide(verdict, episodes[0].decided_at if episodes else None, text)
         elif self.episodes.holds:
-            late = f'no verdict from some states within {timeout_s:g} s: it {text}'
+            last = '' if self._is_up_to_date else '; the last states are not known'
+            late = f'no verdict from some states within {timeout_s:g} s: it {text}{last}'
             self.fail(CoordinationError(late, ExitCode.TIMEOUT))
         else:
             super().expire(timeout_s)
@@ -512,6 +566,7 @@ class FormulaEvaluation(Evaluation):
             await self._group.start(self, prepared.formula_id)
         if self.outcome.done():
             # The evaluation has ended meanwhile.
+            await self._last_report
             self._leave()
         # Step 12 happens in the reasoning engine; step 8 is `receive_result`, step 13 is in
         # `StateSupervisor`.
