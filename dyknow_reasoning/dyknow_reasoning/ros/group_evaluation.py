@@ -106,7 +106,7 @@ class GroupEvaluation:
         self._reserved_parts = 0
         self._step_s = 0.0
         self._states = 0
-        # For each formula, the number of states before it was added.
+        # For each formula that was added later, the number of states before it.
         self._states_before: dict[int, int] = {}
         self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
         self._inputs = FixedInputs()
@@ -326,7 +326,7 @@ class GroupEvaluation:
         yield from reports
 
     def _report(self, formula_id: int, *, is_last: bool = False) -> FormulaProgress:
-        states = self._states - self._states_before[formula_id]
+        states = self._states - self._states_before.get(formula_id, 0)
         latest = self._line.latest if states else None
         report = progress_to_message(self.group, formula_id, latest)
         report.formula_group_id, report.states_progressed = self._id, states
