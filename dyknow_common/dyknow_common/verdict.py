@@ -189,6 +189,18 @@ class StandingVerdicts:
         )
         return f'holds from {self.holds} of {_plural(self.states, "state")}{"".join(others)}'
 
+    @property
+    def is_known(self) -> bool:
+        """True if it is known from a state if it is true."""
+        return bool(self.holds or self.fails)
+
+    def _has_restarted(self, before: StandingVerdicts) -> bool:
+        more = self.episode_count - before.episode_count
+        if more < 0 or not before.latest_episodes or more >= len(self.latest_episodes):
+            return more < 0
+        # The same episode, or one that began after it.
+        return self.latest_episodes[-1 - more].begin > before.latest_episodes[-1].end
+
     def change(self, before: StandingVerdicts) -> str:
         """Return what has happened since earlier verdicts, for people; empty if nothing has."""
         more = self.episode_count - before.episode_count
@@ -205,10 +217,15 @@ class StandingVerdicts:
         """Yield the episodes that have begun or ended since earlier verdicts, in their order.
 
         An episode comes with False for its begin, and with True for its end. Of more than ten
-        episodes since then, the last ten are known.
+        episodes since then, the last ten are known. A formula that restarts with other objects
+        counts its episodes from 0; if it then holds, the one before has ended.
         """
-        # A formula that restarts with other objects counts its episodes from 0.
-        known = before.episode_count if before.episode_count <= self.episode_count else 0
+        if not self.is_known:
+            return
+        has_restarted = self._has_restarted(before)
+        known = 0 if has_restarted else before.episode_count
+        if has_restarted and before.is_violated and not self.latest_episodes:
+            yield before.latest_episodes[-1], True
         first = self.episode_count - len(self.latest_episodes) + 1
         for number, each in enumerate(self.latest_episodes, start=first):
             if number > known:

@@ -143,3 +143,17 @@ def verdicts_of(states: list[bool]) -> StandingVerdicts:
 def test_a_restarted_formula_counts_its_episodes_anew() -> None:
     ((episode, has_ended),) = VIOLATED.changes(AGAIN)
     assert (episode, has_ended) == (FIRST, False)
+
+
+def test_a_first_episode_after_a_restart_is_a_new_one() -> None:
+    """No report may have come in between."""
+    later = replace(FIRST, begin=20 * SECOND, end=20 * SECOND)
+    restarted = replace(VIOLATED, latest_episodes=(later,))
+    assert list(restarted.changes(VIOLATED)) == [(later, False)]
+    assert list(restarted.changes(restarted)) == []
+
+
+def test_an_episode_ends_when_the_restarted_formula_holds() -> None:
+    assert list(StandingVerdicts(undecided=1).changes(VIOLATED)) == []
+    assert list(CALM.changes(VIOLATED)) == [(VIOLATED.latest_episodes[-1], True)]
+    assert list(CALM.changes(CLEARED)) == []

@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 
 from dyknow_common import Margin, Verdict
 from dyknow_configuration import RequestedFormula, Trigger, TriggerEvent, TriggerKind
+from dyknow_coordinator import Progress, StandingVerdicts, ViolationEpisode
 from dyknow_reactions.triggers import (
     FIRST_BACKOFF,
     MAX_BACKOFF,
     MAX_WAITING,
+    FormulaEvents,
     TriggerAttempt,
     TriggerReport,
     TriggerRuns,
@@ -164,3 +166,20 @@ def test_placeholders_of_margins(margin: Margin | None, text: str, number: float
     found = report.numbers['margin']
     assert isinstance(found, float)
     assert isnan(found) if number is None else found == number
+
+
+def test_an_alarm_lasts_until_the_restarted_formula_holds() -> None:
+    """With other objects, a formula that is asked at every state begins again."""
+    events = FormulaEvents(RequestedFormula('p', every_state=True))
+    episode = ViolationEpisode(1, 1, 1, 1, has_ended=False, explanation='so')
+    violated = StandingVerdicts(0, 1, 0, 0, True, 1, (episode,))
+    found = [
+        [each.event for each in events.on_progress(Progress(states, episodes=verdicts), 0)]
+        for states, verdicts in [
+            (4, violated),
+            (0, StandingVerdicts()),
+            (1, StandingVerdicts(undecided=1)),
+            (2, StandingVerdicts(holds=2)),
+        ]
+    ]
+    assert found == [[TriggerEvent.FALSE], [], [], [TriggerEvent.CLEAR]]
