@@ -171,7 +171,6 @@ class RecordedStreams:
         origins = {name for source in sources for name in self.known.origins(source)}
         self._make([each for each in self._requested if each in origins])
         self.known = self._known_streams()
-        demand: dict[str, set[str]] = defaultdict(set)
         trial = self._new_dataflow()
         for name in self.running(origins):
             specification = parse_specification(self.dataflow.specification(name))
@@ -179,7 +178,11 @@ class RecordedStreams:
         required = trial.sources().get(TRACE_TOPIC, frozenset())
         terms = list(_terms_of_topics(sources, unknown, trial))
         self._optional = frozenset() if ALL in required else _optional_cells(terms) - required
-        for topic, fields in trial.sources().items():
+        return self._fields_read(trial)
+
+    def _fields_read(self, dataflow: Dataflow) -> Mapping[str, frozenset[str]]:
+        demand: dict[str, set[str]] = defaultdict(set)
+        for topic, fields in dataflow.sources().items():
             demand[self.absolute(topic)] |= fields
         return {
             topic: self._recorded_fields(content.fields, demand[topic])
