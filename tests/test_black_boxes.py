@@ -230,7 +230,8 @@ def test_a_box_has_the_objects_of_the_last_restart(
     code, document = checked(report.path)
     (found,) = document['formulas']
     assert (code, found['outcome'], document['notes']) == (1, 'false', [])
-    assert found['episodes'][0]['explanation'] == result.explanation
+    # The topic of uav3 is recorded from the restart on, maybe after the first state.
+    assert result.explanation.startswith(found['episodes'][0]['explanation'].partition(' (')[0])
 
 
 def test_an_episode_has_a_box(
