@@ -54,7 +54,7 @@ def test_a_verdict_waits_for_a_link() -> None:
         demonstration = threads.submit(output_of, line, environment, LIMIT * 2)
         done = client.result(demonstration, 'the end of the demonstration', LIMIT * 2)
     assert done.returncode == 0, f'{done.stdout}{done.stderr}{told}'
-    verdict = 'true: "/dyknow/federation/carrier'
+    verdict = "true: 'Charge[carrier"
     events = ('the link to carrier1 is cut', 'the verdict waits', 'the link is back', verdict)
     places = [done.stdout.index(each) for each in events]
     assert places == sorted(places), done.stdout
