@@ -165,7 +165,8 @@ OUTSIDE = (
 def storm(path: Path) -> None:
     """Write a cell and a robot that come 1 m nearer to another robot each second.
 
-    The last polygon crosses itself. The robot that comes stays to the left of the other one.
+    The last polygon crosses itself; the robots go on for longer than it may be delayed. The robot
+    that comes stays to the left of the other one.
     """
     types = get_typestore(Stores.ROS2_JAZZY)
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -177,13 +178,14 @@ def storm(path: Path) -> None:
                 ('/uav2/pose', 'PoseStamped'),
             )
         ]
-        for step in range(10):
+        for step in range(12):
             cell, pose, other = PolygonStamped(), PoseStamped(), PoseStamped()
             x = 8.0 - step
             other.pose.position = Point(x=x, y=8.5)
             corners = [(x, -2.0), (x + 4, -2.0), (x + 4, 2.0), (x, 2.0 if step < 9 else -4.0)]
             cell.polygon.points = [Point32(x=x, y=y) for x, y in corners]
-            for connection, message in zip(connections, (cell, pose, other), strict=True):
+            messages = [*zip(connections, (cell, pose, other), strict=True)]
+            for connection, message in messages if step < 10 else messages[1:]:
                 time = START + step * SECOND_NS
                 message.header.frame_id = 'map'
                 message.header.stamp.sec = time // SECOND_NS

@@ -106,12 +106,15 @@ def test_a_violation_that_ends_is_not_the_end(
     name = ' '.join(fault)  # Evaluations that have ended are still reported.
     path = formulas(tmp_path, **{name: 'forall r in Rover: always Charge[r] > 0.2'})
 
+    ended: list[EvaluationStatus] = []
+
     def follow(report: EvaluationStatusArray) -> None:
         """The battery has a fault when it is monitored, then returns, and then it is empty."""
         found = [each for each in report.evaluations if each.name == name]
-        has_ended = any(each.phase == EvaluationStatus.ENDED for each in found)
+        # The next evaluation supersedes it.
+        ended.extend(each for each in found if each.phase == EvaluationStatus.ENDED)
         states = max((each.states_progressed for each in found if each.phase == RUNNING), default=0)
-        if has_ended:
+        if ended:
             publishing.tell(publishes_battery=True, charge=0.1 if states > 60 else 0.9)
         elif states:
             publishing.tell(**fault)

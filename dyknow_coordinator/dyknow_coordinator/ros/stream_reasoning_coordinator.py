@@ -168,8 +168,8 @@ class StreamReasoningCoordinator(DyKnowNode):
             'formulas that are evaluated at once',
         )
         evaluation = FormulaEvaluation(self._shared, self._groups, request, self._publish_soon)
-        self._forget_superseded(evaluation)
         self._evaluations.append(evaluation)
+        self._forget_superseded(evaluation)
         self._publish_soon()
         self.spawn(self._run, evaluation)
         return evaluation
@@ -197,7 +197,10 @@ class StreamReasoningCoordinator(DyKnowNode):
                 logger.warning(text)
 
     def _forget_superseded(self, later: FormulaEvaluation) -> None:
-        for each in [each for each in self._evaluations if each is not later]:
+        if later not in self._evaluations:
+            return
+        # Not those after it: two that end together must not remove each other.
+        for each in self._evaluations[: self._evaluations.index(later)]:
             if is_superseded(each.answer, later.answer) and later.request.repeats(each.request):
                 self._forget(each)
 
