@@ -132,13 +132,21 @@ def node_in(enclave: str, domain: int, name: str) -> Iterator[Node]:
     node = Node(name, context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
+    has_ended = threading.Event()
+
+    def spin() -> None:
+        while not has_ended.is_set():
+            executor.spin_once(timeout_sec=POLL)
+
+    thread = threading.Thread(target=spin, daemon=True)
     thread.start()
     try:
         yield node
     finally:
-        executor.shutdown()
+        has_ended.set()
         thread.join()
+        # A callback that is running would meet a guard condition that was destroyed.
+        executor.shutdown()
         node.destroy_node()
         context.try_shutdown()
 
