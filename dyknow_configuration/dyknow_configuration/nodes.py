@@ -199,23 +199,20 @@ def parameter_faults(document: YamlValue) -> Iterator[ConfigurationError]:
     """
     stated = [nodes for name, _, nodes in _named(document) if name == 'nodes']
     own = ((node, parameters) for nodes in stated for node, _, parameters in _named(nodes))
-    for node, parameters in own:
-        yield from _unknown_parameters(node, parameters)
-    for node, parameters in _ros_parameters(document):
-        yield from _unknown_parameters(node, parameters)
+    of_ros = list(_ros_parameters(document))
+    for node, parameters in (*own, *of_ros):
+        known = _known_parameters(node)
+        for name, key, _ in _named(parameters) if known else ():
+            if name not in known and not name.startswith(_QUALITY_OF_SERVICE):
+                yield key.error(unknown(f'parameter of {node}', name, known))
+    for node, parameters in of_ros:
         known = _known_parameters(node)
         for name, _, value in _named(parameters):
             try:
-                _parameter(value, known.get(name), of_ros=True)
+                if name in known:
+                    _parameter(value, known[name], of_ros=True)
             except ConfigurationError as error:
                 yield error
-
-
-def _unknown_parameters(node: str, parameters: YamlValue) -> Iterator[ConfigurationError]:
-    known = _known_parameters(node)
-    for name, key, _ in _named(parameters) if known else ():
-        if name not in known and not name.startswith(_QUALITY_OF_SERVICE):
-            yield key.error(unknown(f'parameter of {node}', name, known))
 
 
 def _ros_parameters(
