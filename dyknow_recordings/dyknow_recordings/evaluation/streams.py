@@ -178,11 +178,8 @@ class RecordedStreams:
         required = trial.sources().get(TRACE_TOPIC, frozenset())
         terms = list(_terms_of_topics(sources, unknown, trial))
         self._optional = frozenset() if ALL in required else _optional_cells(terms) - required
-        return self._fields_read(trial)
-
-    def _fields_read(self, dataflow: Dataflow) -> Mapping[str, frozenset[str]]:
         demand: dict[str, set[str]] = defaultdict(set)
-        for topic, fields in dataflow.sources().items():
+        for topic, fields in trial.sources().items():
             demand[self.absolute(topic)] |= fields
         return {
             topic: self._recorded_fields(content.fields, demand[topic])

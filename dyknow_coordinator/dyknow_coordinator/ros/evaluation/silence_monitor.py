@@ -51,6 +51,9 @@ class SilenceMonitor:
         context.node.create_timer(PERIOD_S, self._check, clock=context.node.wall_clock)
 
     def _check(self) -> None:
+        streams = self._context.streams
+        if streams.known_until >= self._context.node.now():
+            self._time_passes_since = self._context.wall_time()
         groups = self._groups.running()
         self._report_waiting(groups)
         for group in groups:
@@ -66,7 +69,7 @@ class SilenceMonitor:
             for group in groups
             if group.waits_for
         }
-        if self._is_outdated() and any(group.states.chosen for group in groups):
+        if any(group.states.chosen for group in groups) and self._is_outdated():
             outdated = (
                 f'nothing was reported about topics for {format_duration(REPORT_LIMIT_NS)}, so '
                 'none of them is taken for silent: this node, the stream manager or an engine was '
@@ -78,7 +81,5 @@ class SilenceMonitor:
 
     def _is_outdated(self) -> bool:
         """Return True if the latest report is old; simulated time may stand still, or be fast."""
-        streams, now = self._context.streams, self._context.wall_time()
-        if streams.known_until >= self._context.node.now():
-            self._time_passes_since = now
-        return now - max(streams.heard_at, self._time_passes_since) > REPORT_LIMIT_NS
+        since = max(self._context.streams.heard_at, self._time_passes_since)
+        return self._context.wall_time() - since > REPORT_LIMIT_NS
