@@ -328,10 +328,13 @@ def test_commands_end_with_the_node(observed: Observed, tmp_path: Path) -> None:
 
 BAD = {
     '{publish: {topic: /a, type: nav9_msgs/msg/A}}': (
-        "the type 'nav9_msgs/msg/A' is not installed: install the package nav9_msgs",
+        "message type 'nav9_msgs/msg/A' is not installed; install the package nav9_msgs",
         'nav9',
     ),
-    '{publish: {topic: /a, type: std_msgs/msg/Strin}}': ('std_msgs has no such type', 'std_msgs'),
+    '{publish: {topic: /a, type: std_msgs/msg/Strin}}': (
+        "did you mean 'std_msgs/msg/String'?",
+        'std_msgs',
+    ),
     '{publish: {topic: /a, type: std_msgs/msg/String, message: {dat: x}}}': (
         "std_msgs/msg/String has no field 'dat'; did you mean 'data'?",
         'dat: x',

@@ -7,6 +7,7 @@ from dyknow_stream_processing.ros.messages.conversions import (
 )
 from dyknow_stream_processing.ros.messages.message_types import (
     check_fields,
+    interface_class,
     message_class,
     scalar_fields,
     valid_time_reader,
@@ -55,6 +56,7 @@ __all__ = [
     'check_fields',
     'extractor',
     'find_publication',
+    'interface_class',
     'is_pause_recent',
     'message_class',
     'message_conversion',

@@ -1,5 +1,7 @@
 """Between messages of ROS and samples of the core."""
 
+import re
+
 import pytest
 from dyknow_interfaces.msg import Field
 from dyknow_interfaces.msg import Sample as SampleMessage
@@ -91,9 +93,19 @@ def test_only_messages_with_a_header_have_a_stamp() -> None:
     assert valid_time_reader(Bool) is None
 
 
-@pytest.mark.parametrize('name', ['no_msgs/msg/Thing', 'std_msgs/msg/Thing', 'std_msgs', ''])
-def test_a_type_that_is_not_installed(name: str) -> None:
-    with pytest.raises(StreamError, match='not installed') as error:
+@pytest.mark.parametrize(
+    ('name', 'mend'),
+    [
+        ('no_msgs/msg/Thing', 'install the package no_msgs, or source its workspace'),
+        ('std_msgs/msg/Flot64', "did you mean 'std_msgs/msg/Float64'?"),
+        ('std_msgs/msg/Xyzzy', 'the package std_msgs has no such type'),
+        ('std_msgs', 'write it as package/msg/Type'),
+        ('', 'write it as package/msg/Type'),
+        ('/msg/Thing', 'install the package'),
+    ],
+)
+def test_a_type_that_is_not_installed(name: str, mend: str) -> None:
+    with pytest.raises(StreamError, match=re.escape(f"'{name}' is not installed; {mend}")) as error:
         message_class(name)
     assert error.value.code is ExitCode.NOT_FOUND
 

@@ -3,50 +3,32 @@
 from __future__ import annotations
 
 from functools import partial
-from importlib import import_module
 from typing import Any, Final
-
-from rclpy.type_support import check_for_type_support
 
 from dyknow_common import ExitCode, ValueType
 from dyknow_common.ros import nanoseconds_to_time
 from dyknow_configuration import PLACEHOLDERS, Trigger, filled, single_placeholder
 from dyknow_reactions.triggers import TriggerReport
-from dyknow_stream_processing.ros import FieldError, MessageWriter
+from dyknow_stream_processing import StreamError
+from dyknow_stream_processing.ros import FieldError, MessageWriter, interface_class
 
 _TIME: Final = 'builtin_interfaces/msg/Time'
 _CONTENT: Final = 'content'
-
-
-def interface_class(trigger: Trigger) -> Any:
-    """Return the class of the message, service or action that a trigger names.
-
-    Raises:
-        ConfigurationError: NOT_FOUND, if it is not installed; with its place in the file.
-    """
-    package, folder, name = trigger.type_name.split('/')
-    try:
-        class_ = getattr(import_module(f'{package}.{folder}'), name)
-        if folder == 'msg':
-            check_for_type_support(class_)
-    except (ImportError, AttributeError) as error:
-        is_there = isinstance(error, AttributeError)
-        mend = f'install the package {package}, or source its workspace'
-        mend = f'{package} has no such type' if is_there else mend
-        text = f"the type '{trigger.type_name}' is not installed: {mend}"
-        found = trigger.error(text, ('type',))
-        found.code = ExitCode.NOT_FOUND
-        raise found from None
-    return class_
 
 
 def template_of(trigger: Trigger) -> tuple[Any, MessageTemplate]:
     """Return the class that a trigger names, and the message that it sends.
 
     Raises:
-        ConfigurationError: as for both.
+        ConfigurationError: NOT_FOUND, if the type is not installed, with its place in the file;
+            as `MessageTemplate`.
     """
-    class_ = interface_class(trigger)
+    try:
+        class_ = interface_class(trigger.type_name)
+    except StreamError as error:
+        found = trigger.error(error.message, ('type',))
+        found.code = error.code
+        raise found from None
     part = {'srv': 'Request', 'action': 'Goal'}.get(trigger.type_name.split('/')[1])
     return class_, MessageTemplate(trigger, getattr(class_, part) if part else class_)
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
+from difflib import get_close_matches
 from importlib import import_module
 from operator import attrgetter
 from typing import Any, Final
@@ -32,16 +34,35 @@ def message_class(type_name: str) -> Any:
     Raises:
         StreamError: NOT_FOUND, if the type is not installed.
     """
-    package, _, name = type_name.partition('/msg/')
+    if '/msg/' not in type_name:
+        mend = 'write it as package/msg/Type'
+        text = f"message type '{type_name}' is not installed; {mend}"
+        raise StreamError(text, ExitCode.NOT_FOUND)
+    return interface_class(type_name)
+
+
+def interface_class(type_name: str) -> Any:
+    """Return the class of a message, a service or an action, such as `std_srvs/srv/Trigger`.
+
+    Raises:
+        StreamError: NOT_FOUND, if the type is not installed.
+    """
+    package, folder, name = type_name.split('/', 2)
     try:
-        class_ = getattr(import_module(f'{package}.msg'), name)
-        check_for_type_support(class_)  # Loads it now rather than with the first message.
-    except (ImportError, AttributeError, TypeError, ValueError):
-        mend = f'install the package {package}' if name else 'write it as package/msg/Type'
-        raise StreamError(
-            f"message type '{type_name}' is not installed; {mend}", ExitCode.NOT_FOUND
-        ) from None
-    return class_
+        module = import_module(f'{package}.{folder}')
+    except (ImportError, TypeError, ValueError):
+        mend = f'install the package {package}, or source its workspace'
+    else:
+        with suppress(ImportError, AttributeError):
+            class_ = getattr(module, name)
+            if folder == 'msg':
+                check_for_type_support(class_)  # Loads it now, not with the first message.
+            return class_
+        near = get_close_matches(name, dir(module), n=1)
+        near_name = f"did you mean '{package}/{folder}/{near[0]}'?" if near else ''
+        mend = near_name or f'the package {package} has no such type'
+    kind = {'msg': 'message', 'srv': 'service'}.get(folder, folder)
+    raise StreamError(f"{kind} type '{type_name}' is not installed; {mend}", ExitCode.NOT_FOUND)
 
 
 def type_name_of(class_: Any) -> str:
