@@ -70,8 +70,7 @@ def test_arrays_grow() -> None:
         (
             'no_msgs/msg/No',
             {'x': FLOAT},
-            "message type 'no_msgs/msg/No' is not installed; install the package no_msgs, or source "
-            'its workspace',
+            "message type 'no_msgs/msg/No' is not installed; install the package no_msgs, or",
         ),
         (
             'std_msgs/msg/Float64 (value = x)',
