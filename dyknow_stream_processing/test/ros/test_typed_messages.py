@@ -70,7 +70,10 @@ def test_arrays_grow() -> None:
         (
             'no_msgs/msg/No',
             {'x': FLOAT},
-            "message type 'no_msgs/msg/No' is not installed; install the package no_msgs, or",
+            (
+                "message type 'no_msgs/msg/No' is not installed; "
+                'install the package no_msgs, or source its workspace'
+            ),
         ),
         (
             'std_msgs/msg/Float64 (value = x)',
