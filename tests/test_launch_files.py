@@ -56,11 +56,13 @@ def parameter(client: Client, node: str, name: str) -> Any:
 
 
 @contextmanager
-def launched(environment: dict[str, str], *arguments: str) -> Iterator[subprocess.Popen[str]]:
+def launched(
+    environment: dict[str, str], *arguments: str, name: str = 'dyknow'
+) -> Iterator[subprocess.Popen[str]]:
     """Run a launch in a process group of its own, as a terminal does."""
     with subprocess.Popen(
         # What a shell runs in the background ignores interrupts, and so would the nodes.
-        ['env', '--default-signal=INT', *line(*arguments)],
+        ['env', '--default-signal=INT', *line(*arguments, name=name)],
         env={**os.environ, **environment},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -196,6 +198,31 @@ def test_parameters_of_nodes_without_their_namespace(
     ):
         assert parameter(client, '/uav1/stream_manager', 'hang_limit') == 33.0
         assert parameter(client, '/uav1/ontology_manager', 'hang_limit') != 33.0
+        names = ['use_sim_time']
+        answer = client.call(GetParameters, '/uav1/ontology_manager/get_parameters', names=names)
+        assert answer.values[0].bool_value
+        os.killpg(process.pid, signal.SIGINT)
+        process.communicate(timeout=LIMIT)
+        assert process.returncode == 0
+
+
+def test_a_parameter_of_a_launch_file_that_includes_ours(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    """As in Nav2's launch files, which set `use_sim_time` once for all nodes."""
+    (tmp_path / 'outer.launch.py').write_text(
+        'from launch import LaunchDescription\n'
+        'from launch.actions import IncludeLaunchDescription\n'
+        'from launch_ros.actions import PushRosNamespace, SetParameter\n'
+        'def generate_launch_description():\n'
+        '    return LaunchDescription([\n'
+        "        SetParameter('use_sim_time', True), PushRosNamespace('uav1'),\n"
+        f"        IncludeLaunchDescription('{share() / 'launch' / 'dyknow.launch.py'}')])\n"
+    )
+    with (
+        launched(environment, name=str(tmp_path / 'outer')) as process,
+        closing(Client(environment)) as client,
+    ):
         names = ['use_sim_time']
         answer = client.call(GetParameters, '/uav1/ontology_manager/get_parameters', names=names)
         assert answer.values[0].bool_value

@@ -64,9 +64,9 @@ def one_line(error: object) -> str:
 def listed(names: Iterable[object]) -> str:
     """Return names for a message: the first ones, and how many more there are."""
     found = list(names)
-    more = len(found) - _MAX_LISTED
-    shown = ', '.join(shortened(name) for name in found[:_MAX_LISTED])
-    return f'{shown} and {more} more' if more > 0 else shown
+    is_short = len(found) <= _MAX_LISTED + 1  # "and 1 more" would be as long as its name.
+    shown = ', '.join(shortened(name) for name in (found if is_short else found[:_MAX_LISTED]))
+    return shown if is_short else f'{shown} and {len(found) - _MAX_LISTED} more'
 
 
 def unknown(kind: str, name: str, known: Collection[str]) -> str:

@@ -102,10 +102,9 @@ def _node_actions(
     process: Process, values: Mapping[str, str], environment: Mapping[str, str]
 ) -> list[Any]:
     watch = _StartWatch(process.name)
-    parameters = {
-        **process.parameters,
-        'use_sim_time': is_true('use_sim_time', values['use_sim_time']),
-    }
+    # A value of false would hide the one that a launch file sets for all its nodes (SetParameter).
+    is_simulated = is_true('use_sim_time', values['use_sim_time'])
+    parameters = {**process.parameters, **({'use_sim_time': True} if is_simulated else {})}
     node = Node(
         package=process.package,
         executable=process.executable,
