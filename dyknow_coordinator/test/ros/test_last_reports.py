@@ -50,7 +50,8 @@ class World:
         self.evaluation.receive_progress(
             FormulaProgress(
                 states_progressed=states,
-                residual_formula='' if is_last else 'F',
+                residual_formula='F',
+                is_last=is_last,
                 presumably_false=presumably_false,
             )
         )

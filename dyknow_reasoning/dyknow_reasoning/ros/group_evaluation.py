@@ -330,9 +330,7 @@ class GroupEvaluation:
         latest = self._line.latest if states else None
         report = progress_to_message(self.group, formula_id, latest)
         report.formula_group_id, report.states_progressed = self._id, states
-        report.events = list(self._events)
-        if is_last:
-            report.residual_formula = ''
+        report.events, report.is_last = list(self._events), is_last
         return report
 
     def publish(self, results: Iterable[FormulaResult]) -> None:

@@ -285,7 +285,7 @@ class FormulaEvaluation(Evaluation):
         self._note_margin(progress.margin)
         for event in progress.events:
             self.add_event(event)
-        self._is_last_report = not progress.residual_formula
+        self._is_last_report = message.is_last
         if self._is_last_report or progress.presumably_false != before.presumably_false:
             self._on_change()
         if self._is_last_report:
