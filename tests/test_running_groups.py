@@ -160,7 +160,7 @@ class Group:
         """The report that no other one follows."""
 
         def found() -> list[Any]:
-            return [each for each in self._reports(formula_id) if not each.residual_formula]
+            return [each for each in self._reports(formula_id) if each.is_last]
 
         self.wait(found, 'the last report')
         assert found() == self._reports(formula_id)[-1:]
