@@ -80,6 +80,20 @@ def test_what_was_sent_before_the_subscription_is_never_late(flow: Flow, constra
     assert flow.broken() == [('max_delay', 1)]
 
 
+@pytest.mark.parametrize('sent_topics', [set(), {'stop'}])
+def test_an_older_message_of_another_publisher_is_no_news(
+    flow: Flow, sent_topics: set[str]
+) -> None:
+    """Two publishers keep a message each, and the older one comes last."""
+    flow.sent_topics = sent_topics
+    flow.create('sync("stop")')
+    flow.push('stop', 5, 3_600_000, x=1, is_initial=True)
+    flow.push('stop', 3, 3_600_000, x=2, is_initial=True)
+    flow.push('stop', 3_600_001, x=3)
+    assert flow.take() == [(5, {'x': 1}), (3_600_001, {'x': 3})]
+    assert (flow.broken(), flow.drops) == ([], {'superseded': 1})
+
+
 def test_what_another_topic_sends_later_may_be_late(flow: Flow) -> None:
     flow.create('merge("speed", "height") with max_delay = 5 s')
     flow.push('speed', 0, 3_600_000, x=1, is_initial=True)

@@ -43,17 +43,32 @@ def test_equal_valid_times_make_one_tick(flow: Flow) -> None:
     assert flow.take() == [(5, {'a': 1, 'b': 2})]
 
 
-def test_a_second_sample_of_a_tick_is_superseded_and_holds_from_then_on(flow: Flow) -> None:
+def test_samples_of_one_time_follow_each_other(flow: Flow) -> None:
+    """Also those that come after a tick of their time."""
     both(flow)
     flow.push('a', 5, x=1)
     flow.push('b', 5, 6, x=2)
+    assert flow.take() == [(5, {'a': 1, 'b': 2})]
     flow.push('b', 5, 7, x=3)
-    assert flow.times() == [5]
-    assert flow.drops == {'superseded': 1}
-    assert flow.broken() == []
-    flow.push('a', 8, x=4)
-    flow.push('b', 9, x=5)
-    assert flow.take() == [(8, {'a': 4, 'b': 3})]
+    flow.push('b', 5, 7, x=4)
+    flow.push('a', 8, x=5)
+    nanosecond = 1e-6
+    assert flow.take() == [
+        (5 + nanosecond, {'a': 1, 'b': 3}),
+        (5 + 2 * nanosecond, {'a': 1, 'b': 4}),
+    ]
+    flow.push('b', 9, x=6)
+    assert flow.take() == [(8, {'a': 5, 'b': 4})]
+    assert (flow.broken(), flow.drops) == ([], {})
+
+
+def test_a_repeated_sample_changes_nothing(flow: Flow) -> None:
+    flow.create('sync("a")')
+    flow.push('a', 5, x=1)
+    flow.push('a', 5, 6, x=1)
+    flow.push('a', 8, x=1)
+    assert flow.times() == [5, 8]
+    assert (flow.broken(), flow.drops) == ([], {'repeated': 1})
 
 
 def test_ticks_before_every_input_has_a_value_are_skipped(flow: Flow) -> None:

@@ -19,9 +19,12 @@ from dyknow_stream_processing import (
 
 Event = tuple[int, int, int]  # now, input, valid time
 Output = tuple[int, int, tuple[int, ...]]  # now, tick, the number of the sample of each input
-END = 60
+STEP = 1000
+"""The nanoseconds between times, so that samples of one time fit in between."""
+END = 60 * STEP
+NEVER = -1000 * STEP
 SELECT = 'select'
-LIMITS = DelayLimits(stamped=7, sent=4)
+LIMITS = DelayLimits(stamped=7 * STEP, sent=4 * STEP)
 
 
 @dataclass
@@ -35,7 +38,9 @@ class NaiveInput:
     max_lead: int | None = None
     is_ordered: bool = False
     seen: list[tuple[int, int]] = field(default_factory=list)
-    newest: int = -1000
+    newest: int = NEVER
+    times: dict[int, int] = field(default_factory=dict)
+    """The valid times at which its samples count, by their numbers."""
 
     def term(self, port: int) -> str:
         limits = {'max_delay': self.max_delay, 'max_lead': self.max_lead}
@@ -72,8 +77,13 @@ class NaiveInput:
             key=lambda each: each[0],
         )
 
-    def passing(self, now: int) -> list[tuple[int, int]]:
-        return [each for each in self.delivered(now) if each[1] % self.modulus == 0]
+    def passing(self, now: int, last_tick: int = NEVER) -> list[tuple[int, int]]:
+        """The samples that count: each after those of its input, and after the last tick."""
+        for time, number in self.delivered(now):
+            if number % self.modulus == 0 and number not in self.times:
+                after = max([last_tick, *self.times.values()])
+                self.times[number] = max(time, after + 1)
+        return [(time, number) for number, time in self.times.items()]
 
     def is_done(self, tick: int, now: int) -> bool:
         # What has a max_delay is put in order after it has passed the conditions.
@@ -90,17 +100,17 @@ def naive(
 ) -> list[Output]:
     """The definition, evaluated anew after every single step of time and every event."""
     outputs: list[Output] = []
-    origin, last = start, -1000
-    for now in range(END):
+    origin, last = start, NEVER
+    for now in range(0, END, STEP):
         arrivals = [each for each in enumerate(events) if each[1][0] == now]
         for arrival in [None, *arrivals]:
             if arrival is not None:
                 number, (_, port, valid_time) = arrival
                 inputs[port].take(valid_time, number, now)
-            heads = sorted(time for each in inputs for time, _ in each.passing(now))
+            heads = sorted(time for each in inputs for time, _ in each.passing(now, last))
             if origin is None and heads and all(each.is_done(heads[0], now) for each in inputs):
                 origin = heads[0]
-            ticks = [] if origin is None else list(range(origin, END, period or 1))
+            ticks = [] if origin is None else list(range(origin, END, period or STEP))
             if period is None:
                 ticks = sorted(set(heads))
             for tick in ticks:
@@ -140,7 +150,7 @@ def run(
     given = ', '.join(f'{name} = {n} ns' for name, n in constraints.items() if n is not None)
     text = f'{text} with {given}' if given else text
     dataflow.create('s', parse_specification(text), NO_CONSTRAINTS, on_sample, lambda _: None)
-    for now in range(END):
+    for now in range(0, END, STEP):
         clock = now
         dataflow.advance(now)
         for number, (time, port, valid_time) in enumerate(events):
@@ -150,17 +160,21 @@ def run(
     return outputs
 
 
+def times(least: int, most: int) -> st.SearchStrategy[int]:
+    return st.integers(least, most).map(STEP.__mul__)
+
+
 @st.composite
 def situations(
     draw: st.DrawFn,
 ) -> tuple[list[NaiveInput], list[Event]]:
     inputs = [
         NaiveInput(
-            max_delay=draw(st.none() | st.integers(0, 8)),
+            max_delay=draw(st.none() | times(0, 8)),
             receipt_time=draw(st.booleans()),
             sent_time=draw(st.booleans()),
             modulus=draw(st.sampled_from([1, 1, 2, 3])),
-            max_lead=draw(st.none() | st.integers(0, 4)),
+            max_lead=draw(st.none() | times(0, 4)),
             is_ordered=draw(st.booleans()),
         )
         for _ in range(draw(st.integers(1, 3)))
@@ -168,9 +182,7 @@ def situations(
     for each in inputs:
         if each.receipt_time:
             each.max_delay, each.sent_time = None, False
-    arrivals = draw(
-        st.lists(st.tuples(st.integers(0, 40), st.integers(-6, 10)), min_size=3, max_size=25)
-    )
+    arrivals = draw(st.lists(st.tuples(times(0, 40), times(-6, 10)), min_size=3, max_size=25))
     ports = st.integers(0, len(inputs) - 1)
     events = []
     for now, delay in sorted(arrivals, key=lambda each: each[0]):
@@ -180,7 +192,7 @@ def situations(
 
 
 def fresh(inputs: Sequence[NaiveInput]) -> list[NaiveInput]:
-    return [replace(each, seen=[]) for each in inputs]
+    return [replace(each, seen=[], times={}) for each in inputs]
 
 
 @given(situations())
@@ -189,8 +201,8 @@ def test_every_valid_time_is_a_tick(situation: tuple[list[NaiveInput], list[Even
     assert run(inputs, events, None, None) == naive(fresh(inputs), events, None, None)
 
 
-@given(situations(), st.integers(1, 7), st.none() | st.integers(0, 20))
-@example(([NaiveInput(), NaiveInput()], []), 1, None)
+@given(situations(), times(1, 7), st.none() | times(0, 20))
+@example(([NaiveInput(), NaiveInput()], []), STEP, None)
 def test_ticks_at_a_period(
     situation: tuple[list[NaiveInput], list[Event]], period: int, start: int | None
 ) -> None:
@@ -199,7 +211,7 @@ def test_ticks_at_a_period(
 
 
 def without_repeats(inputs: Sequence[NaiveInput], events: Sequence[Event]) -> list[Event]:
-    """The events without repeated valid times: an inner `sync` has only the first of them.
+    """The events without repeated valid times: with an inner `sync`, those count at other times.
 
     A message without a stamp that another one has overtaken is as if it were sent with that one.
     """
@@ -207,13 +219,13 @@ def without_repeats(inputs: Sequence[NaiveInput], events: Sequence[Event]) -> li
     distinct = {(port, time): (now, port, time) for now, port, time in events}
     found = []
     for now, port, time in sorted(distinct.values()):
-        if not inputs[port].sent_time or time > latest.get(port, -1000):
+        if not inputs[port].sent_time or time > latest.get(port, NEVER):
             found.append((now, port, time))
-        latest[port] = max(time, latest.get(port, -1000))
+        latest[port] = max(time, latest.get(port, NEVER))
     return found
 
 
-@given(situations(), st.none() | st.integers(1, 7))
+@given(situations(), st.none() | times(1, 7))
 def test_a_sync_of_one_sync_is_the_same(
     situation: tuple[list[NaiveInput], list[Event]], period: int | None
 ) -> None:

@@ -60,9 +60,10 @@ class Track:
         if watermark > self.settled:
             self.settled = watermark
 
-    def correct(self, valid_time: int, fields: Mapping[str, Value]) -> None:
-        """Replace the latest sample by another one that is valid at the position."""
-        self._valid_time, self.latest = valid_time, fields
+    @property
+    def last(self) -> tuple[int, Mapping[str, Value] | None]:
+        """The valid time of the last sample, in nanoseconds, and its fields."""
+        return self.waiting[-1] if self.waiting else (self._valid_time, self.latest)
 
     def promise(self, watermark: int) -> None:
         """Process a promise of the source."""

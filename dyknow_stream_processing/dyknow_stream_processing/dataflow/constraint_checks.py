@@ -153,6 +153,9 @@ class OrderOperator(LeadOperator):
         if now - valid_time > self._least_delay and self._reject_late(valid_time, now):
             return
         if valid_time < self._latest:
+            if self._topic.is_initial:  # A later message is kept, too, by another publisher.
+                self._drop('superseded')
+                return
             if not self._topic.has_sent_times:
                 mend = 'with a max_delay and reorder = true, samples are put in order'
                 self._reject(_out_of_order(valid_time, self._latest, mend))

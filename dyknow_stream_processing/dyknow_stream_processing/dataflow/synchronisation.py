@@ -9,6 +9,9 @@ deliver a sample for it (times in milliseconds):
     a valid at 2  tick 1: a of 0, b of 1
     b valid at 3  tick 2: a of 2, b of 1
 
+Samples of an input with equal valid times follow each other a nanosecond apart, in the order of
+arrival, unless they repeat the values: no value is lost, and all streams have the same ones.
+
 With `sample_period = 2 ms` the ticks are 0, 2, 4, ..., and the same samples emit tick 2 only. With
 a `max_delay` of 10 ms on b, tick 2 is emitted without another sample of b when the clock passes 12.
 """
@@ -98,20 +101,24 @@ class SynchronisedOperator(Operator):
     ) -> None:
         """Keep a sample until the other inputs are settled until its valid time."""
         track, target = self._tracks[port], self._target
-        if valid_time <= self._last_tick:
-            track.correct(valid_time, fields)
-            track.promise(watermark)
-            self._drop('superseded')
-        else:
-            track.put(valid_time, fields, watermark)
-            if self.next_tick is not None and self._period is not None:
-                track.thin(self.next_tick, self._period)
-                if not self._is_complete:
-                    self._wait_for(self._find_target())
-            elif target is None or valid_time < target:
-                self._target = valid_time
-            if len(track.waiting) > MAX_WAITING:
-                self._overflow(track)
+        last_time, last_fields = track.last
+        latest = max(last_time, self._last_tick)
+        if valid_time <= latest:
+            if fields == last_fields:
+                self._drop('repeated')
+                self.promise(port, watermark, now)
+                return
+            watermark = latest + 1 if watermark >= valid_time else watermark
+            valid_time = latest + 1
+        track.put(valid_time, fields, watermark)
+        if self.next_tick is not None and self._period is not None:
+            track.thin(self.next_tick, self._period)
+            if not self._is_complete:
+                self._wait_for(self._find_target())
+        elif target is None or valid_time < target:
+            self._target = valid_time
+        if len(track.waiting) > MAX_WAITING:
+            self._overflow(track)
         if port == self._unsettled or self._target != target:
             self._settle(now)
         elif self.consumers:
