@@ -7,6 +7,8 @@ import re
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 from enum import IntEnum
+from pathlib import Path
+from traceback import extract_tb
 from typing import Any, Final
 
 _MAX_QUOTED: Final = 100
@@ -100,3 +102,17 @@ class DyKnowError(Exception):
     def message(self) -> str:
         """The text of the error."""
         return str(self)
+
+
+def error_text(error: Exception) -> str:
+    """Return the line that people read of an error; one of Python has its place in the code."""
+    match error:
+        case DyKnowError():
+            return error.message
+        case OSError(strerror=str(reason), filename=str() | Path() as name):
+            return f'{name}: {reason}'
+        case OSError():
+            return error.strerror or str(error)
+    *_, place = extract_tb(error.__traceback__)
+    kind = type(error).__name__
+    return f'internal error: {kind}: {error} ({place.filename}:{place.lineno}); please report it'

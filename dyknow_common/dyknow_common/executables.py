@@ -13,9 +13,8 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from textwrap import fill
-from traceback import extract_tb
 
-from dyknow_common.errors import DyKnowError
+from dyknow_common.errors import error_text
 from dyknow_main import INTERRUPTED, TERMINAL_SIGNALS, handle, ignore
 
 SUCCESS, FALSE, ERROR = 0, 1, 2
@@ -153,20 +152,6 @@ def interruptible() -> Iterator[Interruption]:
         yield interruption
     finally:
         ignore(TERMINAL_SIGNALS)
-
-
-def error_text(error: Exception) -> str:
-    """Return the line that a command prints for an error."""
-    match error:
-        case DyKnowError():
-            return error.message
-        case OSError(strerror=str(reason), filename=str() | Path() as name):
-            return f'{name}: {reason}'
-        case OSError():
-            return error.strerror or str(error)
-    *_, place = extract_tb(error.__traceback__)
-    kind = type(error).__name__
-    return f'internal error: {kind}: {error} ({place.filename}:{place.lineno}); please report it'
 
 
 def _replace_missing_outputs() -> None:

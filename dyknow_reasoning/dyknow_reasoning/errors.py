@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dyknow_common import DyKnowError, ExitCode, format_time
+from dyknow_common.errors import error_text
 
 
 class ReasoningError(DyKnowError):
@@ -14,6 +15,17 @@ class UnusableValueError(ReasoningError):
 
     def __init__(self, message: str) -> None:
         super().__init__(message, ExitCode.CONSTRAINT_VIOLATION)
+
+
+def evaluation_error(error: Exception) -> ReasoningError:
+    """Return the error with which formulas end that cannot be evaluated further.
+
+    An exception that DyKnow does not raise is a fault in DyKnow: what the formulas remember may be
+    wrong from then on, and no verdict may depend on it.
+    """
+    if isinstance(error, ReasoningError):
+        return error
+    return ReasoningError(error_text(error), ExitCode.INTERNAL_ERROR)
 
 
 def late_state(valid_time: int, latest: int) -> ReasoningError:

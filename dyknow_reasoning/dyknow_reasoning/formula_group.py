@@ -18,13 +18,13 @@ from dyknow_common import (
     Margin,
     ProbabilityInterval,
     Symbol,
-    SymbolKind,
     Verdict,
     amount,
     earliest,
     round_time,
 )
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_common.errors import error_text
+from dyknow_reasoning.errors import ReasoningError, evaluation_error
 from dyknow_reasoning.execution import (
     InstanceMonitor,
     InstanceVerdict,
@@ -35,7 +35,7 @@ from dyknow_reasoning.execution import (
     Recording,
     link_lengths,
 )
-from dyknow_reasoning.explanation.explanation import VerdictReasons, explain
+from dyknow_reasoning.explanation.explanation import VerdictReasons, explain, without_states
 from dyknow_reasoning.explanation.remainders import Remainders, possible_text
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula, walk
@@ -277,12 +277,13 @@ class FormulaGroup:
             if Alternatives.are_among(values.values()):
                 return self._progress_alternatives(valid_time, values)
         elif self._alone is not None:
+            standing = self.standing
             try:
                 outcomes = self._alone.progress(valid_time, values)
-            except ReasoningError as error:
+                if standing.formulas and (failed := standing.progress(valid_time, values)):
+                    outcomes = {**outcomes, **failed}
+            except Exception as error:  # noqa: BLE001 - no formula goes on after a fault
                 return self.fail(error, valid_time)
-            if self.standing.formulas and (failed := self.standing.progress(valid_time, values)):
-                outcomes = {**outcomes, **failed}
             return self._results_of(outcomes, valid_time, values) if outcomes else []
         return self._progress(valid_time, values, values)
 
@@ -308,21 +309,21 @@ class FormulaGroup:
         """Progress over values without alternatives, and those that met some over the `given`."""
         monitor, possible = self._monitor or self._begun(), self._possible
         results = self._results_of_known() if self._known else []
-        if possible.waiting and (met := possible.met(values)):
-            self._take_as_possible(met, monitor)
-        if margins := self._margins.running:
-            self._margins.progress(valid_time, values)
-        if looks_back := monitor.histories.registers or monitor.histories.memories:
-            values = monitor.histories.extended(valid_time, values)
-        try:
-            outcomes: Mapping[int, Outcome | PossibleVerdict] = monitor.progress(valid_time, values)
-        except ReasoningError as error:
-            return results + self.fail(error, valid_time)
         standing = self.standing
-        if standing.formulas and (failures := standing.progress(valid_time, values, omitted)):
-            outcomes = {**outcomes, **failures}
-        if possible.formulas:
-            outcomes = {**outcomes, **possible.progress(valid_time, given)}
+        try:
+            if possible.waiting and (met := possible.met(values)):
+                self._take_as_possible(met, monitor)
+            if margins := self._margins.running:
+                self._margins.progress(valid_time, values)
+            if looks_back := monitor.histories.registers or monitor.histories.memories:
+                values = monitor.histories.extended(valid_time, values)
+            outcomes: Mapping[int, Outcome | PossibleVerdict] = monitor.progress(valid_time, values)
+            if standing.formulas and (failures := standing.progress(valid_time, values, omitted)):
+                outcomes = {**outcomes, **failures}
+            if possible.formulas:
+                outcomes = {**outcomes, **possible.progress(valid_time, given)}
+        except Exception as error:  # noqa: BLE001 - no formula goes on after a fault
+            return results + self.fail(error, valid_time)
         if outcomes:
             return results + self._results_of(outcomes, valid_time, values)
         others = margins or looks_back or possible.waiting or possible.formulas
@@ -349,10 +350,13 @@ class FormulaGroup:
             return list(chain.from_iterable(self.progress(*each) for each in rows))
         usable = recording.increasing(monitor.latest)
         results = self._results_of_known() if len(usable) else []
-        if monitor.histories.registers or monitor.histories.memories:
-            usable = monitor.histories.extended_recording(usable)
-        for index, outcomes in monitor.progress_many(usable):
-            results += self._results_of(outcomes, usable.time(index), usable.values(index))
+        try:
+            if monitor.histories.registers or monitor.histories.memories:
+                usable = monitor.histories.extended_recording(usable)
+            for index, outcomes in monitor.progress_many(usable):
+                results += self._results_of(outcomes, usable.time(index), usable.values(index))
+        except Exception as error:  # noqa: BLE001 - no formula goes on after a fault
+            return results + self.fail(error, usable.time(0))
         end = len(usable)
         if end < len(recording):
             results += self.progress(recording.time(end), recording.values(end))
@@ -369,17 +373,17 @@ class FormulaGroup:
         self._margins.gap()
         self.standing.gap()
 
-    def fail(self, error: ReasoningError, valid_time: int) -> list[FormulaResult]:
+    def fail(self, error: Exception, valid_time: int) -> list[FormulaResult]:
         """Fail all undecided formulas, and return their results.
 
         Args:
-            error: the reason.
+            error: the reason; see `evaluation_error`.
             valid_time: the valid time of the unusable state, in nanoseconds.
         """
         failed = sorted(self.undecided)
         if self._monitor:
             self._monitor.remove(failed)
-        return self._results_of(dict.fromkeys(failed, error), valid_time, {})
+        return self._results_of(dict.fromkeys(failed, evaluation_error(error)), valid_time, {})
 
     def residual(self, formula_id: int) -> str:
         """Return what remains of a formula, for the states to come, in the words of the formula.
@@ -530,7 +534,7 @@ class FormulaGroup:
         """Return the results of formulas that need no state, and forget that they were known."""
         known, self._known = self._known, {}
         return [
-            self._end(each, verdict, None, _reason(self._formulas[each].formula, verdict))
+            self._end(each, verdict, None, without_states(self._formulas[each].formula, verdict))
             for each, verdict in known.items()
             if each in self.undecided
         ]
@@ -558,7 +562,10 @@ class FormulaGroup:
         self, formula_id: int, outcome: InstanceVerdict | PossibleVerdict, values: Values
     ) -> VerdictReasons:
         formula = self._formulas[formula_id].formula
-        return explain(formula, self._counts, outcome, values, self._begun().histories)
+        try:
+            return explain(formula, self._counts, outcome, values, self._begun().histories)
+        except Exception as error:  # noqa: BLE001 - no fault in its reasons loses a verdict
+            return VerdictReasons(f'its reasons are not known: {error_text(error)}')
 
     def _end(
         self,
@@ -591,10 +598,3 @@ class FormulaGroup:
         self._watched.remove(formula_id)
         if self._monitor:
             self._monitor.histories.release([formula_id])
-
-
-def _reason(formula: Formula, verdict: Verdict) -> VerdictReasons:
-    """Return the reason of a verdict that needs no state."""
-    sorts = dict.fromkeys(s.name for s in symbols_of(formula) if s.kind is SymbolKind.SORT)
-    objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
-    return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')

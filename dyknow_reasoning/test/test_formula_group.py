@@ -13,6 +13,7 @@ from reasoning_reference import started as started_over
 
 from dyknow_common import ExitCode, LanguageError, Symbol, SymbolKind, Value, Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, FormulaResult, ReasoningError
+from dyknow_reasoning.execution import InstanceMonitor
 
 MS = 1_000_000
 FLEET = {'UAV': ['uav1', 'uav2']}
@@ -354,3 +355,41 @@ def test_an_object_is_compared_with_a_field() -> None:
     assert not group.progress(0, {'leader.name': 'uav3'})
     (result,) = group.progress(1, {'leader.name': 'uav2'})
     assert result.verdict is Verdict.FALSE
+
+
+def faulty(*_: object) -> None:
+    raise ZeroDivisionError('by zero')
+
+
+@pytest.mark.parametrize('states', [2, 3])
+@pytest.mark.parametrize('many', [False, True])
+def test_after_a_fault_no_formula_goes_on(
+    monkeypatch: pytest.MonkeyPatch, states: int, *, many: bool
+) -> None:
+    """A fault in DyKnow, at a state that other formulas see too: none of them stays silent."""
+    group = FormulaGroup()
+    group.add_formula('low', 'always x < 5')
+    group.add_formula('each', 'eventually[0 s, 1 s] x > 2', every_state=True)
+    group.begin({})
+    for time in range(1, states):
+        assert group.progress(time, {'x': 1.0}) == []
+    monkeypatch.setattr(InstanceMonitor, 'progress', faulty)
+    monkeypatch.setattr(InstanceMonitor, 'progress_many', faulty)
+    results = group.progress_many([9], {'x': [1.0]}) if many else group.progress(9, {'x': 1.0})
+    assert [(each.name, each.verdict) for each in results] == [
+        ('low', Verdict.UNDECIDED),
+        ('each', Verdict.UNDECIDED),
+    ]
+    for each in results:
+        assert each.error is not None
+        assert each.error.code is ExitCode.INTERNAL_ERROR
+        assert 'internal error: ZeroDivisionError: by zero (' in str(each.error)
+    assert not group.undecided
+
+
+def test_a_fault_in_its_reasons_loses_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    group = started('always x < 5')
+    monkeypatch.setattr('dyknow_reasoning.formula_group.explain', faulty)
+    [result] = group.progress(1, {'x': 7.0})
+    assert result.verdict is Verdict.FALSE
+    assert 'its reasons are not known: internal error: ZeroDivisionError' in result.explanation

@@ -15,7 +15,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Final, Self
 
 from dyknow_common import DyKnowError, ExitCode
-from dyknow_common.executables import error_text
+from dyknow_common.errors import error_text
 from dyknow_common.worker_pool import WorkerPool
 from dyknow_configuration import NO_MAP, RequestedFormula, RobotMap, TextSource, TopicExpectation
 from dyknow_recordings.black_boxes import BlackBoxContent, suffix_report

@@ -12,7 +12,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import prod
 
-from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS, TEXT_COMPARISONS, Value, format_time
+from dyknow_common import (
+    COMPARISONS,
+    MIRRORED_COMPARISONS,
+    TEXT_COMPARISONS,
+    SymbolKind,
+    Value,
+    Verdict,
+    format_time,
+)
 from dyknow_reasoning.execution import (
     DecidingMoment,
     Histories,
@@ -40,6 +48,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.spatial import SpatialAtom
+from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.terms import (
     Number,
     Probability,
@@ -107,6 +116,13 @@ class VerdictReasons:
     text: str
     objects: str = ''
     windows: tuple[tuple[int, int], ...] = ()
+
+
+def without_states(formula: Formula, verdict: Verdict) -> VerdictReasons:
+    """Return the reason of a verdict that needs no state."""
+    sorts = dict.fromkeys(s.name for s in symbols_of(formula) if s.kind is SymbolKind.SORT)
+    objects = f' for the objects of {" and ".join(sorts)}' if sorts else ''
+    return VerdictReasons(f'it is {verdict.name.lower()}{objects}, whatever the states are')
 
 
 def explain(
