@@ -145,6 +145,15 @@ def test_a_node_with_invalid_arguments(environment: dict[str, str]) -> None:
     assert "Couldn't parse parameter override rule: '-p x'" in done.stderr
 
 
+@pytest.mark.parametrize(('name', 'code'), [('streams', 2), ('dyknow up', 2), ('guard', 1)])
+def test_a_domain_that_dds_does_not_have(name: str, code: int, environment: dict[str, str]) -> None:
+    """With 1, a command would say that a formula is false."""
+    command, *arguments = name.split()
+    done = ended(command, *arguments, environment={**environment, 'ROS_DOMAIN_ID': '233'})
+    assert done.returncode == code
+    assert 'ROS_DOMAIN_ID is 233; use 0 to 232' in done.stderr
+
+
 @pytest.fixture
 def trace(tmp_path: Path) -> str:
     path = tmp_path / 'trace.csv'

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -31,6 +31,9 @@ from dyknow_common.ros.topic_names import RCLError
 TICK_PERIOD_S = 0.1
 """The period in which a waiting command checks its deadline."""
 
+_LAST_DOMAIN: Final = 232
+"""The greatest domain whose ports exist (DDSI-RTPS 2.2, section 9.6.1.3)."""
+
 ROS_ERRORS = (
     NameValidationException,
     RCLError,
@@ -40,14 +43,21 @@ ROS_ERRORS = (
 
 
 def start_ros(arguments: Sequence[str] | None = None) -> None:
-    """Initialise rclpy without its signal handlers; errors as in `rclpy.init`.
+    """Initialise rclpy without its signal handlers.
 
     Args:
         arguments: of the command line; None: the arguments of this process.
+
+    Raises:
+        RCLError: and other errors of `rclpy.init`; also for a domain that DDS does not have.
     """
     announce_in_thread()
     arguments = None if arguments is None else list(arguments)
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    # With the first node, Fast DDS would end the process with an exit code of its own.
+    if (domain := rclpy.get_default_context().get_domain_id()) > _LAST_DOMAIN:
+        rclpy.try_shutdown()
+        raise RCLError(f'ROS_DOMAIN_ID is {domain}; use 0 to {_LAST_DOMAIN}')
 
 
 class CommandNode:
