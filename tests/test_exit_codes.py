@@ -145,7 +145,9 @@ def test_a_node_with_invalid_arguments(environment: dict[str, str]) -> None:
     assert "Couldn't parse parameter override rule: '-p x'" in done.stderr
 
 
-@pytest.mark.parametrize(('name', 'code'), [('streams', 2), ('dyknow up', 2), ('stream_manager', 1)])
+@pytest.mark.parametrize(
+    ('name', 'code'), [('streams', 2), ('dyknow up', 2), ('stream_manager', 1)]
+)
 def test_a_domain_that_dds_does_not_have(name: str, code: int, environment: dict[str, str]) -> None:
     """With 1, a command would say that a formula is false."""
     command, *arguments = name.split()
