@@ -10,17 +10,21 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import StreamCreateFromSpec
 
 from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import Process
+from dyknow_common.ros import LATCHED
 
 sys.path.insert(0, str(Path(__file__).parent.parent / 'tests'))
 
 import system
+from domains import reserve_domain
 
 WORKERS = Path(__file__).with_name('workers.py')
 PACKAGE = 'dyknow_stream_processing'
@@ -28,13 +32,9 @@ ENGINE = 'stream_processing_engine'
 MANAGER = 'stream_manager'
 
 
-def use_private_domain(domain: int | None = None) -> None:
-    """Isolate this process and its children from other ROS processes.
-
-    Args:
-        domain: a domain that nobody else uses; None: one that follows from the process id.
-    """
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 100 if domain is None else domain)
+def use_private_domain() -> None:
+    """Isolate this process and its children from other ROS processes."""
+    os.environ['ROS_DOMAIN_ID'] = str(reserve_domain())
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
@@ -90,6 +90,43 @@ class Client(system.Client):
         if answer.exit_status.code:
             raise RuntimeError(answer.exit_status.message)
         return str(answer.stream_topic)
+
+
+@dataclass(frozen=True, slots=True)
+class SampleCounts:
+    """Samples that streams emitted, and those that they dropped and counted."""
+
+    emitted: int = 0
+    dropped: int = 0
+
+    @property
+    def total(self) -> int:
+        """The samples that the streams received."""
+        return self.emitted + self.dropped
+
+
+class StreamCounts:
+    """The latest counts of all streams that an engine reports, by name."""
+
+    def __init__(self, client: Client) -> None:
+        self.streams: dict[str, SampleCounts] = {}
+        client.node.create_subscription(
+            StreamStatusArray, f'{ENGINE}/streams', self._on_report, LATCHED
+        )
+
+    @property
+    def sum(self) -> SampleCounts:
+        """The counts of all streams together."""
+        found = self.streams.values()
+        return SampleCounts(
+            sum(each.emitted for each in found), sum(each.dropped for each in found)
+        )
+
+    def _on_report(self, report: Any) -> None:
+        self.streams = {
+            each.name: SampleCounts(each.samples, sum(drop.count for drop in each.drops))
+            for each in report.streams
+        }
 
 
 @contextmanager

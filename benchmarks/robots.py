@@ -24,11 +24,13 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import rclpy
+from processes import wait_for_line, worker
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
@@ -37,7 +39,6 @@ from std_msgs.msg import Float64
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import nanoseconds_to_time
 
-PROGRAM = Path(__file__)
 ROBOT = 'robot'
 """The robot whose topic has no stamps."""
 
@@ -162,11 +163,15 @@ def command(fleet: subprocess.Popen[str], *words: object) -> str:
     return answer.strip()
 
 
-def stop(fleet: subprocess.Popen[str]) -> None:
-    """Stop a fleet; a killed one may leave a lock in shared memory that others wait for."""
-    if fleet.stdin is not None:
-        fleet.stdin.close()
-    fleet.wait(STOP_TIMEOUT_S)
+@contextmanager
+def fleet(rate: float, *names: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a fleet; its end is orderly, as a killed one may leave a lock in shared memory."""
+    with worker(rate, *names, program=Path(__file__)) as process:
+        wait_for_line(process)
+        yield process
+        if process.stdin is not None:
+            process.stdin.close()
+        process.wait(STOP_TIMEOUT_S)
 
 
 def main() -> None:

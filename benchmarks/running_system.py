@@ -6,29 +6,20 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
-from processes import (
-    ENGINE,
-    MANAGER,
-    Client,
-    processor_time,
-    resident_memory,
-    wait_for_line,
-    worker,
-)
+from processes import ENGINE, MANAGER, Client, processor_time, resident_memory
 from rclpy.task import Future
 
 import robots
 from dyknow_bringup.processes.composition import composed
 from dyknow_bringup.processes.launcher import EndedProcess, Launcher
-from dyknow_bringup.processes.processes import Process, SystemConfiguration, dyknow_processes
+from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.simulation.vehicle import vehicle_names
 from dyknow_common import SECOND_NS
@@ -36,44 +27,13 @@ from dyknow_common.ros import nanoseconds_to_duration
 
 COORDINATOR = 'stream_reasoning_coordinator'
 REASONER = 'stream_reasoning_engine'
-FAR_NAMESPACE = 'far'
-FAR_ENGINE = f'{FAR_NAMESPACE}/{ENGINE}'
+SECOND_ENGINE = f'{ENGINE}_2'
 EVALUATE = f'{COORDINATOR}/evaluate_formula'
 
 AT_ONCE = 'forall u in UAV: Power[u] > 0'
 """A formula that the first state decides."""
 
 WARM_UP_LIMIT_S = 60.0
-
-
-def configure(
-    sources: Mapping[str, Sequence[str]], folder: Path, constraints: str
-) -> SystemConfiguration:
-    """Return a configuration with the power of each vehicle from each of its batteries.
-
-    Args:
-        sources: the names of the batteries of each vehicle.
-        folder: for the files.
-        constraints: of each stream.
-    """
-    streams = [(vehicle, name) for vehicle, names in sources.items() for name in names]
-    texts = {
-        'fleet.ssl': ''.join(
-            f'stream {name}_power contains Power[{vehicle}] = power;\n' for vehicle, name in streams
-        ),
-        'fleet.streams': ''.join(
-            f'stream {name}_power = select current as power from "/{name}/battery" '
-            f'{constraints}; sink {name}_power;\n'
-            for _, name in streams
-        ),
-    }
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding='utf-8')
-    return SystemConfiguration(
-        ontologies=fleet_configuration(list(sources)).ontologies,
-        annotations=(folder / 'fleet.ssl',),
-        streams=(folder / 'fleet.streams',),
-    )
 
 
 class RunningSystem:
@@ -85,9 +45,9 @@ class RunningSystem:
         batteries: the number for each vehicle.
         constraints: of the streams of the fleet, such as `with max_delay = 1 s`.
         progress_period: seconds between two reports of the reasoning engine on a formula.
-        far: True for a second stream processing engine, in a namespace of its own.
+        engines: the number of stream processing engines.
         logs: a folder for the logs of the nodes; None: they are deleted.
-        composition: True for one process with all nodes of the robot's own namespace.
+        composition: True for one process with all nodes but further engines.
     """
 
     def __init__(
@@ -98,7 +58,7 @@ class RunningSystem:
         constraints: str = '',
         progress_period: float = 1.0,
         *,
-        far: bool = False,
+        engines: int = 1,
         logs: Path | None = None,
         composition: bool = False,
     ) -> None:
@@ -115,39 +75,28 @@ class RunningSystem:
         self._constraints = constraints
         self._progress_period = progress_period
         self._logs = logs
-        self._far = far
+        self._engines = engines
         self._composition = composition
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        folder = self.folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        self.folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         self.client = Client()
         self._stack.callback(self.client.close)
-        self.fleet = self._stack.enter_context(
-            worker(self._rate, *self.batteries, robots.ROBOT, program=robots.PROGRAM)
-        )
-        self._stack.callback(robots.stop, self.fleet)
-        wait_for_line(self.fleet)
-        configuration = configure(self.sources, folder, self._constraints)
-        nodes = [self._configured(each, folder) for each in dyknow_processes(configuration)]
+        self.fleet = self._stack.enter_context(robots.fleet(self._rate, *self.batteries))
+        nodes = dyknow_processes(self._configuration())
         self._processes = {
-            each.executable: each
+            each.name: each
             for each in (composed(nodes, os.environ) if self._composition else nodes)
         }
-        engine = next(each for each in nodes if each.executable == ENGINE)
-        launcher = self._launcher = self._stack.enter_context(Launcher(self._logs or folder))
-        self._launchers = dict.fromkeys(self._processes, launcher)
-        if self._far:
-            logs = (self._logs or folder) / FAR_NAMESPACE
-            logs.mkdir(exist_ok=True)
-            self._launchers[FAR_ENGINE] = self._stack.enter_context(
-                Launcher(logs, namespace=FAR_NAMESPACE)
-            )
-            self._processes[FAR_ENGINE] = engine
+        self._launcher = self._stack.enter_context(Launcher(self._logs or self.folder))
         self.started_at = time.monotonic()
         for node in self._processes:
             self.start(node)
-        self._wait_until_ready()
+        self.client.wait_for_coordinator()
+        self.client.spin_until(
+            lambda: self.streams() == self.fleet_streams, 'just the streams of the fleet'
+        )
         self.client.node.create_subscription(
             FormulaProgress, f'{REASONER}/progress', self._on_progress, 1000
         )
@@ -156,33 +105,62 @@ class RunningSystem:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
+    def _configuration(self) -> SystemConfiguration:
+        """Write a configuration with the power of each vehicle from each of its batteries."""
+        annotations, streams = (self.folder / f'fleet.{each}' for each in ('ssl', 'streams'))
+        annotations.write_text(
+            ''.join(
+                f'stream {name}_power contains Power[{vehicle}] = power;\n'
+                for vehicle, names in self.sources.items()
+                for name in names
+            ),
+            encoding='utf-8',
+        )
+        streams.write_text(
+            ''.join(
+                f'stream {name}_power = select current as power from "/{name}/battery" '
+                f'{self._constraints}; sink {name}_power;\n'
+                for name in self.batteries
+            ),
+            encoding='utf-8',
+        )
+        return SystemConfiguration(
+            ontologies=fleet_configuration(list(self.sources)).ontologies,
+            annotations=(annotations,),
+            streams=(streams,),
+            engines=self._engines,
+            parameters={
+                REASONER: {'progress_period': self._progress_period},
+                MANAGER: {'memory': str(self.folder / 'streams.memory')},
+                'ontology_manager': {'allow_download': True, 'load_limit': 5.0},
+            },
+        )
+
     def start(self, node: str) -> None:
         """Start a node."""
-        self.pids[node] = self._launchers[node].start(self._processes[node]).pid
+        self.pids[node] = self._launcher.start(self._processes[node]).pid
 
     def kill(self, node: str) -> None:
         """Kill a node."""
-        self._launchers[node].kill(self._processes[node].executable)
+        self._launcher.kill(node)
 
     def ended(self) -> tuple[EndedProcess, ...]:
-        """Return the nodes of the robot's own namespace that have ended by themselves."""
+        """Return the nodes that have ended by themselves."""
         return self._launcher.ended()
 
     def stop(self) -> dict[str, int]:
         """Stop all nodes and return their exit codes."""
-        codes = self._launcher.stop_all()
-        if self._far:
-            (codes[FAR_ENGINE],) = self._launchers[FAR_ENGINE].stop_all().values()
-        return codes
+        return self._launcher.stop_all()
 
     @property
     def batteries(self) -> list[str]:
         """The names of all batteries."""
         return [name for names in self.sources.values() for name in names]
 
-    def has_fleet_streams_only(self) -> bool:
-        """Return True if only the fleet has streams."""
-        return self.streams() == {f'{name}_power' for name in self.batteries}
+    @property
+    def fleet_streams(self) -> set[str]:
+        """The names of the streams of the fleet."""
+        return {f'{name}_power' for name in self.batteries}
 
     def command(self, *words: object) -> str:
         """Send a command to the fleet and return its answer."""
@@ -240,20 +218,8 @@ class RunningSystem:
             for name, pid in self.pids.items()
         }
 
-    def _configured(self, process: Process, folder: Path) -> Process:
-        parameters = {
-            REASONER: {'progress_period': self._progress_period},
-            MANAGER: {'memory': str(folder / 'streams.memory')},
-            'ontology_manager': {'allow_download': True, 'load_limit': 5.0},
-        }.get(process.executable, {})
-        return replace(process, parameters={**process.parameters, **parameters})
-
     def _processor_times(self) -> dict[str, float]:
         return {name: processor_time(pid) for name, pid in self.pids.items()}
-
-    def _wait_until_ready(self) -> None:
-        self.client.wait_for_coordinator()
-        self.client.spin_until(self.has_fleet_streams_only, 'just the streams of the fleet')
 
     def _on_progress(self, report: Any) -> None:
         valid = report.latest_valid_time.sec * SECOND_NS + report.latest_valid_time.nanosec

@@ -7,15 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from domains import reserve_domain
-
-SCRIPT = Path(__file__).parent.parent / 'benchmarks' / 'soak_clients.py'
+SCRIPT = Path(__file__).parent.parent / 'benchmarks' / 'soak.py'
 MINUTES = 0.1
 
 ROWS = (
     'random_requests',
     'random_goals',
-    'cancelled_goals',
     'killed_client',
     'malformed_source',
 )
@@ -27,11 +24,10 @@ def test_normal_clients_get_their_verdicts_beside_hostile_ones(tmp_path: Path) -
         '--clients=1',
         '--composition',
         f'--minutes={MINUTES}',
-        f'--domain={reserve_domain()}',
         f'--logs={tmp_path}',
     )
     script = subprocess.run(
-        [sys.executable, SCRIPT, '--json', *options, '--rows', *ROWS],
+        [sys.executable, SCRIPT, 'hostile', '--json', *options, '--rows', *ROWS],
         capture_output=True,
         text=True,
         check=False,
