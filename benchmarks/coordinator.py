@@ -1,19 +1,18 @@
 """Cost of evaluations by all nodes of DyKnow, compared with a chain of bare rclpy nodes.
 
 python benchmarks/coordinator.py [--json] [--quick]
-    [--only grounding|verdict|composition|standby]
+    [--only grounding|verdict|composition|standby|deaths]
 """
 
 from __future__ import annotations
 
 import random
+import statistics
 import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from statistics import median
 from typing import Any
 
-import relays
 from dyknow_interfaces.msg import FormulaResult
 from parts import measure
 from processes import (
@@ -25,10 +24,11 @@ from processes import (
     worker,
 )
 from running_system import AT_ONCE, RunningSystem, ask, timed
+from workers import CHAIN, EVALUATE_SERVICE, all_in_one
 
 import robots
 from dyknow_common import SECOND_NS
-from dyknow_common.ros import time_to_nanoseconds
+from dyknow_common.ros import NodeAdapter, RemoteNode, time_to_nanoseconds
 
 UNSTAMPED = 'always "/robot/level".data < 5'
 STAMPED = 'always "/uav1/battery".current < 5'
@@ -39,6 +39,7 @@ HIGH = 9.0
 """A level that makes these formulas false."""
 
 EVER = 'always Power[uav1] < 5'
+VICTIM = 'semantic_matching_engine'
 
 chance = random.Random(1)  # noqa: S311
 
@@ -78,8 +79,8 @@ def verdict(*, quick: bool) -> Any:
             rows[name][nodes] = summary(delays)
     for name, (topic, _) in LEVELS.items():
         for nodes, bare, roles in (
-            ('processes', 'bare_processes', relays.CHAIN),
-            ('one_process', 'bare_one_process', (relays.all_in_one,)),
+            ('processes', 'bare_processes', CHAIN),
+            ('one_process', 'bare_one_process', (all_in_one,)),
         ):
             rows[name][bare] = summary(_bare_delays(topic, number, roles))
             for figure in ('median', 'p99'):
@@ -116,7 +117,7 @@ def composition(*, quick: bool) -> Any:
             rows.append(
                 {
                     'nodes': name,
-                    'start_to_first_verdict_s': round(median(starts), 2),
+                    'start_to_first_verdict_s': round(statistics.median(starts), 2),
                     'slowest_start_to_first_verdict_s': round(max(starts), 2),
                     'pss_mb': round(sum(map(proportional_memory, system.pids.values())), 1),
                     'idle_share': round(sum(each['share'] for each in idle.values()), 3),
@@ -134,16 +135,14 @@ def _start_to_first_verdict_s(composition: bool) -> float:  # noqa: FBT001
 def _bare_delays(topic: str, number: int, roles: Iterable[Callable[..., None]]) -> list[int]:
     with ExitStack() as stack:
         for role in roles:
-            wait_for_line(stack.enter_context(worker(role.__name__, program=relays.PROGRAM)))
-        fleet = stack.enter_context(worker(20.0, 'uav1', robots.ROBOT, program=robots.PROGRAM))
-        stack.callback(robots.stop, fleet)
-        wait_for_line(fleet)
+            wait_for_line(stack.enter_context(worker(role.__name__)))
+        fleet = stack.enter_context(robots.fleet(20.0, 'uav1'))
         client = Client()
         stack.callback(client.close)
         decide = _decider(client, fleet, topic)
 
         def asked() -> Any:
-            future = ask(client, relays.SERVICE_NAME, 'any', 60.0)
+            future = ask(client, EVALUATE_SERVICE, 'any', 60.0)
             client.wait(0.2)
             return future
 
@@ -194,7 +193,7 @@ def standby(*, quick: bool) -> Any:
                     found.setdefault(formula, []).append((share, memory))
                     system.client.spin_until(answer.done, 'the end of the formula')
             (share, memory), (bare, bare_memory) = (
-                map(median, zip(*each, strict=True)) for each in found.values()
+                map(statistics.median, zip(*each, strict=True)) for each in found.values()
             )
             rows.append(
                 {
@@ -207,10 +206,31 @@ def standby(*, quick: bool) -> Any:
     return rows
 
 
+def deaths(*, quick: bool) -> Any:
+    """Measure the time from the kill of a node until another one notices its death."""
+    found = []
+    with RunningSystem(1, 1.0) as system:
+        remote = RemoteNode(NodeAdapter(system.client.node), VICTIM)
+        for _ in range(3 if quick else 10):
+            system.client.spin_until(lambda: remote.alive, 'the node')
+            system.wait(1.0)
+            begun = time.monotonic()
+            system.kill(VICTIM)
+            system.client.spin_until(lambda: not remote.alive, 'its death')
+            found.append(round(time.monotonic() - begun, 2))
+            system.start(VICTIM)
+    return {
+        'median_s': statistics.median(found),
+        'least_s': min(found),
+        'most_s': max(found),
+        'count': len(found),
+    }
+
+
 def main() -> None:
     """Measure and print."""
     use_private_domain()
-    measure(__doc__, grounding, verdict, composition, standby)
+    measure(__doc__, grounding, verdict, composition, standby, deaths)
 
 
 if __name__ == '__main__':

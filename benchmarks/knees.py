@@ -15,10 +15,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from dyknow_interfaces.msg import Domain, ExitStatus, FormulaProgress, FormulaResult
+from dyknow_interfaces.msg import Domain, ExitStatus, FormulaResult
 from dyknow_interfaces.srv import (
     AddSemanticSpecification,
-    FindAllMatchingStreams,
     FormulaGroupAddFormula,
     FormulaGroupCreate,
     FormulaGroupEvaluate,
@@ -27,8 +26,6 @@ from parts import measure
 from processes import MANAGER, percentile, use_private_domain
 from rclpy.task import Future
 from running_system import AT_ONCE, REASONER, RunningSystem, timed
-
-from dyknow_common.ros import time_to_nanoseconds
 
 RATE = 10.0
 VEHICLES = 3
@@ -50,29 +47,23 @@ def evaluations(*, quick: bool) -> Any:
         system.warm_up()
         futures: list[Future] = []
 
-        def grow(number: int) -> dict[str, Any]:
+        def grow(number: int) -> dict[str, int]:
             known = set(system.progress)
             more = number - len(futures)
             futures.extend(
                 system.ask(f'forall u in UAV: always Power[u] < {100 + len(futures) + each}')
                 for each in range(more)
             )
-            begun = time.monotonic()
             new = futures[-more:]
             _wait(
                 system,
                 lambda: len(system.progress.keys() - known) >= sum(not f.done() for f in new),
             )
-            return {
-                'to_first_states_s': round(time.monotonic() - begun, 2),
-                'answers': _outcomes(each for each in new if each.done()),
-            }
+            return _outcomes(each for each in new if each.done())
 
         rows = _grown(system, sizes, grow, quick=quick)
         system.command('set', 'uav1', 10_000.0)
-        begun = time.monotonic()
         _wait(system, lambda: all(each.done() for each in futures))
-        rows[-1]['decided_s'] = round(time.monotonic() - begun, 2)
         rows[-1]['all_answers'] = _outcomes(futures)
         return rows
 
@@ -83,37 +74,20 @@ def formulas(*, quick: bool) -> Any:
     with RunningSystem(VEHICLES, RATE) as system:
         system.warm_up()
         group = _make_group(system)
-        lags: list[int] = []
-        system.client.node.create_subscription(
-            FormulaProgress,
-            f'{REASONER}/progress',
-            lambda found: (
-                found.formula_group_id == group
-                and lags.append(time.time_ns() - time_to_nanoseconds(found.latest_valid_time))
-            ),
-            1000,
-        )
-        count = 0
 
-        def grow(number: int) -> dict[str, Any]:
-            nonlocal count
-            fields = [
+        def requests(numbers: range) -> list[dict[str, Any]]:
+            return [
                 {
                     'formula_group_id': group,
                     'formula_name': f'formula {each}',
                     'formula': f'always Power[uav{1 + each % VEHICLES}] < {100 + each}',
                 }
-                for each in range(count, number)
+                for each in numbers
             ]
-            count = number
-            service = f'{REASONER}/formula_group_add_formula'
-            found = _ask_all(system, FormulaGroupAddFormula, service, fields)
-            lags.clear()
-            return found
 
-        rows = _grown(system, sizes, grow, quick=quick)
-        rows[-1]['lag_ms'] = round(percentile(lags, 99) / 1e6, 1) if lags else None
-        return rows
+        service = f'{REASONER}/formula_group_add_formula'
+        grow = _by_requests(system, FormulaGroupAddFormula, service, requests)
+        return _grown(system, sizes, grow, quick=quick)
 
 
 def _make_group(system: RunningSystem) -> int:
@@ -147,39 +121,31 @@ def _make_group(system: RunningSystem) -> int:
 
 
 def annotations(*, quick: bool) -> Any:
-    """Grow the annotations of streams; the answers for one feature must not get slower."""
+    """Grow the annotations of streams."""
     sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
     with RunningSystem(VEHICLES, RATE) as system:
         system.warm_up()
-        count = 0
 
-        def grow(number: int) -> dict[str, Any]:
-            nonlocal count
-            fields = [
+        def requests(numbers: range) -> list[dict[str, Any]]:
+            return [
                 {
                     'ssl_statement': ''.join(
                         f'stream knee{each} contains Altitude[uav1] = x;\n'
                         for each in range(first, first + ANNOTATIONS_OF_A_TEXT)
                     )
                 }
-                for first in range(count, number, ANNOTATIONS_OF_A_TEXT)
+                for first in numbers[::ANNOTATIONS_OF_A_TEXT]
             ]
-            count = number
-            service = 'stream_semantics_manager/add_semantic_specification'
-            found = _ask_all(system, AddSemanticSpecification, service, fields)
-            begun = time.monotonic()
-            service = 'semantic_matching_engine/find_all_matching_streams'
-            future = system.client.request(FindAllMatchingStreams, service, concept='Power')
-            _wait(system, future.done)
-            return {**found, 'first_match_s': round(time.monotonic() - begun, 2)}
 
+        service = 'stream_semantics_manager/add_semantic_specification'
+        grow = _by_requests(system, AddSemanticSpecification, service, requests)
         return _grown(system, sizes, grow, quick=quick)
 
 
 def _grown(
     system: RunningSystem,
     sizes: Iterable[int],
-    grow: Callable[[int], dict[str, Any]],
+    grow: Callable[[int], dict[str, int]],
     *,
     quick: bool,
 ) -> list[dict[str, Any]]:
@@ -188,19 +154,18 @@ def _grown(
     Args:
         system: has the resource.
         sizes: growing.
-        grow: makes the resource as large as its argument and returns more figures.
+        grow: makes the resource as large as its argument, and counts the answers to this.
         quick: True for shorter measurements.
     """
     rows: list[dict[str, Any]] = []
     for number in sizes:
-        more = grow(number)
-        row = {'number': number, **more, **_load(system, 4.0 if quick else 15.0)}
-        refused = set(more.get('answers', {})) - {'success'}
+        answers = grow(number)
+        row = {'number': number, 'answers': answers, **_load(system, 4.0 if quick else 15.0)}
         row['ok'] = (
             row['probe_p99_ms'] < MAX_P99_MS
             and row['most_busy'][1] < MAX_SHARE
             and not row['probe_failures']
-            and not refused
+            and not set(answers) - {'success'}
         )
         rows.append(row)
         if not row['ok']:
@@ -240,18 +205,30 @@ def _load(system: RunningSystem, seconds: float) -> dict[str, Any]:
     }
 
 
-def _ask_all(
-    system: RunningSystem, kind: Any, service: str, fields: Iterable[dict[str, Any]]
-) -> dict[str, Any]:
-    """Send requests, a few at once, and return the time that they took, and their answers."""
-    begun = time.monotonic()
-    waiting = list(fields)
-    futures: list[Future] = []
-    for place in range(0, len(waiting), AT_ONCE_REQUESTS):
-        part = waiting[place : place + AT_ONCE_REQUESTS]
-        futures += [system.client.request(kind, service, **each) for each in part]
-        _wait(system, lambda: all(each.done() for each in futures))  # noqa: B023
-    return {'made_s': round(time.monotonic() - begun, 2), 'answers': _outcomes(futures)}
+def _by_requests(
+    system: RunningSystem,
+    kind: Any,
+    service: str,
+    requests: Callable[[range], list[dict[str, Any]]],
+) -> Callable[[int], dict[str, int]]:
+    """Return a function that makes a resource as large as its argument by requests.
+
+    `requests` returns their fields for some numbers of the resource.
+    """
+    size = 0
+
+    def grow(number: int) -> dict[str, int]:
+        nonlocal size
+        waiting = requests(range(size, number))
+        size = number
+        futures: list[Future] = []
+        for place in range(0, len(waiting), AT_ONCE_REQUESTS):
+            part = waiting[place : place + AT_ONCE_REQUESTS]
+            futures += [system.client.request(kind, service, **each) for each in part]
+            _wait(system, lambda: all(each.done() for each in futures))  # noqa: B023
+        return _outcomes(futures)
+
+    return grow
 
 
 def _outcomes(futures: Iterable[Future]) -> dict[str, int]:

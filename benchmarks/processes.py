@@ -94,14 +94,14 @@ class Client(system.Client):
 
 @dataclass(frozen=True, slots=True)
 class SampleCounts:
-    """Samples that streams emitted, and those that they dropped and counted."""
+    """Samples that a stream emitted, and those that it dropped and counted."""
 
-    emitted: int = 0
-    dropped: int = 0
+    emitted: int
+    dropped: int
 
     @property
     def total(self) -> int:
-        """The samples that the streams received."""
+        """The samples that the stream received."""
         return self.emitted + self.dropped
 
 
@@ -115,12 +115,9 @@ class StreamCounts:
         )
 
     @property
-    def sum(self) -> SampleCounts:
-        """The counts of all streams together."""
-        found = self.streams.values()
-        return SampleCounts(
-            sum(each.emitted for each in found), sum(each.dropped for each in found)
-        )
+    def total(self) -> int:
+        """The samples that all streams received."""
+        return sum(each.total for each in self.streams.values())
 
     def _on_report(self, report: Any) -> None:
         self.streams = {

@@ -78,10 +78,11 @@ class StreamLoad:
             self._client.spin_until(
                 lambda: bool(self._counts.streams) and not lost(), 'all samples'
             )
+        counts = [self._counts.streams[name] for name in names]
         return {
             'messages': self._messages * TOPICS,
             'streams_created': next(self._numbers),
-            'samples_out': self._counts.sum.emitted,
-            'dropped': self._counts.sum.dropped,
+            'samples_out': sum(each.emitted for each in counts),
+            'dropped': sum(each.dropped for each in counts),
             'samples_lost': lost(),
         }

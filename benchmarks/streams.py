@@ -13,6 +13,7 @@ from typing import Any
 from parts import measure
 from processes import (
     ENGINE,
+    StreamCounts,
     nodes,
     processor_time,
     result_of,
@@ -21,7 +22,6 @@ from processes import (
     wait_for_line,
     worker,
 )
-from stream_counts import StreamCounts
 from workers import FIELDS
 
 from dyknow_common import NO_CONSTRAINTS
@@ -202,17 +202,14 @@ def load(*, quick: bool) -> Any:
             with worker('publish', *arguments) as publisher:
                 sent = result_of(publisher)['sent']
             expected = sent * STREAMS // TOPICS
-            client.spin_until(
-                lambda: stream_counts.samples + stream_counts.dropped >= expected,
-                f'{expected} samples',
-            )
+            client.spin_until(lambda: stream_counts.total >= expected, f'{expected} samples')
             used = processor_time(processes[ENGINE]) - begun
             delays = result_of(sink)['delays']
         return {
             'messages': sent,
             'samples_expected': expected,
-            'samples_out': stream_counts.samples,
-            'dropped': stream_counts.dropped,
+            'samples_out': sum(each.emitted for each in stream_counts.streams.values()),
+            'dropped': sum(each.dropped for each in stream_counts.streams.values()),
             'engine_processor_share': round(used / seconds, 2),
             'delay': summary(delays),
         }
