@@ -1,6 +1,6 @@
 """The processor time of one DyKnow for a fleet: its knee in robots and messages a second.
 
-python benchmarks/fleet_load.py [--json] [--robots 1 3 10] [--engines 1] [--seconds 15]
+python benchmarks/fleet_load.py [--json] [--robots 1 3 10] [--seconds 15]
 
 Each robot publishes an odometry at 100 Hz and a scan of 360 ranges at 10 Hz. Three formulas read
 the speed and the nearest obstacle of each robot. A row has the share of one core that each process
@@ -19,7 +19,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +37,10 @@ from processes import (
     wait_for_line,
     worker,
 )
-from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
-from running_system import timed
+from running_system import COORDINATOR, REASONER, timed
 from sensor_msgs.msg import LaserScan
+from workers import FLEET_QUALITY
 
 from dyknow_bringup.resources import executable_path
 from dyknow_common import SECOND_NS
@@ -49,7 +50,6 @@ ODOMETRY_HZ = 100
 SCAN_EVERY = 10
 """A scan for each tenth odometry."""
 
-QUALITY = QoSProfile(depth=50)
 STAMP = slice(4, 12)
 """Where a serialised header has its stamp."""
 
@@ -92,7 +92,10 @@ def publish(robots: int) -> None:
     scan.header.frame_id = 'laser'
     messages = [bytearray(serialize_message(each)) for each in (odometry, scan)]
     publishers = [
-        [node.create_publisher(kind, f'/r{number}/{topic}', QUALITY) for number in range(robots)]
+        [
+            node.create_publisher(kind, f'/r{number}/{topic}', FLEET_QUALITY)
+            for number in range(robots)
+        ]
         for kind, topic in ((Odometry, 'odom'), (LaserScan, 'scan'))
     ]
     print('begun', flush=True)
@@ -118,95 +121,86 @@ def stamped(message: bytearray) -> bytes:
     return bytes(message)
 
 
-def read(robots: int) -> None:
-    """Read the fields as a bare node does, until the process is killed."""
-    rclpy.init()
-    node = rclpy.create_node('reader')
-    for number in range(robots):
-        node.create_subscription(
-            Odometry, f'/r{number}/odom', lambda each: each.twist.twist.linear.x, QUALITY
-        )
-        node.create_subscription(
-            LaserScan, f'/r{number}/scan', lambda each: min(each.ranges), QUALITY
-        )
-    print('begun', flush=True)
-    rclpy.spin(node)
+def shares_of(client: Client, processes: list[int], seconds: float) -> list[float]:
+    """Return the shares of one core that processes take over a time, the greatest first."""
+    used, begun = [processor_time(each) for each in processes], time.monotonic()
+    client.wait(seconds)
+    lasted = time.monotonic() - begun
+    pairs = zip(processes, used, strict=True)
+    shares = [round((processor_time(each) - before) / lasted, 3) for each, before in pairs]
+    return sorted(shares, reverse=True)
 
 
-def share_of(process: int, seconds: float) -> float:
-    """Return the share of one core that a process takes."""
-    used, begun = processor_time(process), time.monotonic()
-    time.sleep(seconds)
-    return round((processor_time(process) - used) / (time.monotonic() - begun), 3)
+@contextmanager
+def dyknow(robots: int) -> Iterator[int]:
+    """Run DyKnow for a fleet, and yield the process id of its command."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, 'robot.yaml')
+        path.write_text(robot_file(robots), encoding='utf-8')
+        program = str(executable_path('dyknow_command', 'dyknow'))
+        line = [program, 'up', str(path), '--no-monitor', '--logs', f'{folder}/logs']
+        with subprocess.Popen(line) as up:
+            try:
+                yield up.pid
+            finally:
+                up.terminate()
 
 
-def row(robots: int, engines: int, seconds: float) -> dict[str, Any]:
+def row(robots: int, seconds: float) -> dict[str, Any]:
     """Measure one size of the fleet."""
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        path = folder / 'robot.yaml'
-        path.write_text(robot_file(robots), encoding='utf-8')
         fleet = stack.enter_context(worker('publish', robots, program=PROGRAM))
         wait_for_line(fleet)
-        with worker('read', robots, program=PROGRAM) as bare:
-            wait_for_line(bare)
-            time.sleep(2.0)
-            baseline = share_of(bare.pid, seconds)
-        up = subprocess.Popen(
-            [str(executable_path('dyknow_command', 'dyknow')), 'up', str(path), '--no-monitor',
-             '--engines', str(engines), '--logs', str(folder / 'logs')],
-        )  # fmt: skip
-        stack.callback(up.wait, 60.0)
-        stack.callback(up.terminate)
         client = Client()
         stack.callback(client.close)
-        progress: set[tuple[int, int]] = set()
-        client.node.create_subscription(
-            FormulaProgress,
-            'stream_reasoning_engine/progress',
-            lambda found: progress.add((found.formula_group_id, found.formula_id)),
-            1000,
-        )
-        alarms = [f'always Speed[r{robots - 1}] < {CALM + each + 0.5}' for each in range(ALARMS)]
-        futures = [
-            client.request(
-                EvaluateFormula, 'stream_reasoning_coordinator/evaluate_formula', formula=text
-            )
-            for text in (*FORMULAS, *alarms)
-        ]
-        client.spin_until(lambda: len(progress) >= len(futures), 'states', 120.0)
-        processes = children(up.pid)
-        used = {each: processor_time(each) for each in processes}
-        begun = time.monotonic()
-        client.spin_until(lambda: time.monotonic() > begun + seconds, 'the end', seconds + 60)
-        lasted = time.monotonic() - begun
-        shares = [round((processor_time(each) - used[each]) / lasted, 3) for each in processes]
+        with worker('fleet_reader', '--number', robots) as bare:
+            wait_for_line(bare)
+            client.wait(2.0)
+            (baseline,) = shares_of(client, [bare.pid], seconds)
+        up = stack.enter_context(dyknow(robots))
+        futures = ask_all(client, robots)
+        processes = children(up)
+        shares = shares_of(client, processes, seconds)
         delays = [
-            alarm(client, fleet, CALM + 1.0 + each, futures[len(FORMULAS) + each])
-            for each in range(ALARMS)
+            alarm(client, fleet, CALM + 1.0 + number, each)
+            for number, each in enumerate(futures[len(FORMULAS) :])
         ]
+        answers = [each.result() for each in futures if each.done()]
         return {
             'robots': robots,
             'messages_s': robots * (ODOMETRY_HZ + ODOMETRY_HZ // SCAN_EVERY),
             'bare_share': baseline,
-            'shares': sorted(shares, reverse=True),
+            'shares': shares,
             'memory_mb': round(sum(map(resident_memory, processes))),
             'alarm_median_ms': round(percentile(delays, 50), 1),
             'alarm_max_ms': round(max(delays), 1),
-            'errors': [
-                each.result().exit_status.message[:200]
-                for each in futures
-                if each.done() and each.result().exit_status.code
-            ],
+            'errors': [each.exit_status.message[:200] for each in answers if each.exit_status.code],
         }
+
+
+def ask_all(client: Client, robots: int) -> list[Any]:
+    """Ask for all formulas and alarms, and return their futures once each has had a state."""
+    progress: set[tuple[int, int]] = set()
+    client.node.create_subscription(
+        FormulaProgress,
+        f'{REASONER}/progress',
+        lambda found: progress.add((found.formula_group_id, found.formula_id)),
+        1000,
+    )
+    alarms = [f'always Speed[r{robots - 1}] < {CALM + each + 0.5}' for each in range(ALARMS)]
+    service = f'{COORDINATOR}/evaluate_formula'
+    futures = [
+        client.request(EvaluateFormula, service, formula=each) for each in (*FORMULAS, *alarms)
+    ]
+    client.spin_until(lambda: len(progress) >= len(futures), 'states', 120.0)
+    return futures
 
 
 def alarm(client: Client, fleet: subprocess.Popen[str], speed: float, answer: Any) -> float:
     """Return the milliseconds from a message with a speed to the answer of a formula."""
     if fleet.stdin is None or fleet.stdout is None:
         raise RuntimeError('the fleet has no pipes')
-    end = time.monotonic() + ALARM_PERIOD_S
-    client.spin_until(lambda: time.monotonic() > end, 'the next alarm')
+    client.wait(ALARM_PERIOD_S)
     found = timed(answer)
     print(speed, file=fleet.stdin, flush=True)
     client.spin_until(lambda: bool(found), 'an alarm', ANSWER_LIMIT_S)
@@ -224,18 +218,17 @@ def children(process: int) -> list[int]:
 
 def main() -> None:
     """Measure and print."""
-    if sys.argv[1:2] in (['publish'], ['read']):
-        {'publish': publish, 'read': read}[sys.argv[1]](int(sys.argv[2]))
+    if sys.argv[1:2] == ['publish']:
+        publish(int(sys.argv[2]))
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.add_argument('--robots', type=int, nargs='+', default=[1, 3, 10, 20, 40])
-    parser.add_argument('--engines', type=int, default=1)
     parser.add_argument('--seconds', type=float, default=15.0)
     arguments = parser.parse_args()
     use_private_domain()
     rows = []
     for robots in arguments.robots:
-        rows.append(row(robots, arguments.engines, arguments.seconds))
+        rows.append(row(robots, arguments.seconds))
         if not arguments.json:
             print(rows[-1], flush=True)
         if rows[-1]['alarm_max_ms'] > MAX_DELAY_MS or rows[-1]['errors']:
