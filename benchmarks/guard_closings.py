@@ -15,6 +15,8 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from processes import ENGINE
+
 from dyknow_bringup.processes.composition import NODES
 from dyknow_reactions.ros.guard.guard import WATCHED
 from guards import GuardedBase, guarded_base, is_zero
@@ -24,7 +26,6 @@ from test_sim_time_jumps import Simulation
 TIMEOUT_MS: Final = 300
 FORMULA = "['Power[uav1] < 150']"
 SETTLING_S = 0.6
-ENGINE = 'stream_processing_engine'
 LATE_NS = 20_000_000
 MINUTE_NS = 60_000_000_000
 
