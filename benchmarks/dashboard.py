@@ -1,6 +1,6 @@
 """Measures what the live page costs its server: processor time and traffic.
 
-python benchmarks/dashboard.py [--json] [--streams 50] [--rate 20] [--formulas 20] [--seconds 20]
+python benchmarks/dashboard.py [--json] [--quick]
 
 Another process publishes what a system with 50 streams and 20 formulas does: the reports, the
 heartbeats of seven nodes, and the states of each formula at 20 Hz. The share of a core of the
@@ -11,24 +11,30 @@ nothing is the baseline.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
-import os
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import rclpy
 from dyknow_interfaces.msg import Sample as SampleMessage
-from processes import processor_time, resident_memory, use_private_domain
+from parts import measure
+from processes import (
+    processor_time,
+    resident_memory,
+    use_private_domain,
+    wait_for_line,
+    worker,
+)
 from tornado.websocket import websocket_connect
 
-from dyknow_bringup.resources import executable_path
+from commands import command
 from dyknow_common import Margin
 from dyknow_common.ros import STREAM, DyKnowNode, node_executor
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Grounding, SymbolGrounding
@@ -44,23 +50,16 @@ from dyknow_stream_processing.ros import SampleWriter
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
 from dyknow_stream_processing.sample import Sample
 
-IDLE = """
-import rclpy
-from dyknow_common.ros import node_executor
-rclpy.init()
-executor = node_executor()
-executor.add_node(rclpy.create_node('idle'))
-print('ready', flush=True)
-executor.spin()
-"""
-
+STREAMS = 50
+RATE = 20.0
+FORMULAS = 20
 SETTLE_S = 4.0
 
 FIELDS = 10
 """The number of features of a formula."""
 
 
-class Page:
+class LivePage:
     """A page that receives all it is sent, in a thread of its own."""
 
     def __init__(self, address: str) -> None:
@@ -68,82 +67,75 @@ class Page:
         self.characters = 0
         self.rows: list[dict[str, Any]] = []
         self._loop = asyncio.new_event_loop()
-        self._socket: Any = None
-        self._address = address.replace('http', 'ws') + '/live'
-        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
-        self._thread.start()
-        self._run(self._connect())
-        self._reader = asyncio.run_coroutine_threadsafe(self._read(), self._loop)
+        threading.Thread(target=self._loop.run_forever, daemon=True).start()
+        self._socket = self._run(self._connect(address.replace('http', 'ws') + '/live'))
 
-    def show(self, view: str, opened: list[str]) -> None:
+    def show(self, view: str, opened: Sequence[str] = ()) -> None:
         """Show a part of the system."""
-        self._run(self._send(json.dumps({'view': view, 'opened': opened})))
+        self._run(self._send(json.dumps({'view': view, 'opened': list(opened)})))
 
     def close(self) -> None:
         """Close the page."""
         self._loop.call_soon_threadsafe(self._socket.close)
-        self._reader.result(10)
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
 
-    def _run(self, work: Any) -> None:
-        asyncio.run_coroutine_threadsafe(work, self._loop).result(10)
+    def _run(self, work: Any) -> Any:
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(10)
 
-    async def _connect(self) -> None:
-        self._socket = await websocket_connect(self._address)
+    async def _connect(self, address: str) -> Any:
+        return await websocket_connect(address, on_message_callback=self._receive)
 
     async def _send(self, text: str) -> None:
         await self._socket.write_message(text)
 
-    async def _read(self) -> None:
-        while (text := await self._socket.read_message()) is not None:
+    def _receive(self, text: str | bytes | None) -> None:
+        if isinstance(text, str):
             self.messages += 1
             self.characters += len(text)
             if text.startswith('{"type": "formulas"'):
                 self.rows = json.loads(text)['rows']
 
 
-@contextmanager
-def started(command: list[str], **options: Any) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A process, and the first line that it has printed."""
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, **options) as process:
-        try:
-            assert process.stdout is not None
-            yield process, process.stdout.readline().strip()
-        finally:
-            process.terminate()
+class PublishedSystem:
+    """The nodes of a system, and what they publish."""
 
+    def __init__(self) -> None:
+        features = [f's{number}.power' for number in range(STREAMS)]
+        self._used = [features[first : first + FIELDS] for first in range(FORMULAS)]
+        self._started = time.time_ns()
+        self._sent = 0
+        self.nodes = [DyKnowNode(each) for each in (*NEEDED, 'stream_processing_engine')]
+        manager = self.nodes[NEEDED.index(STREAM_MANAGER)]
+        EvaluationsReport(self.nodes[0], self._statuses)
+        engine = ['/stream_processing_engine']
+        StreamReportPublisher(manager, lambda: engine, self._reports, manager.now)
+        self._writers = [SampleWriter() for _ in self._used]
+        self._publishers = [
+            self.nodes[-1].create_publisher(SampleMessage, f'/dyknow/streams/_states_{n}', STREAM)
+            for n in range(FORMULAS)
+        ]
+        self.nodes[-1].create_timer(1 / RATE, self._send_states)
 
-def publish(streams: int, rate: float, formulas: int) -> None:
-    """Publish what a system does, until the process is terminated."""
-    features = [f's{number}.power' for number in range(streams)]
-    used = [features[n : n + FIELDS] for n in range(formulas)]
-    groundings = {
-        each: SymbolGrounding(each, Grounding.SYNTACTIC, f'select power from {each}', ())
-        for each in features
-    }
-    started = time.time_ns()
-    sent = 0
-
-    def statuses() -> list[EvaluationStatus]:
-        now = time.time_ns()
+    def _statuses(self) -> list[EvaluationStatus]:
         return [
             EvaluationStatus(
                 f'formula {number}',
                 f'always ({" and ".join(f"({each} < 150)" for each in names)})',
                 EvaluationPhase.RUNNING,
-                started,
+                self._started,
                 state_stream=f'/dyknow/streams/_states_{number}',
-                groundings=tuple(groundings[each] for each in names),
-                states_progressed=sent,
-                latest_valid_time=now,
+                groundings=tuple(
+                    SymbolGrounding(each, Grounding.SYNTACTIC, f'select power from {each}', ())
+                    for each in names
+                ),
+                states_progressed=self._sent,
+                latest_valid_time=time.time_ns(),
                 residual_formula='always ' * 20,
                 margin=Margin(-1.0, 20.0, 'W', names[0]),
             )
-            for number, names in enumerate(used)
+            for number, names in enumerate(self._used)
         ]
 
-    def reports() -> list[StreamReport]:
+    def _reports(self) -> list[StreamReport]:
         return [
             StreamReport(
                 f's{number}',
@@ -151,128 +143,95 @@ def publish(streams: int, rate: float, formulas: int) -> None:
                 engine='/stream_processing_engine',
                 topic=f'/dyknow/streams/s{number}',
                 specification=f'stream s{number} = select power from "/battery{number}"; ' * 3,
-                samples=sent,
-                sources=(SourceReport(f'/battery{number}', sent, time.time_ns()),),
-                flow=Flow(rate, 3_000_000, 9_000_000),
+                samples=self._sent,
+                sources=(SourceReport(f'/battery{number}', self._sent, time.time_ns()),),
+                flow=Flow(RATE, 3_000_000, 9_000_000),
             )
-            for number in range(streams)
+            for number in range(STREAMS)
         ]
 
-    rclpy.init()
-    nodes = [DyKnowNode(each) for each in (*NEEDED, 'stream_processing_engine')]
-    coordinator, manager = nodes[0], nodes[NEEDED.index(STREAM_MANAGER)]
-    EvaluationsReport(coordinator, statuses)
-    engine = '/stream_processing_engine'
-    StreamReportPublisher(manager, lambda: [engine], reports, manager.now)
-    writers = [SampleWriter() for _ in used]
-    publishers = [
-        nodes[-1].create_publisher(SampleMessage, f'/dyknow/streams/_states_{n}', STREAM)
-        for n in range(formulas)
-    ]
-
-    def send_states() -> None:
-        nonlocal sent
-        sent += 1
+    def _send_states(self) -> None:
+        self._sent += 1
         now = time.time_ns()
-        for names, writer, publisher in zip(used, writers, publishers, strict=True):
-            fields = {each: 100.0 + (sent * 7 + n) % 40 for n, each in enumerate(names)}
+        for names, writer, publisher in zip(
+            self._used, self._writers, self._publishers, strict=True
+        ):
+            fields = {each: 100.0 + (self._sent * 7 + n) % 40 for n, each in enumerate(names)}
             publisher.publish(writer.write(Sample(now, now, fields)))
 
-    nodes[-1].create_timer(1 / rate, send_states)
+
+def publish() -> None:
+    """Publish what a system does, until the process is terminated."""
+    rclpy.init()
     executor = node_executor()
-    for node in nodes:
+    for node in PublishedSystem().nodes:
         executor.add_node(node)
         node.announce()
     print('ready', flush=True)
     executor.spin()
 
 
-class Measurement:
-    """Shares of a core of the dashboard and of an idle node, for one situation after another."""
+def situation(
+    name: str, page: LivePage | None, dashboard: int, idle: int, seconds: float
+) -> dict[str, Any]:
+    """Return the shares of a core of the dashboard and of an idle node, and the traffic."""
 
-    def __init__(self, dashboard: int, idle: int, seconds: float) -> None:
-        self.rows: list[dict[str, Any]] = []
-        self._dashboard = dashboard
-        self._idle = idle
-        self._seconds = seconds
-
-    def add(self, situation: str, page: Page | None) -> None:
-        """Measure a situation."""
-        time.sleep(SETTLE_S)
-        begun = time.monotonic()
-        before = processor_time(self._dashboard), processor_time(self._idle)
+    def used() -> list[float]:
         sent = (page.messages, page.characters) if page else (0, 0)
-        time.sleep(self._seconds)
-        elapsed = time.monotonic() - begun
-        after = processor_time(self._dashboard), processor_time(self._idle)
-        received = (page.messages, page.characters) if page else (0, 0)
-        row = {
-            'situation': situation,
-            'share': round((after[0] - before[0]) / elapsed, 4),
-            'idle_share': round((after[1] - before[1]) / elapsed, 4),
-            'messages_per_s': round((received[0] - sent[0]) / elapsed, 1),
-            'kb_per_s': round((received[1] - sent[1]) / elapsed / 1000, 1),
-            'memory_mb': round(resident_memory(self._dashboard), 1),
-        }
-        self.rows.append(row)
-        print(row, file=sys.stderr, flush=True)
+        return [time.monotonic(), processor_time(dashboard), processor_time(idle), *sent]
+
+    time.sleep(SETTLE_S)
+    before = used()
+    time.sleep(seconds)
+    elapsed, *found = (after - each for after, each in zip(used(), before, strict=True))
+    share, idle_share, messages, characters = (each / elapsed for each in found)
+    return {
+        'situation': name,
+        'share': round(share, 4),
+        'idle_share': round(idle_share, 4),
+        'messages_per_s': round(messages, 1),
+        'kb_per_s': round(characters / 1000, 1),
+        'memory_mb': round(resident_memory(dashboard), 1),
+    }
 
 
-def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
+def page(*, quick: bool) -> list[dict[str, Any]]:
     """Return the cost of each situation."""
-    line = [
-        str(executable_path('dyknow_command', 'dyknow')),
-        'dashboard',
-        '--port',
-        '0',
-        '--history',
-        'none',
-    ]
-    sizes = [f'--{name}={getattr(options, name)}' for name in ('streams', 'rate', 'formulas')]
-    publisher = [sys.executable, __file__, '--publish', *sizes]
+    line = command('dyknow', 'dashboard', '--port', '0', '--history', 'none')
     with (
-        started(publisher),
-        started(line) as (dashboard, address),
-        started([sys.executable, '-c', IDLE]) as (idle, _),
+        worker('publish', program=Path(__file__)) as publisher,
+        worker('idle') as idle,
+        subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as dashboard,
     ):
-        found = Measurement(dashboard.pid, idle.pid, options.seconds)
-        found.add('no page', None)
-        page = Page(address.split()[1])
-        for view in ('formulas', 'streams', 'graph', 'nodes'):
-            page.show(view, [])
-            found.add(view, page)
-        keys = [each['id'] for each in page.rows]
-        assert len(keys) == options.formulas, f'the page shows {len(keys)} formulas'
-        for number in (1, 4):
-            page.show('formulas', keys[:number])
-            found.add(f'{number} formulas opened', page)
-        page.close()
-        found.add('the page is closed', None)
-    return found.rows
+        try:
+            wait_for_line(publisher)
+            assert dashboard.stdout is not None
+            address = dashboard.stdout.readline().split()[1]
+            seconds = 2.0 if quick else 20.0
+            add = partial(situation, dashboard=dashboard.pid, idle=idle.pid, seconds=seconds)
+            return situations(address, add)
+        finally:
+            dashboard.terminate()
 
 
-def main() -> None:
-    """Measure, and print a line for each situation."""
-    parser = argparse.ArgumentParser(description=__doc__.partition('\n')[0])
-    parser.add_argument('--json', action='store_true', help='print JSON')
-    parser.add_argument('--publish', action='store_true', help=argparse.SUPPRESS)
-    parser.add_argument('--streams', type=int, default=50)
-    parser.add_argument('--rate', type=float, default=20.0)
-    parser.add_argument('--formulas', type=int, default=20)
-    parser.add_argument('--seconds', type=float, default=20.0)
-    options = parser.parse_args()
-    if options.publish:
-        publish(options.streams, options.rate, options.formulas)
-        return
-    use_private_domain()
-    rows = measure(options)
-    if options.json:
-        document = {'cores': os.cpu_count(), 'load': os.getloadavg()[0], 'rows': rows}
-        print(json.dumps(document, indent=2))
-        return
-    for row in rows:
-        print(', '.join(f'{name} {value}' for name, value in row.items()))
+def situations(address: str, add: Callable[..., Any]) -> list[dict[str, Any]]:
+    """Measure without a page, and with a page that shows each part and opens formulas."""
+    rows, page = [add('no page', None)], LivePage(address)
+    for view in ('formulas', 'streams', 'graph', 'nodes'):
+        page.show(view)
+        rows.append(add(view, page))
+    keys = [each['id'] for each in page.rows]
+    assert len(keys) == FORMULAS, f'the page shows {len(keys)} formulas'
+    for number in (1, 4):
+        page.show('formulas', keys[:number])
+        rows.append(add(f'{number} formulas opened', page))
+    page.close()
+    return rows
 
 
 if __name__ == '__main__':
-    main()
+    if sys.argv[1:] == ['publish']:
+        publish()
+    else:
+        use_private_domain()
+        measure(__doc__, page)
