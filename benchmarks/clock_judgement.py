@@ -11,7 +11,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent / 'dyknow_reasoning' / 'test'))
 
-from clock_robots import MS, STAMPED, UNSTAMPED, Message, topic_name
+from clock_robots import MS, STAMPED, Message, Topic
 from dyknow_interfaces.msg import ExitStatus
 from reasoning_reference import holds
 from running_system import outcome_of
@@ -41,29 +41,6 @@ ALLOWED, NOT_ALLOWED = 'error, allowed', 'error, not allowed'
 JUDGEMENTS = (RIGHT, RIGHT_BY_OFFSET, WRONG, ALLOWED, NOT_ALLOWED)
 
 
-@dataclass(frozen=True)
-class Level:
-    """The level of a topic is high."""
-
-    robot: str
-    kind: str
-
-    @property
-    def is_stamped(self) -> bool:
-        """True if its messages are stamped by the clock of the robot."""
-        return self.kind == STAMPED
-
-    def reference(self, number: int, *, is_stated: bool) -> str:
-        """Return the level in an episode: of a stream that states a `max_delay`, or of a topic."""
-        if is_stated and self.is_stamped:
-            return f'{self.robot}{number}_stated.level'
-        return f'"{self.topic(number)}".{"data" if self.kind == UNSTAMPED else "point.x"}'
-
-    def topic(self, number: int) -> str:
-        """Return the name of the topic in an episode."""
-        return topic_name(self.robot, number, self.kind)
-
-
 class Trace:
     """The states of some topics, at the times of their messages.
 
@@ -78,16 +55,14 @@ class Trace:
         times = {name: [time_of(each) for each in found] for name, found in topics.items()}
         begin = max(each[0] for each in times.values())
         self.times = sorted({at for each in times.values() for at in each if at >= begin})
-        self._states = [
-            (
-                at,
-                {
-                    name: found[bisect_right(times[name], at) - 1].level
-                    for name, found in topics.items()
-                },
-            )
-            for at in self.times
-        ]
+
+        def state(at: int) -> dict[str, Any]:
+            return {
+                name: found[bisect_right(times[name], at) - 1].level
+                for name, found in topics.items()
+            }
+
+        self._states = [(at, state(at)) for at in self.times]
 
     def value(self, formula: Formula, begin: int, end: int) -> bool | None:
         """Return the value of a formula at the state `begin`, given the states before `end`.
@@ -102,19 +77,20 @@ class Question:
     """A formula about two robots, and its answer; times in nanoseconds.
 
     Args:
-        number: of the episode.
         text: of the formula.
         topics: by the names of their levels in the formula.
         begin: no state of the formula is earlier.
         max_delay: that the streams of stamped messages state; None: the default.
+        asked: the time of the question.
+        episode: its description.
     """
 
-    number: int
     text: str
-    topics: Mapping[str, Level]
+    topics: Mapping[str, Topic]
     begin: int
     max_delay: int | None
     asked: int
+    episode: str
     answered: int = 0
     answer: Any = None
 
@@ -135,22 +111,14 @@ class Question:
 
 
 class Judge:
-    """Judges the answer of a question by the messages of its topics.
+    """Judges the answer of a question by the messages of its topics."""
 
-    Args:
-        messages: of each topic, by its name.
-    """
-
-    def __init__(self, question: Question, messages: Mapping[str, Sequence[Message]]) -> None:
+    def __init__(self, question: Question) -> None:
         self._question = question
         self._formula = parse_formula(question.text)
-        self._messages = {
-            name: messages[each.topic(question.number)] for name, each in question.topics.items()
-        }
+        self._messages = {name: each.messages for name, each in question.topics.items()}
+        self._stamped = [each.messages for each in question.topics.values() if each.kind == STAMPED]
         self._error = question.answer.exit_status
-        self._stamped = {
-            name: self._messages[name] for name, each in question.topics.items() if each.is_stamped
-        }
 
     def judgement(self) -> str:
         """Return one of `JUDGEMENTS`."""
@@ -172,7 +140,7 @@ class Judge:
         """
         return any(
             self._may_break_limit(each) and self._is_meant(before, each, after)
-            for messages in self._stamped.values()
+            for messages in self._stamped
             for before, each, after in zip(
                 [messages[0], *messages], messages, [*messages[1:], messages[-1]], strict=False
             )
@@ -199,7 +167,7 @@ class Judge:
         return not any(
             each.stamp - each.ended - TRANSPORT_NS > MAX_LEAD_NS
             or each.begun - each.stamp > question.limit
-            for messages in self._stamped.values()
+            for messages in self._stamped
             for each in messages
             if begin <= each.stamp <= end
         )
@@ -210,7 +178,10 @@ class Judge:
         An unstamped message was sent at some time of its publication.
         """
         question = self._question
-        for time_of in (_stamp_or_begun, _stamp_or_ended):
+        for time_of in (
+            lambda each: each.stamp or each.begun,
+            lambda each: each.stamp or each.ended,
+        ):
             trace = Trace(self._messages, time_of)
             begin = bisect_left(trace.times, question.begin)
             end = bisect_right(trace.times, question.decided_at)
@@ -226,11 +197,3 @@ class Judge:
         end = bisect_right(trace.times, question.begin + TOLERANCE_NS)
         last = len(trace.times)
         return any(trace.value(self._formula, each, last) is verdict for each in range(begin, end))
-
-
-def _stamp_or_begun(message: Message) -> int:
-    return message.stamp or message.begun
-
-
-def _stamp_or_ended(message: Message) -> int:
-    return message.stamp or message.ended

@@ -1,27 +1,13 @@
-"""A process that publishes the topics of one robot, whose clock is off, for `clocks.py`.
-
-python benchmarks/clock_robots.py NAME
-
-Each line of the standard input is a JSON object with `seconds`, and with `episodes`: objects of
-which each has the arguments of an `Episode`. The robot publishes the topics of all these episodes
-at the same time, and prints two lines: `begun` when it begins, and the messages of each topic as
-JSON. The process ends with its standard input.
-
-A topic `/NAME0/stamped` is one of the robot in episode 0. Its kinds are in `KINDS`.
-"""
+"""The topics of robots whose clocks are off, for `clocks.py`."""
 
 from __future__ import annotations
 
-import json
 import random
-import sys
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
-import rclpy
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -29,8 +15,6 @@ from std_msgs.msg import Float64
 
 from dyknow_common import NANOSECONDS
 from dyknow_common.ros import nanoseconds_to_time
-
-PROGRAM = Path(__file__)
 
 STAMPED, UNSTAMPED, ZERO = 'stamped', 'unstamped', 'zero'
 KINDS = (STAMPED, UNSTAMPED, ZERO)
@@ -43,8 +27,8 @@ DWELL_NS = (300 * MS, 1500 * MS)
 
 
 @dataclass(frozen=True)
-class Episode:
-    """The course of a robot in an episode; times in nanoseconds.
+class Clock:
+    """The clock and the link of a robot in an episode; times in milliseconds.
 
     Args:
         offset: of its clock, which gives the stamps; positive if it is ahead.
@@ -53,12 +37,10 @@ class Episode:
         stall: the time for which, once, no stamped message leaves the robot.
     """
 
-    number: int
     offset: int
     delay: int
     jitter: int
     stall: int
-    seed: int
 
 
 @dataclass
@@ -70,7 +52,7 @@ class Message:
         stamp: 0 for none.
         level: 1 or 0.
         due: the time at which it is to be published.
-        begun: the time before its publication.
+        begun: the time before its publication; 0 if it was not published.
         ended: the time after it.
     """
 
@@ -84,91 +66,76 @@ class Message:
 
 @dataclass
 class Topic:
-    """A topic of an episode, and its messages."""
+    """A topic of a robot in an episode, and its messages.
 
-    name: str
+    Args:
+        robot: its name.
+        number: of the episode.
+        kind: one of `KINDS`.
+    """
+
+    robot: str
+    number: int
     kind: str
-    publisher: Any
     messages: list[Message] = field(default_factory=list)
+    _publisher: Any = None
+
+    @property
+    def name(self) -> str:
+        """The name of the topic."""
+        return f'/{self.robot}{self.number}/{self.kind}'
+
+    def reference(self, *, is_stated: bool) -> str:
+        """Return the level in a formula: of a stream that states a `max_delay`, or of the topic."""
+        if is_stated and self.kind == STAMPED:
+            return f'{self.robot}{self.number}_stated.level'
+        return f'"{self.name}".{"data" if self.kind == UNSTAMPED else "point.x"}'
+
+    def draw(self, clock: Clock, begin: int, end: int, chance: random.Random) -> None:
+        """Draw the messages of an episode; their stamps and times of publication are in order."""
+        level, change, due, true = chance.randint(0, 1), begin, 0, begin
+        stalled = chance.randint(begin, end)
+        while true < end:
+            if true >= change:
+                level, change = 1 - level, true + chance.randint(*DWELL_NS)
+            if self.kind == STAMPED:
+                due = max(due, true + (clock.delay + chance.randint(0, clock.jitter)) * MS)
+                if stalled <= due < stalled + clock.stall * MS:
+                    due = stalled + clock.stall * MS
+                message = Message(true, true + clock.offset * MS, level, due)
+            else:
+                message = Message(0, 0, level, true)
+            self.messages.append(message)
+            true += chance.randint(*PERIOD_NS)
+
+    def advertise(self, node: Node) -> None:
+        """Create the publisher."""
+        type_ = Float64 if self.kind == UNSTAMPED else PointStamped
+        self._publisher = node.create_publisher(type_, self.name, QoSProfile(depth=1000))
+
+    def close(self, node: Node) -> None:
+        """Destroy the publisher, and forget the messages that were not published."""
+        node.destroy_publisher(self._publisher)
+        self.messages = [each for each in self.messages if each.begun]
 
     def publish(self, message: Message) -> None:
         """Publish a message."""
-        data = self._data(message)
+        if self.kind == UNSTAMPED:
+            data = Float64(data=float(message.level))
+        else:
+            data = PointStamped()
+            data.point.x = float(message.level)
+            data.header.stamp = nanoseconds_to_time(message.stamp)
         message.begun = time.time_ns()
-        self.publisher.publish(data)
+        self._publisher.publish(data)
         message.ended = time.time_ns()
 
-    def _data(self, message: Message) -> Any:
-        if self.kind == UNSTAMPED:
-            return Float64(data=float(message.level))
-        data = PointStamped()
-        data.point.x = float(message.level)
-        data.header.stamp = nanoseconds_to_time(message.stamp)
-        return data
 
-
-def topic_name(robot: str, number: int, kind: str) -> str:
-    """Return the name of a topic of a robot in an episode."""
-    return f'/{robot}{number}/{kind}'
-
-
-def draw(episode: Episode, kind: str, begin: int, end: int, seed: str) -> Iterator[Message]:
-    """Yield the messages of a topic; their stamps and times of publication are in order."""
-    chance = random.Random(seed)  # noqa: S311
-    level, change, due, true = chance.randint(0, 1), begin, 0, begin
-    stalled = chance.randint(begin, end)
-    while true < end:
-        if true >= change:
-            level, change = 1 - level, true + chance.randint(*DWELL_NS)
-        if kind == STAMPED:
-            due = max(due, true + episode.delay + chance.randint(0, episode.jitter))
-            if stalled <= due < stalled + episode.stall:
-                due = stalled + episode.stall
-            yield Message(true, true + episode.offset, level, due)
-        else:
-            yield Message(0, 0, level, true)
-        true += chance.randint(*PERIOD_NS)
-
-
-def perform(node: Node, robot: str, episodes: list[Episode], seconds: float) -> dict[str, Any]:
-    """Publish the topics of episodes for a time, and return the messages of each."""
-    quality = QoSProfile(depth=1000)
-    topics = []
-    for number, kind in ((each, kind) for each in episodes for kind in KINDS):
-        name = topic_name(robot, number.number, kind)
-        type_ = Float64 if kind == UNSTAMPED else PointStamped
-        topics.append((number, Topic(name, kind, node.create_publisher(type_, name, quality))))
-    begin = time.time_ns() + 100 * MS
-    end = begin + round(seconds * 1e9)
-    for episode, topic in topics:
-        seed = f'{episode.seed} {topic.name}'
-        topic.messages.extend(draw(episode, topic.kind, begin, end, seed))
-    print('begun', flush=True)
-    due = [(message.due, topic, message) for _, topic in topics for message in topic.messages]
+def publish(topics: Sequence[Topic], end: int) -> None:
+    """Publish the messages of all topics when they are due, until a time."""
+    due = [(message.due, topic, message) for topic in topics for message in topic.messages]
     for at, topic, message in sorted(due, key=lambda each: each[0]):
         if at >= end:
             break
         time.sleep(max(at - time.time_ns(), 0) / 1e9)
         topic.publish(message)
-    found = {}
-    for _, topic in topics:
-        found[topic.name] = [asdict(each) for each in topic.messages if each.begun]
-        node.destroy_publisher(topic.publisher)
-    return found
-
-
-def main() -> None:
-    """Perform the episodes that the standard input demands."""
-    rclpy.init()
-    robot = sys.argv[1]
-    node = rclpy.create_node(f'robot_{robot}')
-    for line in sys.stdin:
-        request = json.loads(line)
-        episodes = [Episode(**each) for each in request['episodes']]
-        print(json.dumps(perform(node, robot, episodes, request['seconds'])), flush=True)
-    node.destroy_node()
-    rclpy.try_shutdown()
-
-
-if __name__ == '__main__':
-    main()

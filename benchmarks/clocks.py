@@ -2,12 +2,12 @@
 
 python benchmarks/clocks.py [--questions 1000] [--seed 1] [--without-gaps] [--logs FOLDER] [--json]
 
-Two processes, a robot each (`clock_robots.py`), publish levels that are high or low. In each
-*episode*, the clock of a robot is off by -5 to 5 s, often by nothing or by less than 100 ms, and
-its stamped messages come 0 to 1.5 s after the true times, with jitter. Some robots stall: once, no
-stamped message leaves them for up to 1.5 s. Other topics have no stamps, or leave them at zero:
-their values hold from the time at which they are sent. All questions about an episode are asked at
-the same time, over the topics, or over streams that state a `max_delay`.
+Two robots publish levels that are high or low. In each *episode*, the clock of a robot is off by -5
+to 5 s, often by nothing or by less than 100 ms, and its stamped messages come 0 to 1.5 s after the
+true times, with jitter. Some robots stall: once, no stamped message leaves them for up to 1.5 s.
+Other topics have no stamps, or leave them at zero: their values hold from the time at which they
+are sent. All questions about an episode are asked at the same time, over the topics, or over
+streams that state a `max_delay`.
 
 Allowed, by docs/time.md: when a message is received, its stamp is at most `max_lead` (100 ms) ahead
 of the clock, and at most `max_delay` (as stated, or 1 s) behind it. So the clock of a robot may be
@@ -32,16 +32,13 @@ values that a stall has made out of date are then counted as wrong.
 from __future__ import annotations
 
 import argparse
-import json
 import random
-import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import asdict
+from collections.abc import Sequence
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -52,18 +49,16 @@ from clock_judgement import (
     NOT_ALLOWED,
     WRONG,
     Judge,
-    Level,
     Question,
 )
-from clock_robots import KINDS, MS, PROGRAM, STAMPED, Episode, Message
+from clock_robots import KINDS, MS, STAMPED, Clock, Topic, publish
 from dyknow_interfaces.msg import StreamConstraints
 from dyknow_interfaces.srv import EvaluateFormula, StreamDestroy
 from parts import print_report
-from processes import MANAGER, use_private_domain, wait_for_line, worker
+from processes import MANAGER, use_private_domain
 from running_system import EVALUATE, RunningSystem
 
 from dyknow_common.ros import nanoseconds_to_time
-from robots import stop
 
 ROBOTS = ('a', 'b')
 EPISODES = 3
@@ -80,7 +75,7 @@ BEGIN_MS = (1500, 2500)
 
 STATED_MS = (500, 1000, 2000)
 ANSWER_LIMIT_S = 30.0
-
+SETTING_UP_NS = 100 * MS
 
 SHAPES = (
     'always[0 s, 1500 ms] not ({0} > 0.5 and {1} > 0.5)',
@@ -92,134 +87,126 @@ SHAPES = (
 """Formulas, with placeholders for the levels of two robots."""
 
 
-class Rounds:
-    """Rounds of episodes at the same time, and the questions about them."""
+class Episode:
+    """Two robots, whose clocks differ, and the constraints that streams of their topics state.
+
+    Args:
+        number: of the episode.
+        chance: of all that happens.
+        begin: nanoseconds.
+        end: nanoseconds.
+        states_gaps: True if streams of robots that stall state a `max_gap`.
+    """
 
     def __init__(
-        self,
-        system: RunningSystem,
-        robots: Mapping[str, Any],
-        chance: random.Random,
-        *,
-        states_gaps: bool,
+        self, number: int, chance: random.Random, begin: int, end: int, *, states_gaps: bool
     ) -> None:
-        self.judged: list[tuple[Question, str]] = []
-        self.descriptions: dict[int, str] = {}
-        self._system = system
-        self._robots = robots
-        self._chance = chance
-        self._states_gaps = states_gaps
-        self._with_gap: set[int] = set()
+        self.number = number
+        self.topics = {
+            (robot, kind): Topic(robot, number, kind) for robot in ROBOTS for kind in KINDS
+        }
+        self.max_delay_ms = chance.choice(STATED_MS)
+        clocks = {robot: _clock(chance) for robot in ROBOTS}
+        for each in self.topics.values():
+            each.draw(clocks[each.robot], begin, end, chance)
+        stalls = any(each.stall for each in clocks.values())
+        gap = ', max_gap = 200 ms' if stalls and states_gaps else ''
+        self.constraints = f'max_delay = {self.max_delay_ms} ms{gap}'
+        self.description = f'{clocks}, stated: {self.constraints}'
 
-    def run(self) -> None:
-        """Have the robots perform episodes, ask about them, and judge the answers."""
-        first = len(self.descriptions)
-        numbers = range(first, first + EPISODES)
-        for robot, process in self._robots.items():
-            _send(process, [self._episode(robot, number) for number in numbers])
-        for process in self._robots.values():
-            wait_for_line(process)
-        begun = time.monotonic()
-        stated = {number: self._state(number) for number in numbers}
-        self._system.wait(begun + ASKED_AFTER_S - time.monotonic())
-        asked = [self._ask(each, stated[each]) for each in numbers for _ in range(QUESTIONS)]
-        self._system.client.spin_until(
-            lambda: all(each.answer for each in asked), 'the answers', ANSWER_LIMIT_S
-        )
-        for name in (f'{robot}{number}_stated' for number in numbers for robot in ROBOTS):
-            self._system.client.call(StreamDestroy, f'{MANAGER}/stream_destroy', stream_name=name)
-        messages = _messages(self._robots.values())
-        self.judged.extend((each, Judge(each, messages).judgement()) for each in asked)
+    def streams(self) -> dict[str, str]:
+        """Return the specifications of the streams, by name."""
+        return {
+            f'{each.robot}{self.number}_stated': f'select point.x as level from "{each.name}" '
+            f'with {self.constraints}'
+            for each in self.topics.values()
+            if each.kind == STAMPED
+        }
 
-    def _episode(self, robot: str, number: int) -> Episode:
-        chance = self._chance
-        delay = chance.randint(0, chance.choice((20, 20, 400, 800, 1300)))
-        jitter = chance.randint(0, chance.choice((50, 200)))
-        stall = chance.choice((0, 0, chance.randint(100, 1500)))
-        if stall and self._states_gaps:
-            self._with_gap.add(number)
-        offset = self._offset(delay, jitter)
-        self.descriptions[number] = (
-            self.descriptions.get(number, '')
-            + f'{robot}: offset {offset}, delay {delay} to {delay + jitter}, stall {stall}; '
-        )
-        times = (each * MS for each in (offset, delay, jitter, stall))
-        return Episode(number, *times, chance.getrandbits(32))
-
-    def _offset(self, delay: int, jitter: int) -> int:
-        """Return how far a clock is ahead; in some episodes such that it is near a limit."""
-        chance = self._chance
-        near = delay + chance.randint(0, jitter)
-        limit = chance.choice((-MAX_LEAD_NS // MS, MAX_DELAY_NS // MS, *STATED_MS))
-        most = chance.choice((0, 0, 0, 100, 100, 100, 100, 1500, 5000, None))
-        return near - limit if most is None else chance.randint(-most, most)
-
-    def _state(self, number: int) -> int:
-        """Create streams of the stamped topics with a max_delay, and return it, milliseconds."""
-        stated = self._chance.choice(STATED_MS)
-        gap = ', max_gap = 200 ms' if number in self._with_gap else ''
-        for robot in ROBOTS:
-            topic = Level(robot, STAMPED).topic(number)
-            text = f'select point.x as level from "{topic}" with max_delay = {stated} ms{gap}'
-            self._system.client.create(f'{robot}{number}_stated', text, MANAGER)
-        self.descriptions[number] += f'stated: {stated} ms{gap}'
-        return stated
-
-    def _ask(self, number: int, stated: int) -> Question:
-        chance = self._chance
-        first, second = chance.sample(ROBOTS, 2)
-        levels = [Level(each, chance.choices(KINDS, (60, 25, 15))[0]) for each in (first, second)]
-        shape, is_stated = chance.choice(SHAPES), chance.random() < 0.5  # noqa: PLR2004
-        topics = {each.reference(number, is_stated=is_stated): each for each in levels}
-        text = shape.format(*topics)
+    def question(self, chance: random.Random) -> Question:
+        """Return a random question, asked now."""
+        topics = [
+            self.topics[robot, chance.choices(KINDS, (60, 25, 15))[0]]
+            for robot in chance.sample(ROBOTS, 2)
+        ]
+        is_stated = chance.random() < 0.5  # noqa: PLR2004
+        levels = {each.reference(is_stated=is_stated): each for each in topics}
+        text = chance.choice(SHAPES).format(*levels)
         now = time.time_ns()
         begin = now + chance.randint(*BEGIN_MS) * MS
-        max_delay = stated * MS if is_stated else None
-        question = Question(number, text, topics, begin, max_delay, now)
-
-        def end(done: Any) -> None:
-            question.answered, question.answer = time.time_ns(), done.result()
-
-        self._system.client.request(
-            EvaluateFormula,
-            EVALUATE,
-            formula=text,
-            grounding=EvaluateFormula.Request.SYNTACTIC,
-            constraints=StreamConstraints(start_time=[nanoseconds_to_time(begin)]),
-            timeout=Duration(sec=TIMEOUT_S),
-        ).add_done_callback(end)
-        return question
+        max_delay = self.max_delay_ms * MS if is_stated else None
+        return Question(text, levels, begin, max_delay, now, self.description)
 
 
-def _send(process: subprocess.Popen[str], episodes: Sequence[Episode]) -> None:
-    if process.stdin is None:
-        raise RuntimeError('a robot has no pipes')
-    request = {'seconds': ROUND_S, 'episodes': [asdict(each) for each in episodes]}
-    print(json.dumps(request), file=process.stdin, flush=True)
+def _clock(chance: random.Random) -> Clock:
+    """Return a clock; in some episodes, its offset is near a limit."""
+    delay = chance.randint(0, chance.choice((20, 20, 400, 800, 1300)))
+    jitter = chance.randint(0, chance.choice((50, 200)))
+    limit = chance.choice((-MAX_LEAD_NS // MS, MAX_DELAY_NS // MS, *STATED_MS))
+    most = chance.choice((0, 0, 0, 100, 100, 100, 100, 1500, 5000, None))
+    if most is None:
+        offset = delay + chance.randint(0, jitter) - limit
+    else:
+        offset = chance.randint(-most, most)
+    return Clock(offset, delay, jitter, chance.choice((0, 0, chance.randint(100, 1500))))
 
 
-def _messages(robots: Iterable[Any]) -> dict[str, list[Message]]:
-    """Wait for the end of a round, and return the messages of each topic."""
-    return {
-        topic: [Message(**each) for each in found]
-        for robot in robots
-        for topic, found in json.loads(robot.stdout.readline()).items()
-    }
+def judged_round(
+    system: RunningSystem, first: int, chance: random.Random, *, states_gaps: bool
+) -> list[tuple[Question, str]]:
+    """Have the robots perform episodes, ask about them, and return the judgements."""
+    client, begin = system.client, time.time_ns() + SETTING_UP_NS
+    end = begin + round(ROUND_S * 1e9)
+    episodes = [
+        Episode(first + each, chance, begin, end, states_gaps=states_gaps)
+        for each in range(EPISODES)
+    ]
+    topics = [topic for each in episodes for topic in each.topics.values()]
+    streams = {name: text for each in episodes for name, text in each.streams().items()}
+    for each in topics:
+        each.advertise(client.node)
+    publisher = Thread(target=publish, args=(topics, end), daemon=True)
+    publisher.start()
+    for name, text in streams.items():
+        client.create(name, text, MANAGER)
+    system.wait(begin / 1e9 + ASKED_AFTER_S - time.time())
+    asked = [each.question(chance) for each in episodes for _ in range(QUESTIONS)]
+    for each in asked:
+        _send(system, each)
+    client.spin_until(lambda: all(each.answer for each in asked), 'the answers', ANSWER_LIMIT_S)
+    client.spin_until(lambda: not publisher.is_alive(), 'the end of the round')
+    for name in streams:
+        client.call(StreamDestroy, f'{MANAGER}/stream_destroy', stream_name=name)
+    for each in topics:
+        each.close(client.node)
+    return [(each, Judge(each).judgement()) for each in asked]
 
 
-def report_of(rounds: Rounds) -> dict[str, Any]:
+def _send(system: RunningSystem, question: Question) -> None:
+    def end(done: Any) -> None:
+        question.answered, question.answer = time.time_ns(), done.result()
+
+    system.client.request(
+        EvaluateFormula,
+        EVALUATE,
+        formula=question.text,
+        grounding=EvaluateFormula.Request.SYNTACTIC,
+        constraints=StreamConstraints(start_time=[nanoseconds_to_time(question.begin)]),
+        timeout=Duration(sec=TIMEOUT_S),
+    ).add_done_callback(end)
+
+
+def report_of(judged: Sequence[tuple[Question, str]]) -> dict[str, Any]:
     """Return the outcomes and judgements, and the answers that are at fault."""
-    counts = Counter(judgement for _, judgement in rounds.judged)
+    counts = Counter(judgement for _, judgement in judged)
     return {
-        'questions': len(rounds.judged),
-        'episodes': len(rounds.descriptions),
-        'outcomes': dict(sorted(Counter(each.outcome for each, _ in rounds.judged).items())),
+        'questions': len(judged),
+        'outcomes': dict(sorted(Counter(each.outcome for each, _ in judged).items())),
         'judgements': {each: counts[each] for each in JUDGEMENTS},
         'faults': [
-            f'{judgement}: {each.outcome}: {each.text} from {each.begin}; '
-            f'{rounds.descriptions[each.number]}; {each.answer.exit_status.message}'
-            f'{each.answer.explanation}'
-            for each, judgement in rounds.judged
+            f'{judgement}: {each.outcome}: {each.text} from {each.begin}; {each.episode}; '
+            f'{each.answer.exit_status.message}{each.answer.explanation}'
+            for each, judgement in judged
             if judgement in (WRONG, NOT_ALLOWED)
         ],
     }
@@ -235,16 +222,13 @@ def main() -> None:
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     arguments = parser.parse_args()
     use_private_domain()
-    with ExitStack() as stack:
-        robots = {each: stack.enter_context(worker(each, program=PROGRAM)) for each in ROBOTS}
-        for each in robots.values():
-            stack.callback(stop, each)
-        system = stack.enter_context(RunningSystem(1, 2.0, logs=arguments.logs))
-        chance = random.Random(arguments.seed)  # noqa: S311
-        rounds = Rounds(system, robots, chance, states_gaps=not arguments.without_gaps)
-        while len(rounds.judged) < arguments.questions:
-            rounds.run()
-            found = report_of(rounds)
+    chance = random.Random(arguments.seed)  # noqa: S311
+    judged: list[tuple[Question, str]] = []
+    with RunningSystem(1, 2.0, logs=arguments.logs) as system:
+        while len(judged) < arguments.questions:
+            states_gaps = not arguments.without_gaps
+            judged += judged_round(system, len(judged), chance, states_gaps=states_gaps)
+            found = report_of(judged)
             print(found['judgements'], file=sys.stderr, flush=True)
         codes = system.stop()
     found['exit_codes'] = codes
