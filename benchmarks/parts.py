@@ -14,20 +14,28 @@ from typing import Any, NoReturn
 EXIT_TIMEOUT_S = 20.0
 
 
-def measure(description: str | None, *functions: Callable[..., Any]) -> None:
+def measure(
+    description: str | None, *functions: Callable[..., Any], **options: float | str | Path
+) -> None:
     """Measure the parts chosen on the command line, and print their results.
 
     Args:
         description: of the benchmark.
-        functions: its parts; each has a parameter `quick` and returns a row or a list of rows.
+        functions: its parts; each has the parameter `quick` and one for each further option, and
+            returns a row or a list of rows.
+        options: further options of the command line, with their defaults.
     """
     parts = {each.__name__: each for each in functions}
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--json', action='store_true', help='print one JSON object')
     parser.add_argument('--only', choices=parts, action='append')
     parser.add_argument('--quick', action='store_true', help='shorter and less exact')
+    for name, default in options.items():
+        help_ = f'(default: {default or "none"})'
+        parser.add_argument(f'--{name}', type=type(default), default=default, help=help_)
     arguments = parser.parse_args()
-    found = {name: parts[name](quick=arguments.quick) for name in arguments.only or parts}
+    given = {name: getattr(arguments, name) for name in ('quick', *options)}
+    found = {name: parts[name](**given) for name in arguments.only or parts}
     if arguments.json:
         print(json.dumps(found))
         return

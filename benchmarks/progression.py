@@ -1,31 +1,39 @@
-"""Speed of progression, compared with other tools in the same run.
+"""Speed of progression and of margins, compared with other tools in the same run.
 
-`python benchmarks/progression.py [--json] [--peers PYTHON] [--memory]`; see README.md.
+python benchmarks/progression.py [--json] [--quick] [--only PART] [--peers PYTHON]
+
+`--peers` names a Python with SENTIL, mstlo, reelay and RTAMT (see README.md). All execution paths
+of DyKnow must first agree; a tool is skipped that gives another verdict, or another least margin.
+A figure is the median of parts of a run, in microseconds of processor time a state, unless its
+unit says otherwise. States come from a dict of their values, or from a recording of columns.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from itertools import cycle, islice
+from math import isclose
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 from time import process_time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from parts import ask_peers
+from parts import ask_peers, measure
 
 from dyknow_reasoning import FormulaGroup, FormulaLimits
 
 PERIOD_NS = 100_000_000
-REPETITIONS = 5
-MILLIONS = 10
+PART = 2000
+"""The states of a part of a run whose clock is not read at each state."""
+
 NO_LIMIT = 1 << 62
 RESPONSE = 'always (Alt[x] > 2 -> eventually[0, 5 s] Alt[x] < 2)'
 PAPER = 'always (not p[x] -> eventually[0, 1000] always[0, 999] p[x])'
 POWER = 'always (Power[x] > 150 -> Power[x] < 200 until[0 s, 5 s] always[0 s, 3 s] Power[x] <= 150)'
+NESTED = 'always always[0, 1 s] eventually[0, 0.5 s] Power[x] > 150'
+INVARIANT = 'always Alt[x] > 0'
 PAST = {
     'once': 'always (Alt[x] > 4 -> once[0, 5 s] Alt[x] < 2)',
     'once from 1 s': 'always (Alt[x] > 4 -> once[1 s, 5 s] Alt[x] < 2)',
@@ -33,6 +41,7 @@ PAST = {
 }
 GROWING = 'always (p -> eventually[0, 5 s] (q and always[0, 2 s] (r or eventually[0, 1 s] s)))'
 SAWTOOTH = [3.0] * 20 + [1.0] * 20
+SLOW_SAWTOOTH = [3.0] * 20 + [1.0 + 0.01 * step for step in range(20)]
 PULSES = [190.0] * 6 + [140.0] * 3
 SURGES = [140.0] * 10 + [190.0] * 40 + [140.0] * 50
 STREAMS = {
@@ -42,9 +51,43 @@ STREAMS = {
     'worst': [False] * 5 + [True] * 25,
 }
 
+Rows = dict[str, Any]
+
+
+class Nested(NamedTuple):
+    """A formula in the languages of the tools, without its outer `always`; mstlo may have none."""
+
+    ours: str
+    mstlo: str = ''
+    rtamt: str = ''
+    horizon: int = 0
+
+
+MARGINS = {
+    'bounded response': Nested(
+        'Alt[x] > 2 -> eventually[0, 5 s] Alt[x] < 2',
+        '(x > 2) -> (F[0, 5](x < 2))',
+        '(x > 2) implies (eventually[0,50] (x < 2))',
+        50,
+    ),
+    'two operators': Nested(
+        'Alt[x] > 2 -> eventually[0, 5 s] always[0, 1 s] Alt[x] < 2.5',
+        '(x > 2) -> (F[0, 5](G[0, 1](x < 2.5)))',
+        '(x > 2) implies (eventually[0,50] (always[0,10] (x < 2.5)))',
+        60,
+    ),
+    'three operators': Nested(
+        'Alt[x] > 2 -> eventually[0, 5 s] always[0, 1 s] eventually[0, 0.5 s] Alt[x] < 2.5',
+        '(x > 2) -> (F[0, 5](G[0, 1](F[0, 0.5](x < 2.5))))',
+        '(x > 2) implies (eventually[0,50] (always[0,10] (eventually[0,5] (x < 2.5))))',
+        65,
+    ),
+    'until': Nested('Alt[x] > 2 -> Alt[x] < 5 until[0, 5 s] always[0, 1 s] Alt[x] < 2.5'),
+}
+
 
 def group_of(
-    text: str, objects: int, *, separate: bool = False, every_state: bool = False
+    text: str, objects: int = 1, *, separate: bool = False, **options: bool
 ) -> FormulaGroup:
     """Return a group of one quantified formula, or of a separate formula for each object."""
     names = [f'o{index}' for index in range(objects)]
@@ -52,12 +95,12 @@ def group_of(
     for name in names if separate else ():
         group.add_formula(name, text.replace('[x]', f'[{name}]'))
     if not separate:
-        group.add_formula('all', f'forall x in S: {text}', every_state=every_state)
+        group.add_formula('all', f'forall x in S: {text}', **options)
     group.begin({'S': names})
     return group
 
 
-def times_of(states: int, *, regular: bool) -> list[int]:
+def times_of(states: int, *, regular: bool = True) -> list[int]:
     """Return valid times with a fixed period, or with random steps around it."""
     if regular:
         return [index * PERIOD_NS for index in range(states)]
@@ -66,111 +109,48 @@ def times_of(states: int, *, regular: bool) -> list[int]:
     return found
 
 
-def repeated(run: Callable[[], float]) -> float:
-    """Return the median of some runs."""
-    return median(run() for _ in range(REPETITIONS))
-
-
-def one_formula(text: str, feature: str, wave: Sequence[Any], *, regular: bool) -> float:
-    """Return the microseconds for a state, a dict of one value."""
-    states = 50_000
-    times = times_of(states, regular=regular)
-    cycle = [{f'{feature}[o0]': value} for value in wave]
-    values = [cycle[index % len(cycle)] for index in range(states)]
-
-    def run() -> float:
-        progress = group_of(text, 1).progress
+def costs(
+    progress: Callable[[int, Any], Any], times: Sequence[int], states: Sequence[Rows], part: int = 1
+) -> list[float]:
+    """Return the cost of a state in each part of a run over states that repeat."""
+    found = []
+    repeated = cycle(states)
+    for first in range(0, len(times), part):
+        some = list(zip(times[first : first + part], islice(repeated, part), strict=False))
         begin = process_time()
-        for time, state in zip(times, values, strict=True):
+        for time, state in some:
             if progress(time, state):
                 raise AssertionError('the stream must keep the formula undecided')
-        return (process_time() - begin) / states * 1e6
-
-    return repeated(run)
-
-
-def margins(text: str, objects: int, *, ask: bool = False) -> float:
-    """Return the microseconds for a state with the margin of a formula.
-
-    Args:
-        text: the formula.
-        objects: the number of objects.
-        ask: True to ask for the margin after each state.
-    """
-    states = 20_000 // objects
-    times = times_of(states, regular=True)
-    names = [f'o{index}' for index in range(objects)]
-    cycle = [{f'Alt[{name}]': value for name in names} for value in SAWTOOTH]
-
-    def run() -> float:
-        group = FormulaGroup()
-        formula_id = group.add_formula('it', f'forall x in S: {text}', margin=True)
-        group.begin({'S': names})
-        begin = process_time()
-        for index, time in enumerate(times):
-            assert not group.progress(time, cycle[index % len(cycle)])
-            if ask:
-                group.margin(formula_id)
-        cost = (process_time() - begin) / states * 1e6
-        # The least margin: the longest climb above 2 was followed by a fall to 1 in time.
-        assert (found := group.margin(formula_id)) is not None
-        assert found.upper == (1.0 if text == RESPONSE else 2.0)
-        return cost
-
-    return repeated(run)
+        found.append((process_time() - begin) / len(some) * 1e6)
+    return found
 
 
-def growing(*, regular: bool) -> list[float]:
-    """Return the microseconds for each state of a formula that grows and never repeats."""
-    states = 3000
-    rng = np.random.default_rng(6)
-    truths = (rng.random((states, 4)) < [0.5, 0.6, 0.8, 0.8]) | (np.arange(states) % 7 == 0)[
-        :, None
-    ]
-    group = FormulaGroup()
-    group.add_formula('it', GROWING)
-    group.begin({})
-    costs = []
-    for time, row in zip(times_of(states, regular=regular), truths.tolist(), strict=True):
-        state = dict(zip('pqrs', row, strict=True))
-        begin = process_time()
-        results = group.progress(time, state)
-        costs.append((process_time() - begin) * 1e6)
-        assert not results
-    return costs
+def in_a_loop(
+    text: str, feature: str, wave: Sequence[Any], *, regular: bool = True, **options: bool
+) -> float:
+    """Return the cost of a state of one object, in a loop that does not read the clock."""
+    times = times_of(20 * PART, regular=regular)
+    states = [{f'{feature}[o0]': value} for value in wave]
+    return median(costs(group_of(text, **options).progress, times, states, PART)[1:])
 
 
 def from_dicts(
-    group: FormulaGroup, feature: str, objects: int, wave: Sequence[Any], *, states: int = 1000
+    text: str, feature: str, wave: Sequence[Any], objects: int, states: int = 1000, **options: bool
 ) -> list[float]:
-    """Return the microseconds for each state, a dict with a value for each object."""
-    rng = np.random.default_rng(2)
-    phases = rng.integers(0, len(wave), objects).tolist()
-    distinct = len(wave)
+    """Return the cost of each state, a dict with a value for each object."""
+    phases = np.random.default_rng(2).integers(0, len(wave), objects).tolist()
     cycle = [
         {
             f'{feature}[o{number}]': wave[(index + phase) % len(wave)]
             for number, phase in enumerate(phases)
         }
-        for index in range(distinct)
+        for index in range(len(wave))
     ]
-    costs = []
-    for index in range(max(distinct, min(states, 3_000_000 // objects))):
-        begin = process_time()
-        results = group.progress(index * PERIOD_NS, cycle[index % distinct])
-        costs.append((process_time() - begin) * 1e6)
-        assert not results
-    return costs
+    times = times_of(max(len(wave), min(states, 3_000_000 // objects)))
+    return costs(group_of(text, objects, **options).progress, times, cycle)
 
 
-def recorded(
-    text: str,
-    feature: str,
-    wave: Sequence[Any],
-    objects: int,
-    *,
-    regular: bool,
-) -> float:
+def recorded(text: str, feature: str, wave: Sequence[Any], objects: int, *, regular: bool) -> float:
     """Return the nanoseconds for a state and an object in a recording of columns."""
     states = 2000
     phases = np.random.default_rng(3).integers(0, len(wave), objects).tolist()
@@ -201,244 +181,230 @@ def check_equality() -> None:
         ),
     ):
         columns = {f'{feature}[o{index}]': row for index, row in enumerate(data)}
+        rows = [dict(zip(columns, row.tolist(), strict=True)) for row in data.T]
         for regular in (True, False):
             times = times_of(states, regular=regular)
             at_once = group_of(text, objects, separate=True).progress_many(times, columns)
-            group = group_of(text, objects, separate=True)
-            rows = [dict(zip(columns, row.tolist(), strict=True)) for row in data.T]
-            each = [
-                one
-                for time, row in zip(times, rows, strict=True)
-                for one in group.progress(time, row)
-            ]
+            each = results_of(group_of(text, objects, separate=True), times, rows)
+            assert at_once == each
             alone = []
             for index in range(objects):
                 single = FormulaGroup()
                 single.add_formula(f'o{index}', text.replace('[x]', f'[o{index}]'))
                 single.begin({})
-                alone += [
-                    one
-                    for time, row in zip(times, rows, strict=True)
-                    for one in single.progress(time, row)
-                ]
-            assert at_once == each
+                alone += results_of(single, times, rows)
             verdicts = {(one.name, one.verdict, one.decided_at) for one in each}
             assert verdicts == {(one.name, one.verdict, one.decided_at) for one in alone}
 
 
-def do_nothing(_time: int, _values: dict[str, bool]) -> list[object]:
-    """Return no results."""
-    return []
+def results_of(group: FormulaGroup, times: Sequence[int], rows: Sequence[Rows]) -> list[Any]:
+    """Return the results of a group over states from dicts."""
+    pairs = zip(times, rows, strict=True)
+    return [result for time, row in pairs for result in group.progress(time, row)]
 
 
-def baseline() -> float:
-    """Return the microseconds of the loop that calls `progress`: the speed of this machine."""
-    times, state = times_of(50_000, regular=True), {'p': True}
+def one_formula(*, peers: str, **_: Any) -> Rows:
+    """Measure formulas of one object, and other tools over the same states."""
+    baseline = [median(costs(lambda *_: (), times_of(20 * PART), [{}], part)) for part in (PART, 1)]
+    found: Rows = {
+        'a call that does nothing': baseline[0],
+        'the same, and reading the clock': baseline[1],
+        'bounded response': in_a_loop(RESPONSE, 'Alt', SAWTOOTH),
+        'figure 8': in_a_loop(PAPER, 'p', STREAMS['often']),
+        'power': in_a_loop(POWER, 'Power', SURGES),
+        **{name: in_a_loop(text, 'Alt', SAWTOOTH) for name, text in PAST.items()},
+    }
+    values = list(islice(cycle(SAWTOOTH), 50_000))
+    for tool, each in (ask_peers(peers, 'response', values=values) if peers else {}).items():
+        if each.get('violated') == [False, True]:
+            found[f'{tool}, bounded response'] = each['us']
+        else:
+            skip(tool, each)
+    return found
 
-    def run() -> float:
-        begin = process_time()
-        for time in times:
-            if do_nothing(time, state):
-                raise AssertionError
-        return (process_time() - begin) / len(times) * 1e6
 
-    return repeated(run)
+def skip(tool: str, found: Rows) -> None:
+    """Report a tool that has no figures to compare."""
+    sys.stderr.write(f'{tool} is skipped: {found.get("error", "another result")}\n')
 
 
-def measurements() -> Iterator[tuple[str, str, float]]:
-    """Yield the name, the unit and the value of each measurement."""
-    yield 'the loop that calls progress, as a baseline', 'us a state', baseline()
-    for regular in (True, False):
-        kind = 'regular' if regular else 'irregular'
-        microseconds = f'us a state, {kind}'
-        yield (
-            'bounded response',
-            microseconds,
-            one_formula(RESPONSE, 'Alt', SAWTOOTH, regular=regular),
-        )
-        yield 'figure 8', microseconds, one_formula(PAPER, 'p', STREAMS['often'], regular=regular)
-        for name, text in PAST.items():
-            yield name, microseconds, one_formula(text, 'Alt', SAWTOOTH, regular=regular)
-        yield 'power', microseconds, one_formula(POWER, 'Power', SURGES, regular=regular)
-        costs = growing(regular=regular)
-        yield 'nested formula that grows, mean', microseconds, sum(costs) / len(costs)
-        yield 'nested formula that grows, worst state', microseconds, max(costs)
-    for objects in (1, 100):
-        what = 'objects' if objects > 1 else 'object'
-        cost = margins(RESPONSE, objects)
-        yield f'margin of bounded response, {objects} {what}', 'us a state', cost
-        cost = margins('always Alt[x] < 5', objects)
-        yield f'margin of an invariant, {objects} {what}', 'us a state', cost
-    cost = margins(RESPONSE, 1, ask=True)
-    yield 'margin of bounded response, asked for at each state', 'us a state', cost
+def figure_8(**_: Any) -> list[Rows]:
+    """Measure formulas and instances for each of the streams of the paper."""
+    rows = []
     for name, wave in STREAMS.items():
-        group = group_of(PAPER, 1000, separate=True)
-        cost = median(from_dicts(group, 'p', 1000, wave))
-        yield f'figure 8, 1000 separate formulas, {name}', 'formulas in 100 ms', 1000 * 100e3 / cost
-    for name, wave in STREAMS.items():
-        cost = recorded(PAPER, 'p', wave, 20_000, regular=True)
-        yield f'figure 8, 20000 instances, {name}', 'formulas in 100 ms', 100e6 / cost
-    for name, wave in STREAMS.items():
-        cost = recorded(PAPER, 'p', wave, 20_000, regular=False)
-        yield f'figure 8, 20000 instances, {name}', 'ns each, irregular', cost
-    cost = median(from_dicts(group_of(RESPONSE, 100), 'Alt', 100, SAWTOOTH))
-    yield 'bounded response, 100 objects', 'us a state', cost
-    for name, text in PAST.items():
-        cost = median(from_dicts(group_of(text, 100), 'Alt', 100, SAWTOOTH))
-        yield f'{name}, 100 objects', 'us a state', cost
-    for regular in (True, False):
-        cost = recorded(PAST['once'], 'Alt', SAWTOOTH, 1000, regular=regular)
-        kind = 'regular' if regular else 'irregular'
-        yield 'once, 1000 instances in a recording', f'ns each, {kind}', cost
-    costs = from_dicts(group_of(PAPER, 100_000), 'p', 100_000, STREAMS['often'])
-    yield 'figure 8, 100000 instances, first states from a dict, worst', 'ms', max(costs) / 1000
-    yield 'figure 8, 100000 instances, first states from a dict, median', 'ms', median(costs) / 1000
-    yield from every_state()
-    yield from growth()
+        separate = median(from_dicts(PAPER, 'p', wave, 1000, separate=True))
+        recordings = [
+            recorded(PAPER, 'p', wave, 20_000, regular=regular) for regular in (True, False)
+        ]
+        rows.append({
+            'stream': name,
+            'separate formulas in 100 ms': 1000 * 100e3 / separate,
+            'instances of a recording in 100 ms': 100e6 / recordings[0],
+            'ns an instance, irregular times': recordings[1],
+        })  # fmt: skip
+    return rows
 
 
-def in_a_loop(
-    text: str, feature: str, wave: Sequence[Any], *, regular: bool, every_state: bool
-) -> float:
-    """Return the microseconds for a state of one object, after the first 2000, in parts of 2000.
-
-    The least of some parts is that with the least effect of other processes.
-    """
-    parts, states = 20, 2000
-    times = times_of(parts * states, regular=regular)
-    values = [{f'{feature}[o0]': wave[index % len(wave)]} for index in range(len(times))]
-    progress = group_of(text, 1, every_state=every_state).progress
-    costs = []
-    for first in range(0, len(times), states):
-        pairs = zip(times[first : first + states], values[first : first + states], strict=True)
-        begin = process_time()
-        for time, state in pairs:
-            if progress(time, state):
-                raise AssertionError('the stream must keep the formula undecided')
-        costs.append((process_time() - begin) / states * 1e6)
-    return min(costs[1:])
+def many_objects(**_: Any) -> Rows:
+    """Measure 100 objects, and the first states of 100,000."""
+    first = from_dicts(PAPER, 'p', STREAMS['often'], 100_000)
+    return {
+        **{
+            name: median(from_dicts(text, 'Alt', SAWTOOTH, 100))
+            for name, text in (('bounded response', RESPONSE), *PAST.items())
+        },
+        'figure 8, 100,000 instances: worst first state, ms': max(first) / 1000,
+        'figure 8, 100,000 instances: median, ms': median(first) / 1000,
+    }
 
 
-def open_runs(seconds: int) -> list[tuple[float, int]]:
-    """Return the microseconds for a state in each quarter of a run, and the open runs after it.
+def every_state(**_: Any) -> list[Rows]:
+    """Measure formulas asked at every state, beside one evaluation."""
+    rows = []
+    for what, body, once, feature, wave in (
+        ('bounded response', RESPONSE.removeprefix('always '), RESPONSE, 'Alt', SAWTOOTH),
+        ('invariant', INVARIANT.removeprefix('always '), INVARIANT, 'Alt', SAWTOOTH),
+        ('window of 5 s', 'always[0, 5 s] Alt[x] > 0', INVARIANT, 'Alt', SAWTOOTH),
+        ('power', POWER.removeprefix('always '), POWER, 'Power', SURGES),
+        ('nested windows', NESTED.removeprefix('always '), NESTED, 'Power', PULSES),
+    ):
+        rows.append({
+            'formula': what,
+            '100 objects': mean(from_dicts(body, feature, wave, 100, every_state=True)),
+            '100 objects, once': mean(from_dicts(once, feature, wave, 100)),
+            'in a loop': in_a_loop(body, feature, wave, every_state=True),
+            'in a loop, once': in_a_loop(once, feature, wave),
+        })  # fmt: skip
+    return rows
+
+
+def open_starts(**_: Any) -> list[Rows]:
+    """Measure windows whose starts stay open, in each quarter of a run.
 
     Triggers last for random times, and an answer comes shortly before the window ends.
     """
     states, random = 100_000, np.random.default_rng(7)
-    wave = np.repeat([3.0, 1.0] * states, random.integers(1, 7, 2 * states))[:states]
-    wave[:: 8 * seconds] = -1.0
-    values = [{'Alt[o0]': value} for value in wave.tolist()]
-    text = f'Alt[x] > 2 -> eventually[0, {seconds} s] Alt[x] < 0'
-    group = group_of(text, 1, every_state=True)
-    times = times_of(states, regular=True)
-    found = []
-    for quarter in range(4):
-        part = slice(quarter * states // 4, (quarter + 1) * states // 4)
-        begin = process_time()
-        for time, state in zip(times[part], values[part], strict=True):
-            group.progress(time, state)
-        cost = (process_time() - begin) / (states // 4) * 1e6
+    rows = []
+    for seconds in (5, 50, 500):
+        wave = np.repeat([3.0, 1.0] * states, random.integers(1, 7, 2 * states))[:states]
+        wave[:: 8 * seconds] = -1.0
+        values = [{'Alt[o0]': value} for value in wave.tolist()]
+        text = f'Alt[x] > 2 -> eventually[0, {seconds} s] Alt[x] < 0'
+        group = group_of(text, every_state=True)
+        quarters = costs(group.progress, times_of(states), values, states // 4)
         [formula] = group.standing.formulas.values()
         assert not formula.monitor.failure_count
-        found.append((cost, len(formula.monitor.undecided())))
-    return found
+        starts = len(formula.monitor.undecided())
+        rows.append({'window_s': seconds, 'quarters': quarters, 'open starts': starts})
+    return rows
 
 
-def every_state() -> Iterator[tuple[str, str, float]]:
-    """Yield the costs of formulas asked at every state, beside the costs of one evaluation."""
-    response, power = (text.removeprefix('always ') for text in (RESPONSE, POWER))
-    nested = 'always[0, 1 s] eventually[0, 0.5 s] Power[x] > 150'
-    positive = 'always Alt[x] > 0'
-    late = 'Alt[x] > 2 -> eventually[0, 500 s] Alt[x] < 0'
-    for what, body, single, feature, wave in (
-        ('response', response, RESPONSE, 'Alt', SAWTOOTH),
-        ('invariant', 'Alt[x] > 0', positive, 'Alt', SAWTOOTH),
-        ('window of 5 s', 'always[0, 5 s] Alt[x] > 0', positive, 'Alt', SAWTOOTH),
-        ('late response', late, positive, 'Alt', SAWTOOTH),
-        ('power', power, POWER, 'Power', SURGES),
-        ('nested windows', nested, f'always {nested}', 'Power', PULSES),
-    ):
-        for objects in (1, 100):
-            for name, text in (('every state', body), ('once', single)):
-                group = group_of(text, objects, every_state=text is body)
-                costs = from_dicts(group, feature, objects, wave, states=2000)
-                for part, some in (('first', costs[:1000]), ('next', costs[1000:])):
-                    cost = sum(some) / len(some)
-                    yield f'{what}, {objects} objects, {name}, {part} 1000', 'us a state', cost
-        for regular in (True, False):
-            for name, text in (('every state', body), ('once', single)):
-                cost = in_a_loop(text, feature, wave, regular=regular, every_state=text is body)
-                kind = 'regular' if regular else 'irregular'
-                yield f'{what}, in a loop, {name}', f'us a state, {kind}', cost
-    for seconds in (5, 50, 500):
-        for part, (cost, runs) in enumerate(open_runs(seconds), 1):
-            yield f'window of {seconds} s, quarter {part}, {runs} open runs', 'us a state', cost
-    cost = recorded(RESPONSE, 'Alt', SAWTOOTH, 100, regular=True)
-    yield 'response, 100 instances in a recording', 'ns each', cost
-
-
-def growth() -> Iterator[tuple[str, str, float]]:
-    """Yield costs for growing windows, numbers of formulas and numbers of objects."""
-    for seconds in (1, 10, 100):
-        text = RESPONSE.replace('5 s', f'{10 * seconds} s')
-        for regular in (True, False):
-            kind = 'regular' if regular else 'irregular'
-            cost = one_formula(text, 'Alt', SAWTOOTH, regular=regular)
-            yield f'window of {10 * seconds} s', f'us a state, {kind}', cost
-    for formulas in (10, 100, 1000, 10_000):
-        cost = median(
-            from_dicts(group_of(PAPER, formulas, separate=True), 'p', formulas, STREAMS['often'])
-        )
-        yield f'{formulas} formulas', 'us a state', cost
-    for objects in (10, 100, 1000, 10_000):
-        cost = median(from_dicts(group_of(RESPONSE, objects), 'Alt', objects, SAWTOOTH))
-        yield f'{objects} objects', 'us a state', cost
-
-
-def memory() -> Iterator[tuple[str, str, float]]:
-    """Yield the resident memory over ten million states at irregular times."""
-    group = group_of(POWER, 1)
-    cycle = [{'Power[o0]': value} for value in SURGES]
-    steps = np.random.default_rng(5).integers(PERIOD_NS // 2, 3 * PERIOD_NS // 2, 1000).tolist()
-    time, index = 0, 0
-    for million in range(MILLIONS + 1):
-        if million in {1, MILLIONS}:
-            pages = int(Path('/proc/self/statm').read_text(encoding='utf-8').split()[1])
-            yield f'resident after {million} million states', 'MiB', pages * 4096 / 2**20
-        for _ in range(0 if million == MILLIONS else 1_000_000):
-            time += steps[index % 1000]
-            assert not group.progress(time, cycle[index % len(cycle)])
-            index += 1
-
-
-def peers(python: str) -> Iterator[tuple[str, str, float]]:
-    """Yield the costs of other tools, which run in their own environment."""
-    values = [SAWTOOTH[index % len(SAWTOOTH)] for index in range(50_000)]
-    for tool, found in ask_peers(python, 'response', values=values).items():
-        if found.get('violated') == [False, True]:
-            yield f'{tool}, bounded response', 'us a state, regular', found['us']
-        else:
-            sys.stderr.write(f'{tool} is skipped: {found.get("error", "another verdict")}\n')
-
-
-def main() -> None:
-    """Check, measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--json', action='store_true', help='print a line of JSON for each figure')
-    parser.add_argument('--peers', metavar='PYTHON', help='of an environment with the other tools')
-    parser.add_argument('--memory', action='store_true', help='also progress ten million states')
-    options = parser.parse_args()
-    check_equality()
-    sources = [measurements()]
-    sources += [peers(options.peers)] if options.peers else []
-    sources += [memory()] if options.memory else []
-    for source in sources:
-        for what, unit, value in source:
-            line = {'what': what, 'unit': unit, 'value': round(value, 3)}
-            print(
-                json.dumps(line) if options.json else f'{what:65} {value:14.3f} {unit}', flush=True
+def growth(**_: Any) -> Rows:
+    """Measure growing windows, numbers of formulas and of objects, and a formula that grows."""
+    windows = {each: RESPONSE.replace('5 s', f'{each} s') for each in (10, 100, 1000)}
+    numbers = (10, 100, 1000, 10_000)
+    rng = np.random.default_rng(6)
+    truths = (rng.random((3000, 4)) < [0.5, 0.6, 0.8, 0.8]) | (np.arange(3000) % 7 == 0)[:, None]
+    states = [dict(zip('pqrs', row, strict=True)) for row in truths.tolist()]
+    growing = costs(group_of(GROWING).progress, times_of(3000), states)
+    return {
+        **{
+            f'window of {each} s, {"regular" if regular else "irregular"}': in_a_loop(
+                text, 'Alt', SAWTOOTH, regular=regular
             )
+            for each, text in windows.items()
+            for regular in (True, False)
+        },
+        **{
+            f'{each} formulas': median(
+                from_dicts(PAPER, 'p', STREAMS['often'], each, separate=True)
+            )
+            for each in numbers
+        },
+        **{
+            f'{each} objects': median(from_dicts(RESPONSE, 'Alt', SAWTOOTH, each))
+            for each in numbers
+        },
+        'a nested formula that grows, mean': mean(growing),
+        'a nested formula that grows, worst': max(growing),
+    }
+
+
+def margins(*, peers: str, **_: Any) -> list[Rows]:
+    """Measure margins of nested formulas, over a window of 5 s; all tools must agree on them."""
+    rows = []
+    for name, case in MARGINS.items():
+        row: Rows = {'formula': name}
+        row['with the verdict'], least = margin_cost(f'always ({case.ours})')
+        row['bounds at each state'], _ = margin_cost(f'always ({case.ours})', ask=True)
+        row['from every state'], every = margin_cost(case.ours, every_state=True)
+        assert isclose(least, every)
+        formulas = {'mstlo': case.mstlo, 'rtamt': case.rtamt, 'horizon': case.horizon}
+        asked = peers if case.mstlo else ''
+        wave = {'wave': SLOW_SAWTOOTH, 'states': 10 * PART}
+        for tool, each in (
+            ask_peers(asked, 'margins', **formulas, **wave) if asked else {}
+        ).items():
+            if isclose(each.get('margin', 0.0), least):
+                row[tool] = each['us']
+            else:
+                skip(tool, each)
+        rows.append(row)
+    for name, text in (('bounded response', RESPONSE), ('invariant', 'always Alt[x] < 5')):
+        cost, _ = margin_cost(text, 100)
+        rows.append({'formula': f'{name}, 100 objects', 'with the verdict': cost})
+    rows.append({'formula': 'invariant', 'with the verdict': margin_cost('always Alt[x] < 5')[0]})
+    return rows
+
+
+def margin_cost(
+    text: str, objects: int = 1, *, ask: bool = False, every_state: bool = False
+) -> tuple[float, float]:
+    """Return the cost of a state with the margin of a formula, and the least margin.
+
+    Args:
+        text: the formula.
+        objects: the number of objects.
+        ask: True to ask for the margin after each state.
+        every_state: True to ask for the formula at every state.
+    """
+    names = [f'o{index}' for index in range(objects)]
+    group = FormulaGroup()
+    number = group.add_formula('it', f'forall x in S: {text}', margin=True, every_state=every_state)
+    group.begin({'S': names})
+    states = [{f'Alt[{name}]': value for name in names} for value in SLOW_SAWTOOTH]
+
+    def progress(time: int, state: Any) -> Any:
+        results = group.progress(time, state)
+        group.margin(number)
+        return results
+
+    times = times_of(10 * PART // objects)
+    found = costs(progress if ask else group.progress, times, states, len(times) // 10)
+    margin = group.margin(number)
+    assert margin is not None
+    return median(found), margin.upper
+
+
+def memory(*, quick: bool, **_: Any) -> list[Rows]:
+    """Measure the resident memory over ten million states at irregular times."""
+    rows = []
+    progress = group_of(POWER).progress
+    states = [{'Power[o0]': value} for value in SURGES]
+    times, span = times_of(1_000_000, regular=False), 0
+    for million in range(1, 2 if quick else 11):
+        for time, state in zip(times, cycle(states), strict=False):
+            assert not progress(span + time, state)
+        span += times[-1]
+        if million in {1, 10}:
+            pages = int(Path('/proc/self/statm').read_text(encoding='utf-8').split()[1])
+            rows.append({'million states': million, 'resident_mib': pages * 4096 / 2**20})
+    return rows
 
 
 if __name__ == '__main__':
-    main()
+    check_equality()
+    measure(
+        __doc__, one_formula, figure_8, many_objects, every_state, open_starts, growth, margins,
+        memory, peers='',
+    )  # fmt: skip
