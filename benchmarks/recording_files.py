@@ -1,17 +1,26 @@
-"""Recordings for benchmarks: messages of ten topics, written by rosbags."""
+"""Recordings for benchmarks."""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from struct import pack_into
 
 import numpy as np
+from geometry_msgs.msg import Twist, TwistWithCovariance, Vector3
+from nav_msgs.msg import Odometry
+from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import BatteryState, Imu, LaserScan
+from std_msgs.msg import Header
 
 START = 1_700_000_000 * 10**9
 PERIOD_NS = 1_000_000
+STAMP = 4
+"""The byte of a serialised message at which the stamp of its header begins."""
+
 FIELDS = {
     'nav_msgs/msg/Odometry': [
         'pose.pose.position.x',
@@ -23,7 +32,6 @@ FIELDS = {
     'sensor_msgs/msg/BatteryState': ['voltage', 'current', 'present', 'cell_voltage[2]'],
     'sensor_msgs/msg/LaserScan': ['ranges[0]', 'ranges[180]', 'range_max'],
 }
-IMAGE = 'sensor_msgs/msg/Image'
 NOISE = {
     'nav_msgs/msg/Odometry': ('<d', 52),
     'sensor_msgs/msg/Imu': ('<d', 148),
@@ -41,85 +49,69 @@ WANTED = {topic: FIELDS[type_name] for topic, type_name in TOPICS.items()}
 
 
 def templates() -> dict[str, bytearray]:
-    """Return a serialised message of each type; the header's stamp is at byte 4."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    types = store.types
-    time = types['builtin_interfaces/msg/Time'](0, 0)
-    header = types['std_msgs/msg/Header'](time, 'base_link')
-    vector = types['geometry_msgs/msg/Vector3'](1.0, 2.0, 3.0)
-    rotation = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
-    pose = types['geometry_msgs/msg/Pose'](
-        types['geometry_msgs/msg/Point'](4.0, 5.0, 6.0), rotation
+    """Return a serialised message of each type."""
+    header = Header(frame_id='base_link')
+    odometry = Odometry(
+        header=header,
+        child_frame_id='map',
+        twist=TwistWithCovariance(twist=Twist(linear=Vector3(x=1.0, y=2.0, z=3.0))),
     )
-    nine, matrix = np.arange(9.0), np.arange(36.0)
-    messages = {
-        'nav_msgs/msg/Odometry': (
-            'map',
-            types['geometry_msgs/msg/PoseWithCovariance'](pose, matrix),
-            types['geometry_msgs/msg/TwistWithCovariance'](
-                types['geometry_msgs/msg/Twist'](vector, vector), matrix
-            ),
-        ),
-        'sensor_msgs/msg/Imu': (rotation, nine, vector, nine, vector, nine),
-        'sensor_msgs/msg/BatteryState': (
-            *(12.5, 20.0, -1.5, 3.0, 4.0, 5.0, 0.5, 1, 2, 3, True),
-            np.arange(4, dtype=np.float32),
-            np.zeros(0, np.float32),
-            'front',
-            'serial number',
-        ),
-        'sensor_msgs/msg/LaserScan': (
-            *(-3.0, 3.0, 0.01, 0.0, 0.1, 0.05, 30.0),
-            np.arange(360, dtype=np.float32),
-            np.zeros(0, np.float32),
-        ),
-    }
+    odometry.pose.covariance = np.arange(36.0)
+    battery = BatteryState(
+        header=header, voltage=12.5, temperature=20.0, current=-1.5, present=True,
+        cell_voltage=[0.0, 1.0, 2.0, 3.0], location='front', serial_number='serial number',
+    )  # fmt: skip
+    scan = LaserScan(header=header, range_max=30.0, ranges=np.arange(360, dtype=np.float32))
+    messages = (odometry, Imu(header=header), battery, scan)
     return {
-        name: bytearray(store.serialize_cdr(types[name](header, *values), name))
-        for name, values in messages.items()
+        name: bytearray(serialize_message(message))
+        for name, message in zip(FIELDS, messages, strict=True)
     }
 
 
-def write(path: Path, count: int, images: int = 0, faults: int = 0) -> None:
-    """Write a recording with `count` messages of all topics in turn.
+def write(
+    folder: Path, topics: Mapping[str, str], messages: Iterable[tuple[str, int, bytes]]
+) -> None:
+    """Write a recording of serialised messages, each with its topic and its time.
 
     Args:
-        path: of the file.
-        count: the number of messages.
-        images: the number of images of 1 MB between these.
-        faults: the number of messages whose stamps are zero.
+        folder: a new one for the recording.
+        topics: the type of each topic.
+        messages: in order.
     """
-    store, serialised = get_typestore(Stores.ROS2_JAZZY), templates()
-    random = np.random.default_rng(1)
-    unfinished = path.with_name(f'{path.name}.unfinished')
-    shutil.rmtree(unfinished, ignore_errors=True)
-    with Writer(unfinished, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = [
-            (writer.add_connection(topic, type_name, typestore=store), serialised[type_name])
-            for topic, type_name in TOPICS.items()
-        ]
-        image = writer.add_connection('/camera', IMAGE, typestore=store)
-        for number, noise in enumerate(random.normal(size=count).tolist()):
-            connection, data = connections[number % len(connections)]
-            time = START + number * PERIOD_NS
-            is_faulty = faults and number % (count // faults) == count // faults // 2
-            pack_into('<II', data, 4, *divmod(0 if is_faulty else time, 10**9))
-            kind, offset = NOISE[connection.msgtype]
-            pack_into(kind, data, offset, noise)
-            writer.write(connection, time, bytes(data))
-            if images and number % (count // images) == 0:
-                writer.write(image, time, bytes(1 << 20))
-    (unfinished / f'{unfinished.name}.mcap').rename(path)
-    shutil.rmtree(unfinished)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(topic, name, typestore=store)
+            for topic, name in topics.items()
+        }
+        for topic, time, data in messages:
+            writer.write(connections[topic], time, data)
 
 
-def recording(folder: Path, count: int, images: int = 0, faults: int = 0) -> Path:
-    """Return the recording of a number of messages, which is written if it is missing."""
-    numbers = {'messages': count, 'images': images, 'faults': faults}
-    path = folder / (
-        '_'.join(f'{number}_{name}' for name, number in numbers.items() if number) + '.mcap'
-    )
+def messages(count: int, faulty: int) -> Iterator[tuple[str, int, bytes]]:
+    """Yield messages of all topics in turn; the faulty one, if it is 0 or more, has no stamp."""
+    serialised, topics = templates(), list(TOPICS.items())
+    for number, noise in enumerate(np.random.default_rng(1).normal(size=count).tolist()):
+        topic, type_name = topics[number % len(topics)]
+        data, time = serialised[type_name], START + number * PERIOD_NS
+        pack_into('<II', data, STAMP, *divmod(0 if number == faulty else time, 10**9))
+        kind, offset = NOISE[type_name]
+        pack_into(kind, data, offset, noise)
+        yield topic, time, bytes(data)
+
+
+def recording(folder: Path, count: int, *, is_faulty: bool = False) -> Path:
+    """Return the recording of a number of messages, which is written if it is missing.
+
+    One message of a faulty recording has a stamp of zero.
+    """
+    path = folder / f'{count}_messages{"_faulty" if is_faulty else ""}.mcap'
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        write(path, count, images, faults)
+        unfinished = path.with_name(f'{path.name}.unfinished')
+        shutil.rmtree(unfinished, ignore_errors=True)
+        write(unfinished, TOPICS, messages(count, count // 2 if is_faulty else -1))
+        (unfinished / f'{unfinished.name}.mcap').rename(path)
+        shutil.rmtree(unfinished)
     return path

@@ -1,21 +1,20 @@
 """Speed of formulas over signals in memory, compared with offline evaluation by other tools.
 
-`python benchmarks/recording_peers.py --peers PYTHON [--json]`; see README.md.
+python benchmarks/recording_peers.py [--peers PYTHON] [--json]; see README.md.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from parts import ask_peers
+from parts import ask_peers, measure
 
 from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup
@@ -24,6 +23,9 @@ STATES = 100_000
 PERIOD_S = 0.01
 CHECKED_STATES = 600
 REPETITIONS = 3
+LIMITS = {'waves': 2.9, 'noise': 9.0}
+"""Limits that the signals keep, and come near to."""
+
 TOOLS = {'sentil': STATES, 'rtamt': 1000}
 """The other tools, and the states that each is measured over: RTAMT needs far more time."""
 
@@ -98,7 +100,7 @@ def ours(texts: Sequence[str], columns: dict[str, Any]) -> tuple[float, list[boo
 
 
 def theirs(
-    python: str, tool: str, texts: Sequence[Shape], columns: dict[str, Any]
+    peers: str, tool: str, texts: Sequence[Shape], columns: dict[str, Any]
 ) -> dict[str, Any]:
     """Return what another tool finds, which runs in its own environment."""
     with TemporaryDirectory() as folder:
@@ -106,60 +108,43 @@ def theirs(
         np.savez(path, **columns)
         formulas = [getattr(each, tool) for each in texts]
         return ask_peers(
-            python, 'recorded', tool=tool, formulas=formulas, signals=str(path), period_s=PERIOD_S
+            peers, 'recorded', tool=tool, formulas=formulas, signals=str(path), period_s=PERIOD_S
         )
 
 
-def each_limit(kind: str) -> float:
-    """Return a limit that the signals keep, and come near to."""
-    return 2.9 if kind == 'waves' else 9
-
-
-def check_equality(python: str, kind: str, shape: str) -> None:
+def check_equality(peers: str, kind: str, shape: str) -> None:
     """Check that all tools agree on formulas, some of them false."""
     columns = signals(kind, CHECKED_STATES)
     texts = list(formulas(shape, CHECKED_STATES, [1.5, 9, 2.5, 9, 1.9, 2.1]))
     _, expected = ours([each.ours for each in texts], columns)
-    for tool in TOOLS:
-        found = theirs(python, tool, texts, columns)
+    for tool in TOOLS if peers else ():
+        found = theirs(peers, tool, texts, columns)
         if found.get('verdicts', expected) != expected:
             raise AssertionError(f'{tool} gives {found["verdicts"]}, not {expected}: {texts}')
 
 
-def measurements(python: str) -> Iterator[dict[str, Any]]:
-    """Yield the microseconds a state of 20 formulas of each shape, which all hold."""
-    for kind in ('waves', 'noise'):
-        for shape in SHAPES:
-            check_equality(python, kind, shape)
-            columns = signals(kind, STATES)
-            texts = list(formulas(shape, STATES, [each_limit(kind)] * 20))
-            seconds, verdicts = ours([each.ours for each in texts], columns)
-            assert all(verdicts)
-            row = {'shape': shape, 'signals': kind, 'dyknow_us': seconds / STATES * 1e6}
-            for tool, states in TOOLS.items():
-                fewer = list(formulas(shape, states, [each_limit(kind)] * 20))
-                found = theirs(python, tool, fewer, signals(kind, states))
-                if 'error' in found:
-                    sys.stderr.write(f'{tool} is skipped: {found["error"]}\n')
-                else:
-                    row[f'{tool}_us'] = found['seconds'] / states * 1e6
-            yield row
-
-
-def main() -> None:
-    """Check, measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--json', action='store_true', help='print a line of JSON for each row')
-    parser.add_argument('--peers', metavar='PYTHON', required=True, help='with the other tools')
-    options = parser.parse_args()
-    for row in measurements(options.peers):
-        if options.json:
-            print(json.dumps(row), flush=True)
-        else:
-            print(
-                *(f'{value:.3f}' if isinstance(value, float) else value for value in row.values())
-            )
+def twenty_formulas(*, peers: str, quick: bool) -> list[dict[str, Any]]:
+    """Return the microseconds a state of 20 formulas of each shape, which all hold."""
+    rows = []
+    for kind, shape in product(('waves', 'noise'), SHAPES):
+        check_equality(peers, kind, shape)
+        row: dict[str, Any] = {'shape': shape, 'signals': kind}
+        limits = [LIMITS[kind]] * 20
+        states = STATES // 10 if quick else STATES
+        texts = [each.ours for each in formulas(shape, states, limits)]
+        seconds, verdicts = ours(texts, signals(kind, states))
+        assert all(verdicts)
+        row['dyknow_us'] = seconds / states * 1e6
+        for tool, most in TOOLS.items() if peers else ():
+            fewer = min(most, states)
+            found = theirs(peers, tool, list(formulas(shape, fewer, limits)), signals(kind, fewer))
+            if 'error' in found:
+                sys.stderr.write(f'{tool} is skipped: {found["error"]}\n')
+            else:
+                row[f'{tool}_us'] = found['seconds'] / fewer * 1e6
+        rows.append(row)
+    return rows
 
 
 if __name__ == '__main__':
-    main()
+    measure(__doc__, twenty_formulas, peers='')

@@ -1,5 +1,9 @@
 """Cost of reading and checking recordings.
 
+python benchmarks/recordings.py [--json] [--quick] [--only PART] [--folder FOLDER]
+
+Each recording has a million messages; with --quick, 100,000.
+
 The baseline is the time that rosbags needs to read the raw messages of the same topics in the same
 run, without decoding them. Equality with what rosbags decodes is checked before the measurement, on
 a smaller recording of the same kind.
@@ -7,13 +11,11 @@ a smaller recording of the same kind.
 
 from __future__ import annotations
 
-import argparse
-import json
 import resource
 import subprocess
 import sys
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import reduce
 from itertools import cycle, islice
@@ -24,6 +26,7 @@ from time import monotonic, perf_counter, process_time
 from typing import Any
 from unittest import mock
 
+from parts import measure
 from recording_files import TOPICS, WANTED, recording
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
@@ -33,15 +36,8 @@ from dyknow_recordings.evaluation.evaluation import ColumnStates
 
 CHECKED_MESSAGES = 20_000
 REPETITIONS = 3
-GOAL = 1.15
-"""Times of the baseline: checking formulas over the columns as well has 1.3."""
-
-MEMORY_GOAL_MB = 300
 FORMULAS, MANY_FORMULAS = 20, 200
-GOAL_OF_CHECKS, GOAL_OF_MANY = 1.3, 1.5
-FIRST_LINE_GOAL_S = 0.5
-IMAGES = 300
-USED_MESSAGES = 100_000
+FEW_MESSAGES, MANY_MESSAGES = 100_000, 1_000_000
 
 TEMPLATES = (
     'always "/robot0/odometry".pose.pose.position.z < {n}',
@@ -82,7 +78,6 @@ TEMPLATES = (
 )
 """Formulas over all topics, over one and over two topics, with a place for a threshold."""
 
-SPEEDUP_GOAL = 1.8
 RECORDINGS = 8
 CHECK = 'import sys; from dyknow_command import main; sys.exit(main())'
 CHECKED_FORMULAS = [
@@ -130,29 +125,20 @@ def read_columns(path: Path) -> int:
         return sum(len(part.log_times) for part in opened.columns(WANTED))
 
 
-def memory_of_columns(path: Path) -> float:
-    """Return the memory that a process has needed at most to read the columns, in MB."""
-    read_columns(path)
-    return peak_memory()
-
-
-def reading(folder: Path, count: int) -> dict[str, Any]:
+def reading(*, folder: Path, quick: bool) -> dict[str, Any]:
     """Compare reading columns with reading raw messages."""
-    check_equality(recording(folder, min(count, CHECKED_MESSAGES)))
+    count = FEW_MESSAGES if quick else MANY_MESSAGES
+    check_equality(recording(folder, CHECKED_MESSAGES))
     path = recording(folder, count)
     assert read_columns(path) == read_raw(path) == count
     columns, raw = cost(read_columns, path), cost(read_raw, path)
-    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
-        memory = pool.submit(memory_of_columns, path).result()
     return {
         'messages': count,
         'megabytes': path.stat().st_size / 1e6,
         'columns_s': columns,
         'rosbags_raw_s': raw,
         'ratio': columns / raw,
-        'goal': GOAL,
-        'memory_mb': memory,
-        'memory_goal_mb': MEMORY_GOAL_MB,
+        'memory_mb': memory_of(read_columns, path),
     }
 
 
@@ -194,9 +180,10 @@ def cost(function: Any, *arguments: Any) -> float:
     return min(times)
 
 
-def checks(folder: Path, count: int) -> dict[str, Any]:
+def checks(*, folder: Path, quick: bool) -> dict[str, Any]:
     """Compare checks of 20 and of 200 formulas with the reading of raw messages."""
-    check_equality_of_checks(recording(folder, min(count, CHECKED_MESSAGES)))
+    count = FEW_MESSAGES if quick else MANY_MESSAGES
+    check_equality_of_checks(recording(folder, CHECKED_MESSAGES))
     path = recording(folder, count)
     raw = cost(read_raw, path)
     few, many = (cost(check, path, formulas(number)) for number in (FORMULAS, MANY_FORMULAS))
@@ -207,83 +194,48 @@ def checks(folder: Path, count: int) -> dict[str, Any]:
         'rosbags_raw_s': raw,
         'formulas_20_s': few,
         'ratio': few / raw,
-        'goal': GOAL_OF_CHECKS,
         'formulas_200_s': many,
         'ratio_of_200_to_20': many / few,
-        'goal_of_200_to_20': GOAL_OF_MANY,
     }
 
 
-def unused_topics(folder: Path, count: int) -> dict[str, Any]:
-    """Compare a recording that has images, which no formula uses, with one that has none."""
-    used = min(count, USED_MESSAGES)
-    plain, images = (recording(folder, used, number) for number in (0, IMAGES))
-    requested = formulas(FORMULAS)
-    found = [check(path, requested).formulas for path in (plain, images)]
-    assert repr(found[0]) == repr(found[1])
-    few = cost(check, plain, requested)
-    many = cost(check, images, requested)
-    battery = [each for each in requested if 'battery' in each.text and 'odom' not in each.text]
-    return {
-        'messages': used,
-        'images_mb': IMAGES,
-        'without_images_s': few,
-        'with_images_s': many,
-        'two_of_ten_topics_s': cost(check, plain, battery),
-        'rosbags_raw_s': cost(read_raw, images),
-    }
+def fault(*, folder: Path, **_: Any) -> dict[str, Any]:
+    """Compare a recording with one that has a message without a stamp."""
+    paths = [recording(folder, FEW_MESSAGES, is_faulty=each) for each in (False, True)]
+    without, with_it = (cost(check, path, formulas(FORMULAS)) for path in paths)
+    return {'without_a_fault_s': without, 'with_a_fault_s': with_it}
 
 
-def single_messages(folder: Path, count: int) -> dict[str, Any]:
-    """Measure what is read, or progressed, message by message."""
-    used = min(count, USED_MESSAGES)
-    plain, faulty = recording(folder, used), recording(folder, used, faults=1)
-    minimum = 'always min("/robot{n}/laserscan".ranges) > -1000'
-    minima = [RequestedFormula(minimum.format(n=number)) for number in range(2)]
-    return {
-        'messages': used,
-        'minima_of_scans_s': cost(check, plain, minima),
-        'without_a_fault_s': cost(check, plain, formulas(FORMULAS)),
-        'with_a_fault_s': cost(check, faulty, formulas(FORMULAS)),
-    }
+def memory_of(function: Callable[..., object], path: Path, *arguments: Any) -> float:
+    """Return the memory that a process needs at most to call a function, in MB."""
+    with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
+        return pool.submit(_peak_memory, function, path, *arguments).result()
 
 
-def memory(path: Path) -> float:
-    """Return the memory that a process has needed at most to check a recording, in MB."""
-    check(path, formulas(FORMULAS))
-    return peak_memory()
-
-
-def peak_memory() -> float:
-    """Return the memory that this process has needed at most, in MB."""
+def _peak_memory(function: Callable[..., object], *arguments: Any) -> float:
+    function(*arguments)
     # ru_maxrss counts what the parent has needed before the start of a process, too.
     status = Path('/proc/self/status').read_text()
     return int(status.partition('VmHWM:')[2].split()[0]) / 1024
 
 
-def memory_of_checks(folder: Path, count: int) -> dict[str, Any]:
+def memory(*, folder: Path, quick: bool) -> dict[str, Any]:
     """Measure the memory of checks of recordings of two lengths."""
-    paths = [recording(folder, number) for number in (count // 4, count)]
-    found = []
-    for path in paths:
-        with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
-            found.append(pool.submit(memory, path).result())
-    return {
-        'messages': count,
-        'quarter_mb': found[0],
-        'whole_mb': found[1],
-        'goal_mb': MEMORY_GOAL_MB,
-    }
+    count = FEW_MESSAGES if quick else MANY_MESSAGES
+    quarter, whole = (
+        memory_of(check, recording(folder, each), formulas(FORMULAS))
+        for each in (count // 4, count)
+    )
+    return {'messages': count, 'quarter_mb': quarter, 'whole_mb': whole}
 
 
-def first_line(folder: Path, count: int) -> dict[str, Any]:
+def first_line(*, folder: Path, **_: Any) -> dict[str, Any]:
     """Measure the time from the start of `dyknow check` to its first line."""
-    path = recording(folder, min(count, CHECKED_MESSAGES))
+    path = recording(folder, CHECKED_MESSAGES)
     command = [sys.executable, '-c', CHECK, 'check', str(path)]
     return {
         'topics_s': _time_of_line([*command, '--topics']),
         'check_s': _time_of_line([*command, '--formula', TEMPLATES[0].format(n=50)]),
-        'goal_s': FIRST_LINE_GOAL_S,
     }
 
 
@@ -327,13 +279,14 @@ def run(commands: Sequence[Sequence[str]]) -> tuple[float, float, set[tuple[str,
     return seconds, processor, found
 
 
-def many(folder: Path, count: int) -> dict[str, Any]:
+def jobs(*, folder: Path, quick: bool) -> dict[str, Any]:
     """Compare the check of equal recordings with `--jobs 2` to that one by one.
 
     The speedup is what a user sees who waits for the command: two processors must be free. Two
     commands at the same time, each for half of the recordings, show what the machine allows. The
     processor time shows what the second process costs, on a busy machine as well.
     """
+    count = FEW_MESSAGES if quick else MANY_MESSAGES
     path = recording(folder, count)
     ways = {
         'jobs_1': [command(RECORDINGS, path, 1)],
@@ -358,44 +311,13 @@ def many(folder: Path, count: int) -> dict[str, Any]:
         'speedup': least['jobs_1'] / least['jobs_2'],
         'speedup_of_two_commands': least['jobs_1'] / least['two_commands'],
         'ratio_to_two_commands': least['two_commands'] / least['jobs_2'],
-        'goal': SPEEDUP_GOAL,
         'load': getloadavg()[0],
     }
 
 
-def main() -> None:
-    """Measure and print the results."""
-    parts = {
-        'reading': reading,
-        'check': checks,
-        'unused': unused_topics,
-        'single': single_messages,
-        'memory': memory_of_checks,
-        'first line': first_line,
-        'jobs': many,
-    }
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.add_argument('--only', choices=parts, action='append')
-    parser.add_argument('--messages', type=int, default=1_000_000, help='(default: 1000000)')
-    parser.add_argument(
-        '--folder',
-        type=Path,
-        default=Path('/tmp/dyknow_benchmark_recordings'),  # noqa: S108 - only a cache
-        help='where the recordings are kept (default: %(default)s)',
-    )
-    arguments = parser.parse_args()
-    found = {
-        name: parts[name](arguments.folder, arguments.messages) for name in arguments.only or parts
-    }
-    if arguments.json:
-        print(json.dumps(found))
-        return
-    for name, row in found.items():
-        print(name)
-        for key, value in row.items():
-            print(f'  {key:30} {value:10.2f}')
-
-
 if __name__ == '__main__':
-    main()
+    measure(
+        __doc__,
+        *(reading, checks, fault, memory, first_line, jobs),
+        folder=Path('/tmp/dyknow_benchmark_recordings'),  # noqa: S108 - only a cache
+    )
