@@ -1,39 +1,38 @@
 """Bytes and latency between two hosts: shared features, beside the same topics bridged raw.
 
-    python benchmarks/federation_link.py [--seconds 20] [--robots 3] [--every '1 s'] [--deadband 1]
-        [--compared 0.5] [--verdicts]
+python benchmarks/federation_link.py [--json] [--quick] [--robots 3]
 
 Both ways cross zenoh on loopback at the same time, as for the fleet of examples/fleet: each robot
 publishes odometry and its battery 20 times a second. A bridge, such as zenoh-bridge-ros2dds, sends
 each message as it is serialised; the federation sends the features X, Y and Charge, which the base
-station asks for: the robots share X and Y at 20 Hz, or at `--every`, or when they have changed by
-more than `--deadband`, and Charge each second. With `--compared`, the base station asks for X and
-Y as they compare with this number. With `--verdicts`, the robots evaluate a formula about the three
-features, whose verdict crosses instead: another text each second. Prints JSON: payload bytes for a
-robot and a second in both directions, the time until a sample is known at the base station, in
-milliseconds, with a deadband or constants that of Charge alone, and the processor time of Python in
-percent of a core, for a robot with its part of the base station.
+station asks for, as each of `CASES` has it.
+
+A row has payload bytes for a robot and a second in both directions, the time until a sample is
+known at the base station, in milliseconds (with a deadband or constants, that of Charge alone), and
+the processor time of Python in percent of a core, for a robot with its part of the base station.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
-from statistics import median, quantiles
+from statistics import median
 from typing import Any
 
 from nav_msgs.msg import Odometry
+from parts import measure
+from processes import percentile
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 
 from dyknow_bringup.simulation.link import HERE, free_port
-from dyknow_common import SECOND_NS, Alternatives, Value, parse_duration
+from dyknow_common import SECOND_NS, Alternatives, Value
 from dyknow_configuration import RequestedFederation, RequestedShare
 from dyknow_federation.encoding import encode
 from dyknow_federation.events import ValueKnown
@@ -49,10 +48,41 @@ PROMISES = 2
 """The steps between two promises of a verdict, as every 0.1 s of the federation node."""
 
 
-def feature(robot: str, name: str, deadband: float | None) -> SharedFeature:
-    """Return a shared feature of a robot."""
-    within = 0.0 if name == 'Charge' else deadband or 0.0
-    return SharedFeature(name, (robot,), f'{name}_{robot}', 'float', '', within)
+@dataclass(frozen=True)
+class Case:
+    """How the robots share.
+
+    Args:
+        every: the period of X and Y, nanoseconds; 0 for every sample.
+        deadband: of X and Y, in metres.
+        compared: numbers with which the base station asks for X and Y to be compared.
+        verdicts: True if the robots evaluate a formula about the three features, whose verdict
+            crosses instead: another text each second.
+    """
+
+    every: int = 0
+    deadband: float | None = None
+    compared: tuple[float, ...] = ()
+    verdicts: bool = False
+
+    def features(self, robot: str) -> list[SharedFeature]:
+        """Return the shared features of a robot."""
+        return [
+            SharedFeature(
+                name, (robot,), f'{name}_{robot}', 'float', '',
+                0.0 if name == 'Charge' else self.deadband or 0.0,
+            )
+            for name in FEATURES
+        ]  # fmt: skip
+
+
+CASES = {
+    'X, Y at 20 Hz, Charge at 1 Hz': Case(),
+    'X, Y with a deadband of 5 cm': Case(deadband=0.05),
+    'X, Y at 2 Hz': Case(every=SECOND_NS // 2),
+    'X, Y as compared with 0.5 m': Case(compared=(0.5,)),
+    'the verdict of a formula about all three': Case(verdicts=True),
+}
 
 
 class Host:
@@ -154,79 +184,66 @@ def messages(robot: int, now: int) -> tuple[dict[str, float], list[bytes]]:
     return values, [serialize_message(odometry), serialize_message(battery)]
 
 
-def run(
-    robots: int,
-    seconds: float,
-    every: int,
-    deadband: float | None,
-    compared: tuple[float, ...] = (),
-    *,
-    verdicts: bool = False,
-) -> dict[str, Any]:
+def link(*, robots: int, quick: bool) -> list[dict[str, Any]]:
+    """Return a row for each case."""
+    seconds = 4.0 if quick else 20.0
+    return [{'case': name, **run(robots, seconds, case)} for name, case in CASES.items()]
+
+
+def run(robots: int, seconds: float, case: Case) -> dict[str, Any]:
     """Run the fleet for some time, and return the figures."""
     end = f'tcp/{HERE}:{free_port()}'
-    with tempfile.TemporaryDirectory() as folder:
-        zenoh = Path(folder, 'zenoh.json5')
+    with ExitStack() as stack:
+        zenoh = Path(stack.enter_context(tempfile.TemporaryDirectory()), 'zenoh.json5')
         zenoh.write_text(ZENOH)
-        names = [f'robot{number}' for number in range(1, robots + 1)]
-        base = Host(RequestedFederation('base', listen=(end,), zenoh=zenoh))
         share = (
-            *(RequestedShare(each, every, deadband) for each in ('X', 'Y')),
+            *(RequestedShare(each, case.every, case.deadband) for each in ('X', 'Y')),
             RequestedShare('Charge', SECOND_NS),
         )
-        hosts = {
-            name: Host(RequestedFederation(name, connect=(end,), share=share, zenoh=zenoh))
-            for name in names
-        }
-        bridge = Bridge(base.transport.session)
-        join(base, hosts, deadband, compared, verdicts=verdicts)
-        before = crossed(base, hosts), processor(base, hosts)
-        drive(base, hosts, bridge, seconds, verdicts=verdicts)
-        after = crossed(base, hosts), processor(base, hosts)
-        for each in (bridge, base, *hosts.values()):
-            each.close()
-    raw, shared = (each / robots / seconds for each in (bridge.bytes, after[0] - before[0]))
-    costs = bridge.processor_ns, after[1] - before[1]
+        base, *others = [
+            stack.enter_context(closing(Host(each)))
+            for each in (
+                RequestedFederation('base', listen=(end,), zenoh=zenoh),
+                *(
+                    RequestedFederation(f'robot{each}', connect=(end,), share=share, zenoh=zenoh)
+                    for each in range(1, robots + 1)
+                ),
+            )
+        ]
+        hosts = {f'robot{number}': each for number, each in enumerate(others, 1)}
+        bridge = stack.enter_context(closing(Bridge(base.transport.session)))
+        join(base, hosts, case)
+        before = used((base, *others))
+        drive(base, hosts, bridge, seconds, case)
+        after = used((base, *others))
+    spent = robots * seconds
+    raw, shared = bridge.bytes / spent, (after[0] - before[0]) / spent
     return {
         'robots': robots,
-        'seconds': seconds,
-        'every_ms': every / 1e6,
-        'deadband': deadband,
-        'compared': compared,
-        'verdicts': verdicts,
         'raw_bytes_per_s': round(raw),
         'bytes_per_s': round(shared),
         'ratio': round(shared / raw, 3),
         'raw_latency_ms': times(bridge.latencies),
         'latency_ms': times(base.latencies),
-        'raw_core_percent': round(costs[0] / SECOND_NS / robots / seconds * 100, 2),
-        'core_percent': round(costs[1] / SECOND_NS / robots / seconds * 100, 2),
+        'raw_core_percent': round(bridge.processor_ns / SECOND_NS / spent * 100, 2),
+        'core_percent': round((after[1] - before[1]) / SECOND_NS / spent * 100, 2),
     }
 
 
-def join(
-    base: Host,
-    hosts: dict[str, Host],
-    deadband: float | None,
-    compared: tuple[float, ...],
-    *,
-    verdicts: bool,
-) -> None:
+def join(base: Host, hosts: dict[str, Host], case: Case) -> None:
     """Have the base station ask for all features or verdicts, and wait until all robots know."""
     for name, host in hosts.items():
         with host.lock:
-            host.peer.share(
-                (), [feature(name, each, deadband) for each in FEATURES], time.time_ns()
-            )
-        if verdicts:
+            host.peer.share((), case.features(name), time.time_ns())
+        if case.verdicts:
             ask_formula(base, name, host)
             continue
         with base.lock:
             for each in FEATURES:
-                constants = () if each == 'Charge' else compared
+                constants = () if each == 'Charge' else case.compared
                 base.peer.request(name, f'{each}_{name}', time.time_ns(), constants=constants)
     base.wake()
-    streams = 1 if verdicts else len(FEATURES)
+    streams = 1 if case.verdicts else len(FEATURES)
     while any(len(host.peer.sent) < streams for host in hosts.values()):
         time.sleep(0.1)
     time.sleep(2)  # Until all clocks are measured.
@@ -257,9 +274,7 @@ def publish_verdict(base: Host, name: str, host: Host, step: int, now: int) -> N
     host.peer.promise(stream, host.promised, now)
 
 
-def drive(
-    base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float, *, verdicts: bool
-) -> None:
+def drive(base: Host, hosts: dict[str, Host], bridge: Bridge, seconds: float, case: Case) -> None:
     """Publish both ways for some time."""
     begin = time.time_ns()
     for step in range(round(seconds * SECOND_NS / PERIOD_NS)):
@@ -270,7 +285,7 @@ def drive(
             for index, data in enumerate(serialised):
                 bridge.send(host.transport.session, f'{name}/{index}', data)
             with host.lock:
-                if verdicts:
+                if case.verdicts:
                     publish_verdict(base, name, host, step, now)
                     values = {}
                 for each, value in values.items():
@@ -281,45 +296,17 @@ def drive(
             host.wake()
 
 
-def crossed(base: Host, hosts: dict[str, Host]) -> int:
-    """Return the bytes that all hosts have sent."""
-    return sum(each.transport.sent.total() for each in (base, *hosts.values()))
+def used(hosts: Sequence[Host]) -> tuple[int, int]:
+    """Return the bytes that hosts have sent, and the processor time of their threads in ns."""
+    sent = sum(each.transport.sent.total() for each in hosts)
+    return sent, sum(each.processor_ns for each in hosts)
 
 
-def processor(base: Host, hosts: dict[str, Host]) -> int:
-    """Return the processor time of the threads of all hosts, in nanoseconds."""
-    return sum(each.processor_ns for each in (base, *hosts.values()))
-
-
-def times(latencies: list[int]) -> dict[str, float]:
+def times(latencies: Sequence[int]) -> dict[str, float]:
     """Return the median and the 99th percentile, in milliseconds."""
     found = [each / 1e6 for each in latencies]
-    return {'median': round(median(found), 2), 'p99': round(quantiles(found, n=100)[-1], 2)}
-
-
-def main() -> int:
-    """Print the figures as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seconds', type=float, default=20.0)
-    parser.add_argument('--robots', type=int, default=3)
-    parser.add_argument('--every', default='0 ms', help='of X and Y (default: every sample)')
-    parser.add_argument('--deadband', type=float, help='of X and Y, in metres (default: none)')
-    parser.add_argument('--compared', type=float, help='X and Y with it (default: with nothing)')
-    parser.add_argument('--verdicts', action='store_true', help='of the robots cross instead')
-    options = parser.parse_args()
-    every = parse_duration(options.every)
-    compared = () if options.compared is None else (options.compared,)
-    found = run(
-        options.robots,
-        options.seconds,
-        every,
-        options.deadband,
-        compared,
-        verdicts=options.verdicts,
-    )
-    print(json.dumps(found))
-    return 0
+    return {'median': round(median(found), 2), 'p99': round(percentile(found, 99), 2)}
 
 
 if __name__ == '__main__':
-    sys.exit(main())
+    measure(__doc__, link, robots=3)
