@@ -158,9 +158,9 @@ class HostileClient:
         self.wait(0.1)
         self.node.destroy_publisher(publisher)
 
-    def perform(self, row: Callable[[HostileClient], None]) -> None:
+    def perform(self, name: str, row: Callable[[HostileClient], None]) -> None:
         """Perform a row, and wait for its answers."""
-        self._row = row.__name__
+        self._row = name
         self.count('begun')
         try:
             row(self)
@@ -179,7 +179,8 @@ def main() -> None:
     client = HostileClient(int(seed))
     client.wait(DISCOVERY_S)
     while True:
-        client.perform(ROWS[client.chance.choice(names)])
+        name = client.chance.choice(names)
+        client.perform(name, ROWS[name])
         client.wait(client.chance.uniform(0.0, PAUSE_S))
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable
+from functools import partial
 
 from dyknow_interfaces.action import MonitorFormula, MonitorPlan
 from dyknow_interfaces.msg import Domain, Field, Sample
@@ -41,12 +41,8 @@ from dyknow_common.ros import STREAM, nanoseconds_to_duration
 COORDINATOR = 'stream_reasoning_coordinator'
 EVALUATE = f'{COORDINATOR}/evaluate_formula'
 REASONER = 'stream_reasoning_engine'
-PAIRS = 'forall a in Many: forall b in Many: always D[a, b] > 0'
-TRIPLES = 'forall a in Many: forall b in Many: forall c in Many: always D[a, b] > E[c]'
-DISJUNCTION = 'always exists a in Many: eventually[0 s, 2 s] (D[a] > 0 or E[a] > 2)'
 CROWD = 202
 FLOOD = 3000
-AT_ONCE = 200
 PACKAGES = {'dyknow_interfaces', 'rcl_interfaces'}
 
 
@@ -63,37 +59,29 @@ def random_requests(client: HostileClient) -> None:
 
 def random_goals(client: HostileClient) -> None:
     """Send random and valid goals, and cancel them at random times."""
+    profiles = dict.fromkeys(
+        (f'{each}_service_qos_profile' for each in ('goal', 'result', 'cancel')), REQUESTS
+    )
     valid = [MonitorFormula.Goal(formula=f'always Power[uav1] < {1000 + n}') for n in range(30)]
-    for kind, name, goals in (
+    for kind, name, given in (
         (MonitorFormula, 'monitor_formula', valid),
         (MonitorPlan, 'monitor_plan', []),
     ):
-        random = [random_message(kind.Goal, client.chance) for _ in range(10)]
-        _send_goals(client, kind, name, random + goals)
-
-
-def _send_goals(client: HostileClient, kind: Any, name: str, goals: list[Any]) -> None:
-    actions = ActionClient(
-        client.node,
-        kind,
-        f'{COORDINATOR}/{name}',
-        goal_service_qos_profile=REQUESTS,
-        result_service_qos_profile=REQUESTS,
-        cancel_service_qos_profile=REQUESTS,
-    )
-    client.spin_until(actions.server_is_ready, 2.0)
-    sent = [actions.send_goal_async(each) for each in goals]
-    client.spin_until(lambda: all(each.done() for each in sent), ANSWER_TIMEOUT_S)
-    if missing := sum(not each.done() for each in sent):
-        client.count('unanswered', missing)
-    accepted = [each.result() for each in sent if each.done() and each.result().accepted]
-    for goal in accepted:
-        client.watch(goal.get_result_async())
-    for goal in accepted:
-        client.wait(client.chance.uniform(0.0, 0.1))
-        client.watch(goal.cancel_goal_async())
-    client.wait_for_answers()
-    actions.destroy()
+        actions = ActionClient(client.node, kind, f'{COORDINATOR}/{name}', **profiles)
+        client.spin_until(actions.server_is_ready, 2.0)
+        goals = [*given, *(random_message(kind.Goal, client.chance) for _ in range(10))]
+        sent = [actions.send_goal_async(each) for each in goals]
+        client.spin_until(lambda: all(each.done() for each in sent), ANSWER_TIMEOUT_S)  # noqa: B023
+        if missing := sum(not each.done() for each in sent):
+            client.count('unanswered', missing)
+        accepted = [each.result() for each in sent if each.done() and each.result().accepted]
+        for goal in accepted:
+            client.watch(goal.get_result_async())
+        for goal in accepted:
+            client.wait(client.chance.uniform(0.0, 0.1))
+            client.watch(goal.cancel_goal_async())
+        client.wait_for_answers()
+        actions.destroy()
 
 
 def flood(client: HostileClient) -> None:
@@ -112,14 +100,6 @@ def flood(client: HostileClient) -> None:
     )  # fmt: skip
     for _ in range(FLOOD):
         client.ask(kind, service, **fields)
-
-
-def evaluations_at_once(client: HostileClient) -> None:
-    """Send many formulas at once that are not decided soon."""
-    timeout = nanoseconds_to_duration(3 * SECOND_NS)
-    for each in range(AT_ONCE):
-        formula = f'forall u in UAV: always Power[u] < {1000 + each}'
-        client.ask(EvaluateFormula, EVALUATE, formula=formula, timeout=timeout)
 
 
 def killed_client(client: HostileClient) -> None:
@@ -149,24 +129,14 @@ def parameters(client: HostileClient) -> None:
             client.ask(SetParameters, f'{node}/set_parameters', parameters=[parameter])
 
 
-def _internal_topics(client: HostileClient) -> Iterator[tuple[str, Any]]:
-    """Yield the topics by which the nodes talk to each other, with their types."""
-    for name, (kind, *_) in client.node.get_topic_names_and_types():
-        if '/_action/' not in name and kind.startswith(('dyknow_interfaces/', 'diagnostic_msgs/')):
-            yield name, interface(kind)
-
-
-def random_messages(client: HostileClient) -> None:
-    """Publish random messages, with unknown values of enumerations, on all internal topics."""
-    for topic, kind in _internal_topics(client):
-        messages = [random_message(kind, client.chance, 1) for _ in range(5)]
-        client.publish(kind, topic, messages)
-
-
-def malformed_messages(client: HostileClient) -> None:
-    """Publish bytes that are no messages, or have texts that are not UTF-8, on internal topics."""
-    for topic, kind in _internal_topics(client):
-        client.publish(kind, topic, [random_bytes(kind, client.chance) for _ in range(10)])
+def forged_messages(client: HostileClient) -> None:
+    """Publish random messages and bytes that are no messages on all internal topics."""
+    for topic, (name, *_) in client.node.get_topic_names_and_types():
+        if '/_action/' not in topic and name.startswith(('dyknow_interfaces/', 'diagnostic_msgs/')):
+            kind = interface(name)
+            messages = [random_message(kind, client.chance, 1) for _ in range(5)]
+            client.publish(kind, topic, messages)
+            client.publish(kind, topic, [random_bytes(kind, client.chance) for _ in range(10)])
 
 
 def malformed_source(client: HostileClient) -> None:
@@ -177,11 +147,6 @@ def malformed_source(client: HostileClient) -> None:
     client.ask(StreamCreateFromSpec, 'stream_manager/stream_create_from_spec', request)
     messages = [random_bytes(BatteryState, client.chance) for _ in range(50)]
     client.publish(BatteryState, '/hostile/battery', [BatteryState(), *messages], 0.01)
-
-
-def objects_100_cubed(client: HostileClient) -> None:
-    """Evaluate a formula over 100 * 100 * 100 objects, which is refused."""
-    _evaluate(client, TRIPLES, 100)
 
 
 def objects_of_a_crowd_cubed(client: HostileClient) -> None:
@@ -197,29 +162,6 @@ def objects_of_a_crowd_cubed(client: HostileClient) -> None:
     formula = f'{quantifiers} always XYDist[a, b] > Power[c]'
     for _ in range(20):
         client.call(EvaluateFormula, EVALUATE, formula=formula)
-
-
-def a_million_objects(client: HostileClient) -> None:
-    """Evaluate a formula over a sort of a million objects, which is refused."""
-    _evaluate(client, 'forall a in Many: p[a]', 1_000_000)
-
-
-def the_largest_formula(client: HostileClient) -> None:
-    """Evaluate 10,000 instances of a formula, and publish states of them."""
-    _evaluate(client, PAIRS, 100, states=5)
-
-
-def the_largest_disjunction(client: HostileClient) -> None:
-    """Evaluate one instance over 4900 objects, and publish states of them."""
-    _evaluate(client, DISJUNCTION, 4900, states=3)
-
-
-def long_texts(client: HostileClient) -> None:
-    """Evaluate a formula of some 20,000 words, balanced as deep chains are refused."""
-    parts = [f'p{number} < {number}' for number in range(5000)]
-    while len(parts) > 1:
-        parts = [f'({" and ".join(parts[at : at + 2])})' for at in range(0, len(parts), 2)]
-    _evaluate(client, parts[0], 1)
 
 
 def abandoned_groups(client: HostileClient) -> None:
@@ -240,7 +182,7 @@ def _group(client: HostileClient, formula: str) -> int | None:
     return group
 
 
-def _evaluate(client: HostileClient, formula: str, count: int, states: int = 0) -> None:
+def _evaluate(client: HostileClient, formula: str, count: int, states: int) -> None:
     """Evaluate a formula for some objects in a group of its own, over some states."""
     group = _group(client, formula)
     if group is None:
@@ -267,13 +209,39 @@ def _evaluate(client: HostileClient, formula: str, count: int, states: int = 0) 
     client.ask(FormulaGroupDestroy, f'{REASONER}/formula_group_destroy', **fields)
 
 
-ROWS = {
-    each.__name__: each
-    for each in (
-        random_requests, random_goals, flood, evaluations_at_once, killed_client, parameters,
-        random_messages, malformed_messages, malformed_source, objects_100_cubed,
-        objects_of_a_crowd_cubed, a_million_objects, the_largest_formula,
-        the_largest_disjunction, long_texts, abandoned_groups,
-    )
+def _balanced(parts: list[str]) -> str:
+    """Return a conjunction of parts, balanced as deep chains are refused."""
+    while len(parts) > 1:
+        parts = [f'({" and ".join(parts[at : at + 2])})' for at in range(0, len(parts), 2)]
+    return parts[0]
+
+
+LIMITS: dict[str, tuple[str, int, int]] = {
+    # Refused:
+    'objects_100_cubed': (
+        'forall a in Many: forall b in Many: forall c in Many: always D[a, b] > E[c]', 100, 0,
+    ),
+    'a_million_objects': ('forall a in Many: p[a]', 1_000_000, 0),
+    # As large as the limits allow: 10,000 instances, 4900 objects, some 20,000 words.
+    'the_largest_formula': ('forall a in Many: forall b in Many: always D[a, b] > 0', 100, 5),
+    'the_largest_disjunction': (
+        'always exists a in Many: eventually[0 s, 2 s] (D[a] > 0 or E[a] > 2)', 4900, 3,
+    ),
+    'long_texts': (_balanced([f'p{number} < {number}' for number in range(5000)]), 1, 0),
+}  # fmt: skip
+"""Formulas, the number of their objects, and the states of them that are published."""
+
+ROWS: dict[str, Callable[[HostileClient], None]] = {
+    **{
+        each.__name__: each
+        for each in (
+            random_requests, random_goals, flood, killed_client, parameters, forged_messages,
+            malformed_source, objects_of_a_crowd_cubed, abandoned_groups,
+        )
+    },
+    **{
+        name: partial(_evaluate, formula=formula, count=count, states=states)
+        for name, (formula, count, states) in LIMITS.items()
+    },
 }  # fmt: skip
 """All rows, by name."""

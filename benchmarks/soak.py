@@ -1,7 +1,7 @@
 """Run DyKnow for long under a load; judge all answers, and the memory and the ends of the nodes.
 
 python benchmarks/soak.py LOAD [--minutes 10] [--seed 1] [--composition] [--logs FOLDER] [--json]
-python benchmarks/soak.py hostile [--clients 2] [--rows ROW ...] [--each] [--list]
+python benchmarks/soak.py hostile [--clients 2] [--rows ROW ...] [--each]
 
 - faults: clients send random formulas ten times a second, some are killed; topics are silent, late,
   repeated or out of order; nodes are killed and stopped. There are two engines, and two batteries
@@ -227,10 +227,6 @@ def defects(found: Mapping[str, Any]) -> list[str]:
 def main() -> None:
     """Run and print; the exit code is 1 if a requirement is not met."""
     arguments = _arguments()
-    if arguments.list:
-        for name, row in ROWS.items():
-            print(f'{name}: {(row.__doc__ or "").splitlines()[0]}')
-        return
     use_private_domain()
     avoid_shared_memory()
     rows = arguments.rows or LOADS[arguments.load].rows
@@ -257,7 +253,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument('--clients', type=int, default=2, help='the number of hostile clients')
     parser.add_argument('--rows', nargs='+', choices=ROWS, metavar='ROW')
     parser.add_argument('--each', action='store_true', help='one row after the other, alone')
-    parser.add_argument('--list', action='store_true', help='list the rows')
     parser.add_argument('--composition', action='store_true', help='all nodes in one process')
     parser.add_argument('--logs', type=Path, help='an existing folder for the logs of the nodes')
     parser.add_argument('--json', action='store_true', help='print one JSON object a line')
