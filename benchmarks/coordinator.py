@@ -91,17 +91,10 @@ def verdict(*, quick: bool) -> Any:
 
 def _verdict_delays(number: int, *, composition: bool) -> dict[str, list[int]]:
     with RunningSystem(1, 20.0, progress_period=0.2, composition=composition) as system:
-
-        def asked(formula: str) -> Any:
-            known = set(system.progress)
-            future = system.ask(formula)
-            system.wait_for_running(1, known)
-            return future
-
         found = {}
         for name, (topic, formula) in LEVELS.items():
             decide = _decider(system.client, system.fleet, topic)
-            found[name] = [decide(asked(formula)) for _ in range(number)]
+            found[name] = [decide(system.ask_running(formula)) for _ in range(number)]
         return found
 
 
@@ -181,12 +174,13 @@ def standby(*, quick: bool) -> Any:
             found: dict[str, list[tuple[float, float]]] = {}
             for _ in range(rounds):
                 for formula in (EVER, 'always uav1_power.power < 5'):
-                    known = set(system.progress)
-                    answer = system.ask(formula, seconds + 5.0)
-                    system.wait_for_running(1, known)
-                    system.wait(1.0)
-                    is_ready = sum('states_' in each for each in system.streams())
-                    assert is_ready == 1 + (formula == EVER), system.streams()
+                    answer = system.ask_running(formula, seconds + 10.0)
+                    ready = 1 + (formula == EVER)
+                    system.client.spin_until(
+                        lambda: sum('states_' in each for each in system.streams()) == ready,  # noqa: B023
+                        'the stand-in',
+                        pause=0.1,
+                    )
                     costs = system.costs(seconds).values()
                     share = sum(each['share'] for each in costs)
                     memory = sum(each['memory_mb'] for each in costs)

@@ -25,7 +25,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from dyknow_interfaces.msg import FormulaProgress
 from dyknow_interfaces.srv import EvaluateFormula
 from nav_msgs.msg import Odometry
 from processes import (
@@ -38,7 +37,7 @@ from processes import (
     worker,
 )
 from rclpy.serialization import serialize_message
-from running_system import COORDINATOR, REASONER, timed
+from running_system import EVALUATE, running_formulas, timed
 from sensor_msgs.msg import LaserScan
 from workers import FLEET_QUALITY
 
@@ -180,19 +179,12 @@ def row(robots: int, seconds: float) -> dict[str, Any]:
 
 def ask_all(client: Client, robots: int) -> list[Any]:
     """Ask for all formulas and alarms, and return their futures once each has had a state."""
-    progress: set[tuple[int, int]] = set()
-    client.node.create_subscription(
-        FormulaProgress,
-        f'{REASONER}/progress',
-        lambda found: progress.add((found.formula_group_id, found.formula_id)),
-        1000,
-    )
+    running = running_formulas(client)
     alarms = [f'always Speed[r{robots - 1}] < {CALM + each + 0.5}' for each in range(ALARMS)]
-    service = f'{COORDINATOR}/evaluate_formula'
     futures = [
-        client.request(EvaluateFormula, service, formula=each) for each in (*FORMULAS, *alarms)
+        client.request(EvaluateFormula, EVALUATE, formula=each) for each in (*FORMULAS, *alarms)
     ]
-    client.spin_until(lambda: len(progress) >= len(futures), 'states', 120.0)
+    client.spin_until(lambda: len(running) >= len(futures), 'states', 120.0)
     return futures
 
 

@@ -48,7 +48,7 @@ def evaluations(*, quick: bool) -> Any:
         futures: list[Future] = []
 
         def grow(number: int) -> dict[str, int]:
-            known = set(system.progress)
+            known = len(system.running)
             more = number - len(futures)
             futures.extend(
                 system.ask(f'forall u in UAV: always Power[u] < {100 + len(futures) + each}')
@@ -57,7 +57,7 @@ def evaluations(*, quick: bool) -> Any:
             new = futures[-more:]
             _wait(
                 system,
-                lambda: len(system.progress.keys() - known) >= sum(not f.done() for f in new),
+                lambda: len(system.running) - known >= sum(not f.done() for f in new),
             )
             return _outcomes(each for each in new if each.done())
 

@@ -13,7 +13,6 @@ a line as the answer:
 - `pause NAME`, `resume NAME` stop the publication and continue it.
 - `late NAME MILLISECONDS` delays messages relative to their stamps.
 - `twice NAME`, `swap NAME` publish the next message twice, or after its successor.
-- `ticks` returns the number of ticks.
 """
 
 from __future__ import annotations
@@ -60,12 +59,10 @@ class Fleet:
         self._levels = dict.fromkeys(self._publishers, CALM)
         self._silent: set[str] = set()
         self._high: dict[str, list[int]] = defaultdict(list)
-        self._delays: dict[str, int] = defaultdict(int)
-        self._twice: set[str] = set()
-        self._swapped: dict[str, Any] = {}
-        self._delayed: list[tuple[int, str, Any]] = []
+        self._delays: dict[str, tuple[int, ...]] = {}
+        self._next_delays: dict[str, tuple[int, ...]] = {}
+        self._delayed: list[tuple[int, Any, Any]] = []
         self._period = round(SECOND_NS / rate)
-        self._ticks = 0
         self._next = time.time_ns() // self._period * self._period + self._period
 
     def run(self) -> None:
@@ -86,31 +83,18 @@ class Fleet:
 
     def _tick(self) -> None:
         stamp, self._next = self._next, self._next + self._period
-        self._ticks += 1
-        for name in self._publishers:
-            if name not in self._silent:
-                self._dispatch(name, stamp)
+        for name, publisher in self._publishers.items():
+            if name in self._silent:
+                continue
+            message = self._message(name, stamp)
+            for delay in self._next_delays.pop(name, self._delays.get(name, (0,))):
+                if delay:
+                    self._delayed.append((stamp + delay, publisher, message))
+                else:
+                    publisher.publish(message)
         for due in [each for each in self._delayed if each[0] <= stamp]:
             self._delayed.remove(due)
-            self._publishers[due[1]].publish(due[2])
-
-    def _dispatch(self, name: str, stamp: int) -> None:
-        message = self._message(name, stamp)
-        delay = self._delays[name]
-        if name in self._swapped and self._swapped[name] is None:
-            self._swapped[name] = message
-            return
-        if delay:
-            self._delayed.append((stamp + delay, name, message))
-            return
-        publish = self._publishers[name].publish
-        publish(message)
-        if name in self._twice:
-            self._twice.discard(name)
-            publish(message)
-        held = self._swapped.pop(name, None)
-        if held is not None:
-            publish(held)
+            due[1].publish(due[2])
 
     def _message(self, name: str, stamp: int) -> Any:
         level = self._levels[name]
@@ -137,13 +121,11 @@ class Fleet:
             case 'resume':
                 self._silent.discard(name)
             case 'late':
-                self._delays[name] = round(float(number) * 1e6)
+                self._delays[name] = (round(float(number) * 1e6),)
             case 'twice':
-                self._twice.add(name)
+                self._next_delays[name] = (0, 0)
             case 'swap':
-                self._swapped[name] = None
-            case 'ticks':
-                answer = self._ticks
+                self._next_delays[name] = (self._period,)
             case 'high':
                 answer = json.dumps(self._high)
             case _:
@@ -168,10 +150,12 @@ def fleet(rate: float, *names: str) -> Iterator[subprocess.Popen[str]]:
     """Run a fleet; its end is orderly, as a killed one may leave a lock in shared memory."""
     with worker(rate, *names, program=Path(__file__)) as process:
         wait_for_line(process)
-        yield process
-        if process.stdin is not None:
-            process.stdin.close()
-        process.wait(STOP_TIMEOUT_S)
+        try:
+            yield process
+        finally:
+            if process.stdin is not None:
+                process.stdin.close()
+            process.wait(STOP_TIMEOUT_S)
 
 
 def main() -> None:

@@ -22,7 +22,6 @@ from dyknow_bringup.processes.launcher import EndedProcess, Launcher
 from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.simulation.vehicle import vehicle_names
-from dyknow_common import SECOND_NS
 from dyknow_common.ros import nanoseconds_to_duration
 
 COORDINATOR = 'stream_reasoning_coordinator'
@@ -66,7 +65,7 @@ class RunningSystem:
             name: (name, *(f'{name}_spare{number}' for number in range(1, batteries)))
             for name in vehicle_names(vehicles)
         }
-        self.progress: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        self.running: set[tuple[int, int]] = set()
         self.fleet: Any = None
         self.pids: dict[str, int] = {}
         self.folder = Path()
@@ -97,9 +96,7 @@ class RunningSystem:
         self.client.spin_until(
             lambda: self.streams() == self.fleet_streams, 'just the streams of the fleet'
         )
-        self.client.node.create_subscription(
-            FormulaProgress, f'{REASONER}/progress', self._on_progress, 1000
-        )
+        self.running = running_formulas(self.client)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -195,11 +192,12 @@ class RunningSystem:
         """Return the names of the streams that the manager knows."""
         return set(self.client.call(ListStreams, f'{MANAGER}/list_streams').stream_names)
 
-    def wait_for_running(self, number: int, known: set[tuple[int, int]]) -> None:
-        """Wait until so many formulas that are not in `known` have had a state."""
-        self.client.spin_until(
-            lambda: len(self.progress.keys() - known) >= number, f'{number} formulas run', 60.0
-        )
+    def ask_running(self, formula: str, timeout: float = 600.0) -> Future:
+        """Send a formula to the coordinator, and wait until it has had a state."""
+        known = len(self.running)
+        future = self.ask(formula, timeout)
+        self.client.spin_until(lambda: len(self.running) > known, 'a state', 60.0)
+        return future
 
     def wait(self, seconds: float) -> None:
         """Run callbacks for a time."""
@@ -221,11 +219,17 @@ class RunningSystem:
     def _processor_times(self) -> dict[str, float]:
         return {name: processor_time(pid) for name, pid in self.pids.items()}
 
-    def _on_progress(self, report: Any) -> None:
-        valid = report.latest_valid_time.sec * SECOND_NS + report.latest_valid_time.nanosec
+
+def running_formulas(client: Client) -> set[tuple[int, int]]:
+    """Return the set of formulas that have had a state, which grows from now on."""
+    found: set[tuple[int, int]] = set()
+
+    def on_progress(report: Any) -> None:
         if report.states_progressed:
-            key = (report.formula_group_id, report.formula_id)
-            self.progress.setdefault(key, []).append((report.states_progressed, valid))
+            found.add((report.formula_group_id, report.formula_id))
+
+    client.node.create_subscription(FormulaProgress, f'{REASONER}/progress', on_progress, 1000)
+    return found
 
 
 def outcome_of(answer: Any) -> str:
