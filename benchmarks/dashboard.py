@@ -25,13 +25,7 @@ from typing import Any
 import rclpy
 from dyknow_interfaces.msg import Sample as SampleMessage
 from parts import measure
-from processes import (
-    processor_time,
-    resident_memory,
-    use_private_domain,
-    wait_for_line,
-    worker,
-)
+from processes import costs, use_private_domain, wait_for_line, worker
 from tornado.websocket import websocket_connect
 
 from commands import command
@@ -172,26 +166,19 @@ def publish() -> None:
 
 
 def situation(
-    name: str, page: LivePage | None, dashboard: int, idle: int, seconds: float
+    name: str, page: LivePage | None, processes: dict[str, int], seconds: float
 ) -> dict[str, Any]:
-    """Return the shares of a core of the dashboard and of an idle node, and the traffic."""
-
-    def used() -> list[float]:
-        sent = (page.messages, page.characters) if page else (0, 0)
-        return [time.monotonic(), processor_time(dashboard), processor_time(idle), *sent]
-
+    """Return the costs of the dashboard and of an idle node, and the traffic to a page."""
     time.sleep(SETTLE_S)
-    before = used()
-    time.sleep(seconds)
-    elapsed, *found = (after - each for after, each in zip(used(), before, strict=True))
-    share, idle_share, messages, characters = (each / elapsed for each in found)
+    before = (page.messages, page.characters) if page else (0, 0)
+    found = costs(processes, time.sleep, seconds)
+    after = (page.messages, page.characters) if page else (0, 0)
     return {
         'situation': name,
-        'share': round(share, 4),
-        'idle_share': round(idle_share, 4),
-        'messages_per_s': round(messages, 1),
-        'kb_per_s': round(characters / 1000, 1),
-        'memory_mb': round(resident_memory(dashboard), 1),
+        **found['dashboard'],
+        'idle_share': found['idle']['share'],
+        'messages_per_s': round((after[0] - before[0]) / seconds, 1),
+        'kb_per_s': round((after[1] - before[1]) / seconds / 1000, 1),
     }
 
 
@@ -207,9 +194,9 @@ def page(*, quick: bool) -> list[dict[str, Any]]:
             wait_for_line(publisher)
             assert dashboard.stdout is not None
             address = dashboard.stdout.readline().split()[1]
+            processes = {'dashboard': dashboard.pid, 'idle': idle.pid}
             seconds = 2.0 if quick else 20.0
-            add = partial(situation, dashboard=dashboard.pid, idle=idle.pid, seconds=seconds)
-            return situations(address, add)
+            return situations(address, partial(situation, processes=processes, seconds=seconds))
         finally:
             dashboard.terminate()
 

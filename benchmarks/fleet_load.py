@@ -29,9 +29,8 @@ from dyknow_interfaces.srv import EvaluateFormula
 from nav_msgs.msg import Odometry
 from processes import (
     Client,
+    costs,
     percentile,
-    processor_time,
-    resident_memory,
     use_private_domain,
     wait_for_line,
     worker,
@@ -120,16 +119,6 @@ def stamped(message: bytearray) -> bytes:
     return bytes(message)
 
 
-def shares_of(client: Client, processes: list[int], seconds: float) -> list[float]:
-    """Return the shares of one core that processes take over a time, the greatest first."""
-    used, begun = [processor_time(each) for each in processes], time.monotonic()
-    client.wait(seconds)
-    lasted = time.monotonic() - begun
-    pairs = zip(processes, used, strict=True)
-    shares = [round((processor_time(each) - before) / lasted, 3) for each, before in pairs]
-    return sorted(shares, reverse=True)
-
-
 @contextmanager
 def dyknow(robots: int) -> Iterator[int]:
     """Run DyKnow for a fleet, and yield the process id of its command."""
@@ -155,11 +144,10 @@ def row(robots: int, seconds: float) -> dict[str, Any]:
         with worker('fleet_reader', '--number', robots) as bare:
             wait_for_line(bare)
             client.wait(2.0)
-            (baseline,) = shares_of(client, [bare.pid], seconds)
+            baseline = costs({'bare': bare.pid}, client.wait, seconds)['bare']['share']
         up = stack.enter_context(dyknow(robots))
         futures = ask_all(client, robots)
-        processes = children(up)
-        shares = shares_of(client, processes, seconds)
+        found = costs({str(each): each for each in children(up)}, client.wait, seconds).values()
         delays = [
             alarm(client, fleet, CALM + 1.0 + number, each)
             for number, each in enumerate(futures[len(FORMULAS) :])
@@ -169,8 +157,8 @@ def row(robots: int, seconds: float) -> dict[str, Any]:
             'robots': robots,
             'messages_s': robots * (ODOMETRY_HZ + ODOMETRY_HZ // SCAN_EVERY),
             'bare_share': baseline,
-            'shares': shares,
-            'memory_mb': round(sum(map(resident_memory, processes))),
+            'shares': sorted((each['share'] for each in found), reverse=True),
+            'memory_mb': round(sum(each['memory_mb'] for each in found)),
             'alarm_median_ms': round(percentile(delays, 50), 1),
             'alarm_max_ms': round(max(delays), 1),
             'errors': [each.exit_status.message[:200] for each in answers if each.exit_status.code],

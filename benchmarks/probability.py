@@ -22,7 +22,8 @@ import numpy as np
 from parts import measure
 from scipy.special import betaincinv
 
-from dyknow_reasoning import FormulaProbability, probability_of
+from dyknow_common import ProbabilityInterval
+from dyknow_reasoning import probability_of
 from dyknow_reasoning.execution.probability import formula_probability, simulation
 
 SECOND = 10**9
@@ -47,13 +48,23 @@ def errors(generator: np.random.Generator, runs: int, correlation: float) -> np.
     return found
 
 
-def asked(constant: str, estimates: Sequence[float]) -> FormulaProbability:
-    """Return the probability of the formula over estimates."""
+def interval_of(constant: str, estimates: Sequence[float], *seed: int) -> ProbabilityInterval:
+    """Return the interval of the probability of the formula over estimates.
+
+    Args:
+        constant: the last argument of `normal`, with a comma: how errors depend on time.
+        estimates: one for each second.
+        seed: of simulated errors, which each run has of its own.
+    """
     number = f'normal(x, 1{constant})'
     probability = probability_of(f'P({FORMULA.format(number)}) >= 0', {})
+    if seed:
+        model = probability._model  # noqa: SLF001
+        assert isinstance(model, simulation.SimulatedRuns)
+        model._generator = np.random.default_rng(seed)  # noqa: SLF001
     for state, estimate in enumerate(estimates):
         probability.step(state * SECOND, {'x': float(estimate)})
-    return probability
+    return probability.interval()
 
 
 def calibration(*, quick: bool) -> dict[str, Any]:
@@ -69,15 +80,15 @@ def calibration(*, quick: bool) -> dict[str, Any]:
     tail = 0.025
     for index in range(runs):
         estimates = generator.normal(-0.5, 0.7, STATES)
-        exact = asked(', 0 s', estimates).interval()
+        exact = interval_of(', 0 s', estimates)
         share = int(truth_of(estimates + errors(generator, draw, 0.0)).sum())
         lower = betaincinv(share, draw - share + 1, tail) if share else 0.0
         upper = betaincinv(share + 1, draw - share, 1 - tail) if share < draw else 1.0
         covered['exact'] += bool(lower <= exact.lower <= upper)
-        # The simulation, of the same independent errors, whose exact probability is known.
-        interval = simulated(estimates, index).interval()
+        # The simulation, of the same independent errors: 1 ns is as good as independent.
+        interval = interval_of(', 1 ns', estimates, index, 7)
         covered['simulated'] += interval.lower <= exact.lower <= interval.upper
-        bounds = asked('', estimates).interval()
+        bounds = interval_of('', estimates)
         covered['bounds, independent'] += bounds.lower <= exact.lower <= bounds.upper
         correlation = float(generator.choice([0.3, 0.9, 0.99]))
         share = truth_of(estimates + errors(generator, draw, correlation)).mean()
@@ -89,31 +100,14 @@ def calibration(*, quick: bool) -> dict[str, Any]:
     }
 
 
-def simulated(estimates: Sequence[float], seed: int) -> FormulaProbability:
-    """Return the probability of the formula, simulated; 1 ns is as good as independent."""
-    number = 'normal(x, 1, 1 ns)'
-    probability = probability_of(f'P({FORMULA.format(number)}) >= 0', {})
-    model = probability._model  # noqa: SLF001 - each run has errors of its own
-    assert isinstance(model, simulation.SimulatedRuns)
-    model._generator = np.random.default_rng([seed, 7])  # noqa: SLF001
-    for state, estimate in enumerate(estimates):
-        probability.step(state * SECOND, {'x': float(estimate)})
-    return probability
-
-
 def correlated_coverage(runs: int) -> float:
     """Return how often simulated intervals contain the truth, with a time constant of 2 s."""
     generator = np.random.default_rng(2)
     covered = 0
     estimates = generator.normal(-0.5, 0.7, STATES)
     share = truth_of(estimates + errors(generator, 1_000_000, exp(-0.5))).mean()
-    number = 'normal(x, 1, 2 s)'
     for index in range(runs):
-        probability = probability_of(f'P({FORMULA.format(number)}) >= 0', {})
-        probability._model._generator = np.random.default_rng([index, 9])  # noqa: SLF001
-        for state, estimate in enumerate(estimates):
-            probability.step(state * SECOND, {'x': float(estimate)})
-        interval = probability.interval()
+        interval = interval_of(', 2 s', estimates, index, 9)
         covered += interval.lower <= share <= interval.upper
     return covered / runs
 

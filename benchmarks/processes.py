@@ -8,7 +8,8 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -150,6 +151,23 @@ def resident_memory(process: int) -> float:
     """Return the resident memory of a process, MB."""
     pages = int(Path(f'/proc/{process}/statm').read_text(encoding='ascii').split()[1])
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def costs(
+    processes: Mapping[str, int], wait: Callable[[float], object], seconds: float
+) -> dict[str, dict[str, float]]:
+    """Return the share of a core and the memory in MB of each process over a time."""
+    begun = time.monotonic()
+    before = {name: processor_time(each) for name, each in processes.items()}
+    wait(seconds)
+    elapsed = time.monotonic() - begun
+    return {
+        name: {
+            'share': round((processor_time(each) - before[name]) / elapsed, 4),
+            'memory_mb': round(resident_memory(each), 1),
+        }
+        for name, each in processes.items()
+    }
 
 
 def proportional_memory(process: int) -> float:

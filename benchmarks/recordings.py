@@ -39,56 +39,41 @@ REPETITIONS = 3
 FORMULAS, MANY_FORMULAS = 20, 200
 FEW_MESSAGES, MANY_MESSAGES = 100_000, 1_000_000
 
+NAMES = {f'{topic[8]}{topic[6]}': f'"{topic}"' for topic in TOPICS}
+"""The topics in formulas: `o0` is the odometry of robot 0, `i`, `b` and `l` its other topics."""
+
 TEMPLATES = (
-    'always "/robot0/odometry".pose.pose.position.z < {n}',
-    'always "/robot1/odometry".pose.pose.position.x < {n}',
+    'always {o0}.pose.pose.position.z < {n}',
+    'always {o1}.pose.pose.position.x < {n}',
     (
-        'always ("/robot0/odometry".pose.pose.position.z > {n} -> '
-        'eventually[0 s, 1 s] "/robot0/odometry".twist.twist.linear.x < 2)'
+        'always ({o0}.pose.pose.position.z > {n} -> eventually[0 s, 1 s] '
+        '{o0}.twist.twist.linear.x < 2)'
     ),
+    'always ({o2}.pose.pose.position.z < {n} or {o2}.pose.covariance[35] > 90)',
+    'always {i0}.angular_velocity.z < {n}',
+    'always {i1}.linear_acceleration.x > -{n}',
+    'always ({i2}.angular_velocity.z > {n} -> always[0 s, 500 ms] {i2}.linear_acceleration.x < 2)',
+    'always {b0}.voltage > -{n}',
+    'always ({b1}.present = true and {b1}.current < {n})',
+    'always {b1}.cell_voltage[2] < {n}',
+    'always {l0}.ranges[180] > -{n}',
+    'always ({l1}.ranges[0] < {n} and {l1}.range_max = 30)',
+    'eventually[1 s, 1000 h] {o0}.pose.pose.position.z > {n}',
+    'eventually[1 s, 1000 h] {i1}.angular_velocity.z > {n}',
+    'always ({o0}.pose.pose.position.z < {n} or {b0}.voltage > 10)',
     (
-        'always ("/robot2/odometry".pose.pose.position.z < {n} or '
-        '"/robot2/odometry".pose.covariance[35] > 90)'
+        'always ({o1}.pose.pose.position.x > {n} -> eventually[0 s, 2 s] '
+        '{i1}.linear_acceleration.x < 1)'
     ),
-    'always "/robot0/imu".angular_velocity.z < {n}',
-    'always "/robot1/imu".linear_acceleration.x > -{n}',
-    (
-        'always ("/robot2/imu".angular_velocity.z > {n} -> '
-        'always[0 s, 500 ms] "/robot2/imu".linear_acceleration.x < 2)'
-    ),
-    'always "/robot0/batterystate".voltage > -{n}',
-    'always ("/robot1/batterystate".present = true and "/robot1/batterystate".current < {n})',
-    'always "/robot1/batterystate".cell_voltage[2] < {n}',
-    'always "/robot0/laserscan".ranges[180] > -{n}',
-    'always ("/robot1/laserscan".ranges[0] < {n} and "/robot1/laserscan".range_max = 30)',
-    'eventually[1 s, 1000 h] "/robot0/odometry".pose.pose.position.z > {n}',
-    'eventually[1 s, 1000 h] "/robot1/imu".angular_velocity.z > {n}',
-    'always ("/robot0/odometry".pose.pose.position.z < {n} or "/robot0/batterystate".voltage > 10)',
-    (
-        'always ("/robot1/odometry".pose.pose.position.x > {n} -> '
-        'eventually[0 s, 2 s] "/robot1/imu".linear_acceleration.x < 1)'
-    ),
-    'always ("/robot0/laserscan".ranges[180] < {n} or "/robot0/imu".angular_velocity.z < 1)',
-    'always "/robot2/odometry".twist.twist.linear.x < {n}',
-    'always[0 s, 10 s] "/robot1/laserscan".range_max < 3{n}',
-    (
-        'always ("/robot2/imu".linear_acceleration.x < {n} or '
-        '"/robot2/odometry".pose.pose.position.z < {n})'
-    ),
+    'always ({l0}.ranges[180] < {n} or {i0}.angular_velocity.z < 1)',
+    'always {o2}.twist.twist.linear.x < {n}',
+    'always[0 s, 10 s] {l1}.range_max < 3{n}',
+    'always ({i2}.linear_acceleration.x < {n} or {o2}.pose.pose.position.z < {n})',
 )
 """Formulas over all topics, over one and over two topics, with a place for a threshold."""
 
 RECORDINGS = 8
 CHECK = 'import sys; from dyknow_command import main; sys.exit(main())'
-CHECKED_FORMULAS = [
-    formula
-    for number in range(2)
-    for formula in (
-        f'always "/robot{number}/odometry".pose.pose.position.z < 100',
-        f'always "/robot{number}/batterystate".voltage > -100',
-        f'eventually(0 s, 1 s] "/robot{number}/imu".angular_velocity.z > 100',
-    )
-]
 
 
 def check_equality(path: Path) -> None:
@@ -145,7 +130,7 @@ def reading(*, folder: Path, quick: bool) -> dict[str, Any]:
 def formulas(count: int) -> list[RequestedFormula]:
     """Return formulas that differ in their thresholds."""
     templates = islice(cycle(TEMPLATES), count)
-    return [RequestedFormula(each.format(n=50 + n)) for n, each in enumerate(templates)]
+    return [RequestedFormula(each.format(n=50 + n, **NAMES)) for n, each in enumerate(templates)]
 
 
 def read_raw(path: Path) -> int:
@@ -235,7 +220,7 @@ def first_line(*, folder: Path, **_: Any) -> dict[str, Any]:
     command = [sys.executable, '-c', CHECK, 'check', str(path)]
     return {
         'topics_s': _time_of_line([*command, '--topics']),
-        'check_s': _time_of_line([*command, '--formula', TEMPLATES[0].format(n=50)]),
+        'check_s': _time_of_line([*command, '--formula', TEMPLATES[0].format(n=50, **NAMES)]),
     }
 
 
@@ -258,12 +243,13 @@ def time_of_children() -> float:
 
 def command(count: int, path: Path, jobs: int) -> list[str]:
     """Return the command that checks a number of equal recordings."""
-    words = [sys.executable, '-c', CHECK, 'check', *[str(path)] * count, '--json']
+    words = [sys.executable, '-c', CHECK, 'check', *[str(path)] * count]
     return [
         *words,
+        '--json',
         '--jobs',
         str(jobs),
-        *(w for each in CHECKED_FORMULAS for w in ('--formula', each)),
+        *(f'--formula={each.text}' for each in formulas(6)),
     ]
 
 

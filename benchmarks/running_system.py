@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
-from processes import ENGINE, MANAGER, Client, processor_time, resident_memory
+from processes import ENGINE, MANAGER, Client, costs
 from rclpy.task import Future
 
 import robots
@@ -205,19 +205,7 @@ class RunningSystem:
 
     def costs(self, seconds: float) -> dict[str, dict[str, float]]:
         """Return the share of a core and the memory in MB of each node over a time."""
-        begun, before = time.monotonic(), self._processor_times()
-        self.wait(seconds)
-        elapsed, after = time.monotonic() - begun, self._processor_times()
-        return {
-            name: {
-                'share': round((after[name] - before[name]) / elapsed, 3),
-                'memory_mb': round(resident_memory(pid), 1),
-            }
-            for name, pid in self.pids.items()
-        }
-
-    def _processor_times(self) -> dict[str, float]:
-        return {name: processor_time(pid) for name, pid in self.pids.items()}
+        return costs(self.pids, self.wait, seconds)
 
 
 def running_formulas(client: Client) -> set[tuple[int, int]]:
