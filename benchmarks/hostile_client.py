@@ -23,6 +23,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 
+from dyknow_configuration import PACKAGES
+
 ANSWER_TIMEOUT_S = 10.0
 """Time after which a request counts as unanswered."""
 
@@ -45,10 +47,7 @@ ANY_SUBSCRIBER = QoSProfile(
 )
 """Quality of service that matches every subscriber."""
 
-NODES = (
-    'stream_processing_engine', 'stream_manager', 'ontology_manager', 'stream_semantics_manager',
-    'semantic_matching_engine', 'stream_reasoning_engine', 'stream_reasoning_coordinator',
-)  # fmt: skip
+NODES = tuple(PACKAGES)
 
 
 class HostileClient:
@@ -87,13 +86,10 @@ class HostileClient:
                 return  # It counts as unanswered already.
             self._open.discard(done)
             status = getattr(done.result(), 'exit_status', None)
-            seconds = time.monotonic() - begun
-            if status is None:
-                self.count('answered', seconds=seconds)
-            elif status.code == ExitStatus.INTERNAL_ERROR:
-                self.count('internal error', seconds=seconds, message=status.message[:300])
-            else:
-                self.count(f'code {status.code}', seconds=seconds)
+            outcome = 'answered' if status is None else f'code {status.code}'
+            if status is not None and status.code == ExitStatus.INTERNAL_ERROR:
+                outcome = f'INTERNAL_ERROR: {status.message[:300]}'
+            self.count(outcome, seconds=time.monotonic() - begun)
 
         future.add_done_callback(end)
 
@@ -128,11 +124,10 @@ class HostileClient:
             self.count('unanswered', len(self._open))
             self._open.clear()
 
-    def count(self, outcome: str, number: int = 1, **more: Any) -> None:
+    def count(self, outcome: str, number: int = 1, seconds: float = 0.0) -> None:
         """Report outcomes of the row, at once: this client may be killed at any moment."""
-        print(
-            json.dumps({'row': self._row, 'outcome': outcome, 'number': number, **more}), flush=True
-        )
+        line = {'row': self._row, 'outcome': outcome, 'number': number, 'seconds': seconds}
+        print(json.dumps(line), flush=True)
 
     def publish(
         self,
@@ -165,7 +160,7 @@ class HostileClient:
         try:
             row(self)
         except Exception:  # noqa: BLE001 - a fault of this program is reported, not hidden
-            self.count('fault', fault=traceback.format_exc())
+            self.count(f'fault: {traceback.format_exc()}')
         self.wait_for_answers()
         self.count('completed')
 
