@@ -30,11 +30,8 @@ TOOLS = {'sentil': STATES, 'rtamt': 1000}
 """The other tools, and the states that each is measured over: RTAMT needs far more time."""
 
 
-class Shape(NamedTuple):
-    """A formula in each tool's own form; `{end}` and `{w}` are a time or a number of states.
-
-    The left side of the others' `until` has to hold at the present state too.
-    """
+class Texts(NamedTuple):
+    """A formula in each tool's own form."""
 
     ours: str
     sentil: str
@@ -42,23 +39,26 @@ class Shape(NamedTuple):
 
 
 SHAPES = {
-    'invariant': Shape(
+    'invariant': (
         'always[0 s, {end} s] {x} < {limit}',
         'always[0, {end}] ({x} < {limit})',
-        'always[0, {end}] ({x} < {limit})',
     ),
-    'bounded response': Shape(
+    'bounded response': (
         'always[0 s, {end} s] ({x} > {limit} - 1 -> eventually[0 s, {w} s] {x} < 0)',
         'always[0, {end}] (({x} > {limit} - 1) -> (eventually[0, {w}] ({x} < 0)))',
-        'always[0, {end}] (({x} > {limit} - 1) implies (eventually[0, {w}] ({x} < 0)))',
     ),
-    'until': Shape(
-        'always[0 s, {end} s] ({x} > {limit} - 1 -> {y} < {limit}'
-        ' and ({y} < {limit} until[0 s, {w} s] {x} < 0))',
+    'until': (
+        (
+            'always[0 s, {end} s] ({x} > {limit} - 1 -> {y} < {limit}'
+            ' and ({y} < {limit} until[0 s, {w} s] {x} < 0))'
+        ),
         'always[0, {end}] (({x} > {limit} - 1) -> (({y} < {limit}) until[0, {w}] ({x} < 0)))',
-        'always[0, {end}] (({x} > {limit} - 1) implies (({y} < {limit}) until[0, {w}] ({x} < 0)))',
     ),
 }
+"""Formulas in our form and in that of the others; `{end}` and `{w}` are times, of RTAMT states.
+
+The left side of the others' `until` has to hold at the present state too.
+"""
 
 
 def signals(kind: str, states: int) -> dict[str, np.ndarray[Any, np.dtype[Any]]]:
@@ -69,18 +69,18 @@ def signals(kind: str, states: int) -> dict[str, np.ndarray[Any, np.dtype[Any]]]
     return {f'x{number}': row for number, row in enumerate(rows)}
 
 
-def formulas(shape: str, states: int, limits: Sequence[float]) -> Iterator[Shape]:
+def formulas(shape: str, states: int, limits: Sequence[float]) -> Iterator[Texts]:
     """Yield formulas of a shape, each about other signals and another window."""
+    ours, others = SHAPES[shape]
     for number, limit in enumerate(limits):
         window = 200 + number
         end = states - window - 1
         names = {'x': f'x{number % 4}', 'y': f'x{(number + 1) % 4}', 'limit': limit}
         seconds = {'end': round(end * PERIOD_S, 2), 'w': round(window * PERIOD_S, 2)}
-        ours, sentil, rtamt = SHAPES[shape]
-        yield Shape(
+        yield Texts(
             ours.format(**names, **seconds),
-            sentil.format(**names, **seconds),
-            rtamt.format(**names, end=end, w=window),
+            others.format(**names, **seconds),
+            others.replace('->', 'implies').format(**names, end=end, w=window),
         )
 
 
@@ -100,7 +100,7 @@ def ours(texts: Sequence[str], columns: dict[str, Any]) -> tuple[float, list[boo
 
 
 def theirs(
-    peers: str, tool: str, texts: Sequence[Shape], columns: dict[str, Any]
+    peers: str, tool: str, texts: Sequence[Texts], columns: dict[str, Any]
 ) -> dict[str, Any]:
     """Return what another tool finds, which runs in its own environment."""
     with TemporaryDirectory() as folder:
