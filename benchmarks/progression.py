@@ -209,11 +209,15 @@ def one_formula(*, peers: str, **_: Any) -> Rows:
     found: Rows = {
         'a call that does nothing': baseline[0],
         'the same, and reading the clock': baseline[1],
-        'bounded response': in_a_loop(RESPONSE, 'Alt', SAWTOOTH),
-        'figure 8': in_a_loop(PAPER, 'p', STREAMS['often']),
-        'power': in_a_loop(POWER, 'Power', SURGES),
-        **{name: in_a_loop(text, 'Alt', SAWTOOTH) for name, text in PAST.items()},
     }
+    for name, text, feature, wave in (
+        ('bounded response', RESPONSE, 'Alt', SAWTOOTH),
+        ('figure 8', PAPER, 'p', STREAMS['often']),
+        ('power', POWER, 'Power', SURGES),
+        *((name, text, 'Alt', SAWTOOTH) for name, text in PAST.items()),
+    ):
+        found[name] = in_a_loop(text, feature, wave)
+        found[f'{name}, irregular times'] = in_a_loop(text, feature, wave, regular=False)
     values = list(islice(cycle(SAWTOOTH), 50_000))
     for tool, each in (ask_peers(peers, 'response', values=values) if peers else {}).items():
         if each.get('violated') == [False, True]:
@@ -272,8 +276,13 @@ def every_state(**_: Any) -> list[Rows]:
             'formula': what,
             '100 objects': mean(from_dicts(body, feature, wave, 100, every_state=True)),
             '100 objects, once': mean(from_dicts(once, feature, wave, 100)),
-            'in a loop': in_a_loop(body, feature, wave, every_state=True),
-            'in a loop, once': in_a_loop(once, feature, wave),
+            **{
+                f'in a loop, {kind} times{", once" if text is once else ""}': in_a_loop(
+                    text, feature, wave, regular=kind == 'regular', every_state=text is body
+                )
+                for kind in ('regular', 'irregular')
+                for text in (body, once)
+            },
         })  # fmt: skip
     return rows
 
