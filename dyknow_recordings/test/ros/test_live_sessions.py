@@ -61,6 +61,7 @@ class Published:
     Args:
         silences: the start and the duration of each.
         fault: the time from which on one message lacks its field, or comes late; None without.
+        is_coarse: True if each second message has the stamp of the one before; with 50 ms only.
     """
 
     period: int
@@ -68,6 +69,7 @@ class Published:
     silences: Sequence[tuple[int, int]] = ()
     fault: int | None = None
     is_late: bool = False
+    is_coarse: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,16 +89,18 @@ class World:
         found: list[RecordedSample] = []
         for number, (name, topic) in enumerate(self.topics.items(), start=1):
             fault = topic.fault
-            for time in range(topic.begin + number, self.length, topic.period):
+            for count, time in enumerate(range(topic.begin + number, self.length, topic.period)):
                 if any(start <= time < start + length for start, length in topic.silences):
                     continue
                 value: float | None = self.value('Height' if name in 'be' else 'Power', time)
                 delay = 0
                 if fault is not None and time >= fault:
                     fault, value, delay = None, value if topic.is_late else None, 90
-                stamp = at(0) + time * MS + number * 1000
+                sent = at(0) + time * MS + number * 1000
+                is_second = topic.is_coarse and topic.period == 50 and count % 2
+                stamp = sent - 50 * MS * is_second
                 found.append(
-                    RecordedSample(stamp + delay * MS, f'/{name}', TYPE, stamp, {'v': value})
+                    RecordedSample(sent + delay * MS, f'/{name}', TYPE, stamp, {'v': value})
                 )
         return recording(found)
 
@@ -116,6 +120,7 @@ PUBLISHED = st.builds(
     ),
     fault=st.none() | TIMES,
     is_late=st.booleans(),
+    is_coarse=st.booleans(),
 )
 DURATIONS = st.lists(st.sampled_from([1500, 3000, 6000, 9000]), max_size=8)
 EDGES = st.fixed_dictionaries(
