@@ -50,6 +50,8 @@ FORMULAS: dict[str, Callable[[float, float], bool]] = {
     'eventually[0 s, 12 s] Power + Height > 8': lambda power, height: power + height > 8,
 }
 STEP_MS = 100
+# The period of topics of which two messages may have one stamp.
+COARSE_MS = 50
 # Steps for which a signal may be high without a state: after more, a constraint is broken.
 UNNOTICED = 15
 
@@ -61,7 +63,7 @@ class Published:
     Args:
         silences: the start and the duration of each.
         fault: the time from which on one message lacks its field, or comes late; None without.
-        is_coarse: True if each second message has the stamp of the one before; with 50 ms only.
+        is_coarse: True if each second message has the stamp of the one before; see COARSE_MS.
     """
 
     period: int
@@ -97,8 +99,8 @@ class World:
                 if fault is not None and time >= fault:
                     fault, value, delay = None, value if topic.is_late else None, 90
                 sent = at(0) + time * MS + number * 1000
-                is_second = topic.is_coarse and topic.period == 50 and count % 2
-                stamp = sent - 50 * MS * is_second
+                is_second = topic.is_coarse and topic.period == COARSE_MS and count % 2
+                stamp = sent - COARSE_MS * MS * is_second
                 found.append(
                     RecordedSample(sent + delay * MS, f'/{name}', TYPE, stamp, {'v': value})
                 )
@@ -205,12 +207,13 @@ def check(world: World, formula: str, found: Outcome) -> None:
         return
     assert found.decided_at is not None
     end = (found.decided_at - at(0)) // MS
-    times = range(end, max(end - WINDOW_MS, 0), -STEP_MS)
+    # A message may have the stamp of an earlier one.
+    times = range(end + COARSE_MS, max(end - WINDOW_MS, 0), -STEP_MS)
     is_about = FORMULAS[formula]
     high = [is_about(*(world.value(each, time) for each in ('Power', 'Height'))) for time in times]
     if (found.verdict is Verdict.TRUE) == formula.startswith('eventually'):
         # A value counts until the next one of its stream.
-        assert any(high[:10]), 'no state is like the deciding one'
+        assert any(high[:11]), 'no state is like the deciding one'
     else:
         runs = ''.join('1' if each else '0' for each in high).split('0')
         assert max(map(len, runs)) < UNNOTICED, 'the signal was high for longer than a gap may be'
