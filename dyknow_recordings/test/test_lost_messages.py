@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from small_bags import (
 )
 
 from dyknow_common import NANOSECONDS
+from dyknow_recordings.reading.bags.bag import Bag
+from dyknow_recordings.reading.recording import MISSING
 
 pytestmark = pytest.mark.long
 
@@ -347,6 +350,64 @@ def test_topics_that_have_lost_nothing(tmp_path: Path) -> None:
         path.write_bytes(mcap(NUMBER, other, chunk(pairs, times)))
         assert check(path, 'always "/y".x < 5')[0] == 0
         assert check(path, 'always "/x".x < 5')[0] == (0 if is_shared else 2)
+
+
+Row = tuple[int, int, int]
+"""The time in steps, the channel and the sequence number of a message."""
+
+
+def counted(key: int, period: int, *lost: int, first: int = 1) -> list[Row]:
+    """Return the messages of a channel that counts them by itself, without those that are lost."""
+    numbers = range(first, first + 400 // period)
+    return [((n - first) * period, key, n) for n in numbers if n not in lost]
+
+
+EVERY = counted(1, 1) + counted(2, 10)
+TOGETHER = [(time, key, n) for n, (time, key, _) in enumerate(sorted(EVERY))]
+SEQUENCES: dict[str, tuple[list[Row], dict[str, int]]] = {
+    'none is missing': (EVERY, {}),
+    'an early one': (counted(1, 1) + counted(2, 10, 2), {'/y': 1}),
+    'a late one': (counted(1, 1) + counted(2, 10, 35), {'/y': 1}),
+    'of large numbers': (counted(1, 1, 1330, first=1001) + counted(2, 10), {'/x': 1}),
+    'each third': (counted(1, 1, *range(2, 401, 3)) + counted(2, 10), {'/x': 133}),
+    'a silence': (counted(1, 1, *range(101, 200)) + counted(2, 10), {'/x': 99}),
+    'all are zero': ([(time, key, 0) for time, key, _ in EVERY], {}),
+    'counted together': ([row for row in TOGETHER if row[2] % 30 != 5], {}),
+    'two publishers': (counted(1, 1, 9) + counted(1, 10) + counted(2, 10), {}),
+}
+"""By kind: the messages, and how many of a topic are known to be missing."""
+
+
+def in_chunks(path: Path, rows: list[Row], size: int) -> Path:
+    chunks = []
+    for at in range(0, len(rows), size):
+        part = sorted(rows)[at : at + size]
+        content = [stored(key, START + time * STEP, payload(0), n) for time, key, n in part]
+        times = START + part[0][0] * STEP, START + part[-1][0] * STEP
+        chunks.append((chunk(content, times), times, Counter(key for _, key, _ in part)))
+    path.write_bytes(indexed_mcap(NUMBER + channel(2, 1, '/y'), chunks))
+    return path
+
+
+@pytest.mark.parametrize('topics', [{'/x'}, {'/y'}, {'/x', '/y'}])
+@pytest.mark.parametrize('size', [3, 20, 4000])
+@pytest.mark.parametrize('kind', SEQUENCES)
+def test_sequence_numbers(tmp_path: Path, kind: str, size: int, topics: set[str]) -> None:
+    """Losses depend neither on the size of chunks, nor on topics whose chunks are skipped."""
+    rows, missing = SEQUENCES[kind]
+    with Bag(in_chunks(tmp_path / 'a.mcap', rows, size)) as bag:
+        assert list(bag.messages(topics))
+        found = [(each.place, each.reason, each.count) for each in bag.faults]
+    lost = [(f"topic '{name}'", MISSING, n) for name, n in missing.items() if name in topics]
+    assert found == lost
+
+
+def test_sequence_numbers_that_seldom_increase_by_one(tmp_path: Path) -> None:
+    rows = counted(1, 1, *range(2, 401, 2))
+    path = in_chunks(tmp_path / 'a.mcap', rows, 20)
+    code, found, (note,) = check(path, 'always "/x".x < 5', '--strict')
+    assert (code, found['outcome']) == (2, 'undecided')
+    assert "topic '/x': its sequence numbers mostly increase by more than one" in note
 
 
 SYNC = 'stream s = sync(select x from "/x", select x as y from "/y"); sink s'

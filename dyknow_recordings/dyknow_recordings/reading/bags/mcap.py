@@ -117,7 +117,6 @@ class McapFile:
         self._indexed: _Chunk | None = None
         # The reason why all messages after the last one found are lost.
         self._end_fault = ''
-        self._sequences = SequenceNumbers()
         with path.open('rb') as file:
             start = file.read(len(MCAP_MAGIC))
             if start != MCAP_MAGIC:
@@ -145,10 +144,11 @@ class McapFile:
         }
         table = np.full(1 << 16, -1, np.int64)
         table[list(ids)] = list(ids.values())
-        self._sequences = SequenceNumbers()
+        sequences, first = SequenceNumbers(self._channels, self.faults), 0
         for chunk in self._chunks:
             if not chunk.counts.keys().isdisjoint(ids):
-                yield chunk.start, partial(self._messages, chunk, table)
+                yield chunk.start, partial(self._messages, chunk, table, sequences, first)
+            first += chunk.counts.total()
 
     def _scan(self) -> None:
         """Find the chunks and channels; then the chunks that only the index still knows."""
@@ -314,12 +314,16 @@ class McapFile:
         if times:
             chunk.start, chunk.stop = min(times), max(times)
 
-    def _messages(self, chunk: _Chunk, numbers: NDArray[np.int64]) -> StoredMessages:
+    def _messages(
+        self, chunk: _Chunk, numbers: NDArray[np.int64], sequences: SequenceNumbers, first: int
+    ) -> StoredMessages:
         """Return the messages in a chunk.
 
         Args:
             chunk: where they are.
             numbers: of the channels in the bag by those in this file; -1 for those not wanted.
+            sequences: the sequence numbers of the messages before.
+            first: the number of messages before.
         """
         content = self._content(chunk)
         data, header = content.data, RECORD.size
@@ -334,8 +338,9 @@ class McapFile:
         times = values('i8', positions + header + _TIME_OFFSET).astype(np.int64)
         self._check_content(chunk, content, times, is_whole=is_whole)
         sequence = values('u4', positions + header + _SEQUENCE_OFFSET).astype(np.int64)
-        self._sequences.check(keys, times, sequence, self._channels, self.faults)
         wanted = numbers[keys] >= 0
+        places = first + np.arange(len(keys))
+        sequences.check(np.stack([keys, places, times, sequence]), wanted)
         positions, channels, times = positions[wanted], numbers[keys[wanted]], times[wanted]
         sizes = values('i8', positions + 1).astype(np.int64) - MESSAGE_SIZE
         sent = values('i8', positions + (header + _SENT_OFFSET)).astype(np.int64)
