@@ -360,10 +360,11 @@ def test_folders_that_are_no_recordings(tmp_path: Path) -> None:
 def test_one_file_of_a_bag_that_is_damaged(tmp_path: Path) -> None:
     write(tmp_path / 'bag', 'mcap', 'none', [message(0)])
     (tmp_path / 'bag' / 'metadata.yaml').unlink()
-    (tmp_path / 'bag' / 'other.mcap').write_bytes(b'')
+    (tmp_path / 'bag' / 'bag.mcap').rename(tmp_path / 'bag' / 'bag_0.mcap')
+    (tmp_path / 'bag' / 'bag_1.mcap').write_bytes(b'')
     with Bag(tmp_path / 'bag') as bag:
         assert len(list(bag.messages())) == 1
-        assert 'other.mcap: the file is empty' in bag.faults[-1].reason
+        assert 'bag_1.mcap: the file is empty' in bag.faults[-1].reason
 
 
 def test_real_flights() -> None:

@@ -25,6 +25,7 @@ from small_bags import (
 )
 
 from dyknow_common import NANOSECONDS
+from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.reading.bags.bag import Bag
 from dyknow_recordings.reading.recording import MISSING
 
@@ -267,11 +268,45 @@ def part(first: int, last: int) -> bytes:
     return mcap(NUMBER, chunk(messages()[first:last], times), b'')
 
 
-def test_a_file_that_is_missing(tmp_path: Path) -> None:
-    files = {'a.mcap': part(0, 10), 'b.mcap': b'', 'c.mcap': part(20, 40)}
+@pytest.mark.parametrize('has_metadata', [True, False])
+def test_a_file_that_is_missing(tmp_path: Path, *, has_metadata: bool) -> None:
+    files = {'x_0.mcap': part(0, 10), 'x_1.mcap': b'', 'x_2.mcap': part(20, 40)}
     path = folder_of(tmp_path / 'bag', files, COUNT)
-    check_lost(path, 'the file b.mcap is missing')
+    if not has_metadata:
+        (path / 'metadata.yaml').unlink()
+    check_lost(path, 'the file x_1.mcap is missing')
     check_kept(path)
+
+
+@pytest.mark.parametrize(
+    ('names', 'missing'),
+    [
+        (['x_0', 'x_1'], []),
+        (['run_2', 'run_5', 'run_10'], [0, 3, 6]),
+        (['x_0', 'x_9999999999999'], [1]),
+        (['x_2'], []),
+        (['x'], []),
+        (['x_1', 'x_2'], None),
+        (['x_0', 'y_1'], None),
+        (['x', 'y'], None),
+    ],
+)
+def test_files_without_metadata(
+    tmp_path: Path, names: list[str], missing: list[int] | None
+) -> None:
+    """They are one bag if their numbers tell so, which also show what is missing."""
+    content = {f'{name}.mcap': part(10 * at, 10 * at + 10) for at, name in enumerate(names)}
+    path = folder_of(tmp_path / 'run', content, COUNT)
+    (path / 'metadata.yaml').unlink()
+    if missing is None:
+        with pytest.raises(RecordingError, match=r'not numbered .* write: .*/run/\*\.mcap$'):
+            Bag(path)
+        return
+    with Bag(path) as bag:
+        assert len(list(bag.messages())) == 10 * len(names)
+        reasons = [each.reason for each in bag.faults]
+    stem = names[0].partition('_')[0]
+    assert reasons[1:] == [f'the file {stem}_{number}.mcap is missing' for number in missing]
 
 
 @pytest.mark.parametrize('source', ['metadata.yaml', 'statistics'])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from base64 import b64decode, b64encode
 from collections import Counter
@@ -28,6 +29,9 @@ METADATA: Final = 'metadata.yaml'
 
 CUT: Final = 'dyknow_cut'
 """The key in the custom data of a bag that is cut from a recording: what that lacks."""
+
+_PART: Final = re.compile(r'(.*)_(\d+)(\.mcap|\.db3)(\.zstd)?')
+"""The name of a part of a bag: its stem, number and ending, and whether it is compressed."""
 
 _DAMAGE: Final = (
     yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError, RecursionError
@@ -135,7 +139,7 @@ def _without_end(path: Path, excess: int, stack: ExitStack) -> Path:
 
 
 def _paths(folder: Path, faults: FaultCounter) -> tuple[list[Path], BagMetadata]:
-    """Return the files that the metadata names, or all that look like parts of a bag."""
+    """Return the files that the metadata names, or those numbered as parts of one bag."""
     present = sorted(each for each in folder.iterdir() if each.name.endswith(BAG_SUFFIXES))
     if not present and not (folder / METADATA).exists():
         raise RecordingError(
@@ -148,7 +152,31 @@ def _paths(folder: Path, faults: FaultCounter) -> tuple[list[Path], BagMetadata]
         raise RecordingError(
             f'{folder}: the files of the bag are missing: {names}', ExitCode.NOT_FOUND
         )
-    return named or present, metadata
+    return named or _numbered(folder, present), metadata
+
+
+def _numbered(folder: Path, present: Sequence[Path]) -> list[Path]:
+    """Return the parts of a bag in the order of their numbers, and the first of each hole."""
+    matches = [_PART.fullmatch(each.name) for each in present]
+    parts = sorted((int(match[2]), match.string) for match in matches if match)
+    names = {match and match.group(1, 3) for match in matches}
+    name = names.pop() if len(names) == 1 else None
+    if name and (parts[0][0] == 0 or name[0] == folder.resolve().name):
+        paths, expected = [], 0
+        for number, file in parts:
+            if number > expected:
+                paths.append(folder / f'{name[0]}_{expected}{name[1]}')
+            paths.append(folder / file)
+            expected = number + 1
+        return paths
+    if len(present) > 1:
+        listed = shortened(', '.join(each.name for each in present))
+        endings = ' '.join(sorted({f'{folder}/*{each.suffix}' for each in present}))
+        raise RecordingError(
+            f'{folder}: the folder has no usable {METADATA}, and its files are not numbered as '
+            f'those of one bag: {listed}; to check each for itself, write: {endings}'
+        )
+    return list(present)
 
 
 @dataclass(frozen=True, slots=True)
