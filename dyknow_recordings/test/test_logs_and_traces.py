@@ -76,6 +76,7 @@ def test_faults_of_a_log(path: Path) -> None:
         assert [str(fault) for fault in opened.faults] == [
             "topic '/number': a message has no time",
             "topic '/number': the log time jumps back, first for 2.00 s after 5.000002 s",
+            "topic '/number': a message has no time: its stamp is from before the log",
             f'{path}: the logger has lost messages, first for 250 ms',
             f'{path}: the file ends early, within a message',
             f'{path}: no message is recorded, first for 14400 s after 5.000002 s',

@@ -39,6 +39,7 @@ def write(path: Path, first: Sequence[int], last: Sequence[int] = ()) -> None:
         ([0, START_US], [], [(START_US, 1)], []),
         ([0, 0, START_US + 5], [], [(START_US + 5, 2)], [f'{BEFORE} (2 times)']),
         ([], [0], [], [BEFORE]),
+        ([START_US + 5, 0, START_US + 9], [], [(START_US + 5, 0), (START_US + 9, 2)], [BEFORE]),
         ([END_US + HOUR_US], [], [], [AFTER]),
         ([START_US, START_US + HOUR_US], [END_US], [(START_US, 0), (END_US, 0)], [AFTER]),
         # Nothing tells that this stamp is wrong.

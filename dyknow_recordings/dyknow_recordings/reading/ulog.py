@@ -458,7 +458,10 @@ def placed(
     if not len(early):
         return inner, 0, strays
     repeats = len(early) > 1 and early.times[-1] == early.times[-2]
-    is_late = late is not None and early.positions is not None and early.positions.max() > late
+    is_late = False
+    if early.positions is not None and inner.positions is not None:
+        first = inner.positions.min(initial=END if late is None else late)
+        is_late = early.positions.max() > first
     if repeats or is_late:
         return inner, len(early), strays
     if len(inner) and inner.times[0] == span[0]:
