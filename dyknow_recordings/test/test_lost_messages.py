@@ -224,6 +224,12 @@ def with_a_destroyed_page(path: Path) -> None:
     path.write_bytes(data)
 
 
+def cut_off(path: Path) -> None:
+    database(path, rows(), DEFINITION)
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(payload(LOST)) // 512 * 512])
+
+
 def with_damaged_compression(path: Path) -> None:
     packed = [(time, zstd.compress(data or b'')) for time, data in rows()]
     packed[LOST] = packed[LOST][0], packed[LOST][1][:-3]
@@ -233,6 +239,7 @@ def with_damaged_compression(path: Path) -> None:
 DATABASES: dict[str, tuple[Callable[[Path], None], str]] = {
     'no data': (without_data, 'a message has no time or no data'),
     'a destroyed page': (with_a_destroyed_page, 'the database is damaged'),
+    'a cut end': (cut_off, 'the database is damaged'),
     'compression': (with_damaged_compression, 'the compression of a message is damaged'),
 }
 

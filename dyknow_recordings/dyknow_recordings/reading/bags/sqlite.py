@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import Any, Final
 
 import numpy as np
@@ -60,6 +61,8 @@ def _open(path: Path) -> sqlite3.Connection:
     options = '?mode=ro' if has_log else '?mode=ro&immutable=1'
     database = sqlite3.connect(f'{path.absolute().as_uri()}{options}', uri=True)
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOCK_BYTES)
+    # Without it, SQLite reads no page of a file that ends early.
+    database.execute('PRAGMA writable_schema = ON')
     database.text_factory = lambda text: str(text, 'utf-8', 'replace')
     return database
 
@@ -90,7 +93,12 @@ class SqliteFile:
                 self._database = stack.enter_context(closing(_open(path)))
                 self._channels = self._read_channels()
             except _ERRORS as error:
-                raise RecordingError(f'{name}: not a readable bag: {error}') from None
+                mend = (
+                    f'; to rescue a part of it: sqlite3 {quote(name)} .recover | sqlite3 part.db3'
+                )
+                is_damaged = type(error) is sqlite3.DatabaseError
+                reason = f'not a readable bag: {error}{mend * is_damaged}'
+                raise RecordingError(f'{name}: {reason}') from None
             self._is_damaged = False
             self._count()
             stack.pop_all()
