@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from backports import zstd
 from rosbags.interfaces import (
     Qos,
     QosDurability,
@@ -317,7 +318,18 @@ POINTER = b'version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsiz
         ('a.db3', b'time_s, x\n', 'the file is no database of SQLite'),
         ('a.ulg', b'time_s, x\n', 'the file is no log of PX4'),
         ('a.csv', b'\xff\xfe\0', 'it is not in UTF-8'),
-        ('a.db3', b'SQLite format 3\0', 'not a readable bag'),
+        ('a.db3', b'SQLite format 3\0', r'to rescue a part of it: sqlite3 .*a\.db3 \.recover'),
+        (
+            'a.mcap.zstd',
+            zstd.compress(POINTER)[:9],
+            'ends early, in its first block; was it copied',
+        ),
+        ('a.db3.zstd', zstd.compress(POINTER)[:9], 'ends early, in its first block; was it copied'),
+        (
+            'a.ulg',
+            b'ULog\x01\x125\1' + bytes(99) + b'\xff\xff\x07.',
+            'its begin is damaged, or .* again',
+        ),
         ('a.bag', b'#ROSBAG V2.0', 'a bag of ROS 1; convert it with: rosbags-convert --src'),
         ('a.bin', b'\xa3\x95', 'not a recording; DyKnow reads folders of rosbag2'),
         ('a.mcap', POINTER, 'a pointer file of Git LFS, not the recording; run: git lfs pull'),

@@ -275,8 +275,8 @@ def _read(path: Path) -> tuple[bytes, Any]:
             f'{path}: the log needs more memory than this computer has', ExitCode.UNAVAILABLE
         ) from None
     except Exception as error:
-        # Damaged files make the library raise errors of many kinds, some without a text.
-        reason = str(error) or type(error).__name__
+        # Damaged files make the library raise errors of many kinds, whose texts help nobody.
+        reason = 'its begin is damaged, or of an unknown version; copy it from the vehicle again'
         raise RecordingError(f'{path}: not a readable log of PX4: {reason}') from error
     return data, log
 

@@ -104,6 +104,9 @@ def _open(path: Path, faults: FaultCounter, stack: ExitStack) -> StorageFile:
                 plain = Path(_temporary_folder(stack), path.name.removesuffix('.zstd'))
                 if not decompress_file(path, plain):
                     fault = 'the compressed file is damaged or ends early'
+                    if not plain.stat().st_size:
+                        reason = f'{fault}, in its first block; was it copied completely?'
+                        raise RecordingError(f'{path}: {reason}')
         opened: StorageFile
         if plain.suffix == '.db3':
             # Loading SQLite takes a while.
