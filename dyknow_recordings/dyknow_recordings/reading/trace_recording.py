@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import ExitCode, ValueType, absence, open_text
+from dyknow_common import ExitCode, ValueType, absence, format_time, open_text
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.trace import RecordedState, declared_types, read_trace
 from dyknow_recordings.errors import RecordingError
@@ -37,7 +37,8 @@ class TraceRecording(RecordingReader):
         path: of the file.
 
     Raises:
-        RecordingError: if the file is missing (NOT_FOUND), or its first row cannot be read.
+        RecordingError: if the file is missing (NOT_FOUND), or its first row cannot be read or has a
+            time below 0.
     """
 
     def __init__(self, path: Path) -> None:
@@ -53,6 +54,11 @@ class TraceRecording(RecordingReader):
             self._count += len(states)
             for state in states:
                 self._see(state)
+        if self._first < 0:
+            begin = f'the trace begins at {format_time(self._first)}'
+            raise RecordingError(
+                f'{path}: {begin}; no time may be below 0: add the same time to all rows'
+            )
         with open_text(path, 'trace', RecordingError) as lines:
             self._fields = {**declared_types(lines), **self._fields}
 
