@@ -70,20 +70,18 @@ class SequenceNumbers:
         self._steps_back[keys[steps <= 0]] = True
         if self._shared > 0:
             return
-        gaps = np.flatnonzero((steps > 1) & ~self._steps_back[keys])
-        before, after = rows[2, same[gaps]], rows[2, same[gaps] + 1]
-        for key, first, last, count in zip(
-            keys[gaps].tolist(),
-            np.minimum(before + 1, after).tolist(),
-            (after - 1).tolist(),
-            (steps[gaps] - 1).tolist(),
-            strict=True,
-        ):
-            quality, topic = self._channels[key].quality_of_service, self._channels[key].topic
-            place = f"topic '{topic}'"
-            if quality is not None and quality.publishers != 1:
-                continue
-            if self._excess[key] > _MOST_GAPS:
-                self._faults.add(place, _OTHER_STEPS)
-            else:
-                self._faults.lose(place, MISSING, count, topics={topic}, first=first, last=last)
+        for row in np.flatnonzero((steps > 1) & ~self._steps_back[keys]).tolist():
+            before, after = rows[2, same[row] : same[row] + 2].tolist()
+            self._lose(int(keys[row]), before, after, int(steps[row]) - 1)
+
+    def _lose(self, key: int, before: int, after: int, count: int) -> None:
+        """Note that a channel lacks messages between two log times."""
+        quality, topic = self._channels[key].quality_of_service, self._channels[key].topic
+        place = f"topic '{topic}'"
+        if quality is not None and quality.publishers != 1:
+            return
+        if self._excess[key] > _MOST_GAPS:
+            self._faults.add(place, _OTHER_STEPS)
+            return
+        first, last = min(before + 1, after), after - 1
+        self._faults.lose(place, MISSING, count, topics={topic}, first=first, last=last)
