@@ -205,9 +205,6 @@ def test_a_chunk_that_states_fewer_bytes_and_has_no_compression(tmp_path: Path) 
     assert check(path, 'always "/x".x < 10')[0] == 2
 
 
-PADDED = f'{DEFINITION}uint8[24] unused\n'
-
-
 def rows() -> list[tuple[int, bytes | None]]:
     """Return messages for a database, padded so that ten of them fill a page."""
     return [(START + number * STEP, payload(number) + bytes(24)) for number in range(COUNT)]
@@ -216,11 +213,11 @@ def rows() -> list[tuple[int, bytes | None]]:
 def without_data(path: Path) -> None:
     lacking = rows()
     lacking[LOST] = (lacking[LOST][0], None)
-    database(path, lacking, PADDED)
+    database(path, lacking, DEFINITION)
 
 
 def with_a_destroyed_page(path: Path) -> None:
-    database(path, rows(), PADDED)
+    database(path, rows(), DEFINITION)
     data = bytearray(path.read_bytes())
     page = data.index(payload(LOST)) // 512 * 512
     data[page : page + 512] = b'\xff' * 512
@@ -228,7 +225,7 @@ def with_a_destroyed_page(path: Path) -> None:
 
 
 def cut_off(path: Path) -> None:
-    database(path, rows(), PADDED)
+    database(path, rows(), DEFINITION)
     data = path.read_bytes()
     path.write_bytes(data[: data.index(payload(LOST)) // 512 * 512])
 
@@ -236,7 +233,7 @@ def cut_off(path: Path) -> None:
 def with_damaged_compression(path: Path) -> None:
     packed = [(time, zstd.compress(data or b'')) for time, data in rows()]
     packed[LOST] = packed[LOST][0], packed[LOST][1][:-3]
-    database(path, packed, PADDED)
+    database(path, packed, DEFINITION)
 
 
 DATABASES: dict[str, tuple[Callable[[Path], None], str]] = {
@@ -250,7 +247,7 @@ DATABASES: dict[str, tuple[Callable[[Path], None], str]] = {
 @pytest.mark.parametrize('kind', DATABASES)
 def test_damage_of_a_database(tmp_path: Path, kind: str) -> None:
     path = tmp_path / 'a.db3'
-    database(path, rows(), PADDED)
+    database(path, rows(), DEFINITION)
     code, found, notes = check(path, 'always "/x".x < 5')
     assert (code, found['outcome'], notes) == (1, 'false', [])
     build, reason = DATABASES[kind]
