@@ -329,7 +329,7 @@ POINTER = b'version https://git-lfs.github.com/spec/v1\noid sha256:4d7a2146\nsiz
         (
             'a.ulg',
             b'ULog\x01\x125\1' + bytes(99) + b'\xff\xff\x07.',
-            'its begin is damaged, or .* again',
+            'its beginning is damaged, or .* again',
         ),
         ('a.bag', b'#ROSBAG V2.0', 'a bag of ROS 1; convert it with: rosbags-convert --src'),
         ('a.bin', b'\xa3\x95', 'not a recording; DyKnow reads folders of rosbag2'),

@@ -276,7 +276,9 @@ def _read(path: Path) -> tuple[bytes, Any]:
         ) from None
     except Exception as error:
         # Damaged files make the library raise errors of many kinds, whose texts help nobody.
-        reason = 'its begin is damaged, or of an unknown version; copy it from the vehicle again'
+        reason = (
+            'its beginning is damaged, or of an unknown version; copy it from the vehicle again'
+        )
         raise RecordingError(f'{path}: not a readable log of PX4: {reason}') from error
     return data, log
 
