@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -19,11 +20,15 @@ from dyknow_reasoning import (
     FormulaGroup,
     FormulaProbability,
     FormulaResult,
+    PastFormula,
+    PastTerm,
     ReasoningError,
     UnknownFeatures,
     UnknownValueError,
+    parse_formula,
     probability_of,
     start_verdicts,
+    walk,
 )
 from dyknow_recordings.errors import RecordingError
 from dyknow_recordings.evaluation.grounding import GroundedFormula
@@ -277,8 +282,13 @@ class EpisodeGroup:
             is_final: True if other states may be wrong, too: then the formulas fail.
         """
         self._losses.append(lost)
+        for trigger in self._triggers.values():
+            trigger.lose()
         for each in self._running:
-            if is_final or each.open_episodes.keys() & self._fresh:
+            is_first_lost = each.open_episodes.keys() & self._fresh or (
+                not self._states and _looks_back(each.grounded)
+            )
+            if is_final or is_first_lost:
                 self._fail(each, self._loss())
 
     @property
@@ -404,6 +414,10 @@ class _Trigger:
         """Record that states may be missing before the next one."""
         self._group.gap()
 
+    def lose(self) -> None:
+        """Record that it may have begun to hold at a state that is lost."""
+        self._held = True
+
     def rises(self, valid_time: int, values: Mapping[str, Value]) -> bool | DyKnowError:
         """Return True if it holds now and did not before; its error if it has no verdict."""
         formula_id = self._group.add_formula(self._text, self._text)
@@ -419,6 +433,13 @@ class _Trigger:
             return result.error
         held, self._held = self._held, result.verdict is Verdict.TRUE
         return self._held and not held
+
+
+def _looks_back(grounded: GroundedFormula) -> bool:
+    """Return True if a verdict may depend on states before the first of its episode."""
+    texts = [grounded.formula, *filter(None, [grounded.trigger])]
+    nodes = chain.from_iterable(walk(parse_formula(each)) for each in texts)
+    return any(isinstance(each, PastFormula | PastTerm) for each in nodes)
 
 
 def _margin_of(formula: FormulaEpisodes, margin: Margin | None) -> Margin | None:
