@@ -10,6 +10,7 @@ from dyknow_common.constraints import (
 from dyknow_common.durations import (
     MAX_DIGITS,
     MAX_DURATION_NS,
+    MAX_OFFSET_NS,
     NANOSECONDS,
     REPAIR_NS,
     SECOND_NS,
@@ -157,6 +158,7 @@ __all__ = [
     'MAX_DURATION_NS',
     'MAX_FORMULA_PARTS',
     'MAX_NAME',
+    'MAX_OFFSET_NS',
     'MAX_RECORDED_NS',
     'MAX_RECORDED_TOPICS',
     'MAX_STREAM_PARTS',

@@ -108,7 +108,7 @@ def test_the_schema_refuses_others(change: dict[str, Any], message: str) -> None
     assert faults(document)
 
 
-def test_all_outputs_count_times_from_the_first_state(
+def test_all_outputs_count_times_from_the_start_as_begin_does(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     # The first state was valid 5 ms before the first message was logged.
@@ -122,7 +122,7 @@ def test_all_outputs_count_times_from_the_first_state(
     output.add(report)
     output.close(())
     for text in (*(each.read_text(encoding='utf-8') for each in paths), capsys.readouterr().out):
-        assert 'a.x = 3 at 0.250 s is not' in text
+        assert 'a.x = 3 at 0.245 s is not' in text
     assert 'formula: always (a.x &lt; 2 m)' in paths[0].read_text(encoding='utf-8')
 
 

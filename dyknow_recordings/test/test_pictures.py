@@ -55,6 +55,7 @@ from dyknow_recordings.reporting.pictures.timeline import (
     pending_windows,
     segments,
 )
+from dyknow_recordings.reporting.table import Tables
 from dyknow_stream_processing import Violation
 
 pytestmark = pytest.mark.skipif(
@@ -134,6 +135,22 @@ def test_the_outcome_over_time() -> None:
         [(whole, 'true')],
         [(whole, 'error')],
     ]
+
+
+@pytest.mark.parametrize(('later', 'shown'), [(0.0, 0.0), (0.9, -0.9), (10.0, -10.0), (1e6, 0.0)])
+def test_times_count_from_the_start_of_the_recording(
+    later: float, shown: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """So they are what --begin takes, unless the log times are of another clock."""
+    report = checked('always "/a".p < 5', values=[*range(10)])
+    report = replace(report, start_time=at(later), end_time=at(later + 0.9))
+    whole = extent(report)
+    assert whole.start == at(0)
+    assert whole.text(at(0.5)) == f'{shown + 0.5:.3f} s'
+    assert whole.ticks[0] >= whole.start
+    assert (whole.ticks[0] - whole.origin) % (whole.ticks[1] - whole.ticks[0]) == 0
+    Tables(Judgement.AUTO).add(report)
+    assert f' {shown + 0.5:.3f} s' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

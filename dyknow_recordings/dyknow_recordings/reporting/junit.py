@@ -86,7 +86,7 @@ class JUnitSuites(CheckOutput):
             _class_name(recording.recording),
             _seconds(end - recording.start_time),
         )
-        text = with_readable_times('\n'.join(reasons(formula)), extent(recording).start)
+        text = with_readable_times('\n'.join(reasons(formula)), extent(recording).origin)
         lines = text, f'formula: {formula_text(formula.formula)}'
         if formula.outcome is Outcome.ERROR:
             error = formula.error or (decisive and decisive.error)

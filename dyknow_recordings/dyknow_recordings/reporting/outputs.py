@@ -94,7 +94,7 @@ class Messages(CheckOutput):
     def add(self, report: RecordingReport) -> None:
         """Print the notes of a recording."""
         if self._with_notes:
-            start = extent(report).start
+            start = extent(report).origin
             notes = (with_readable_times(str(each), start) for each in report.notes)
             print_notes(report.recording, notes)
 

@@ -60,7 +60,7 @@ class Tables(CheckOutput):
 
 def recording_table(report: RecordingReport, judgement: Judgement) -> Table:
     """Return the results of one recording: a row for each formula."""
-    start = extent(report).start
+    start = extent(report).origin
     has_margins = any(each.margin is not None for each in report.formulas)
     has_probabilities = any(each.probability is not None for each in report.formulas)
     margins = [folded('margin')] if has_margins else []
@@ -95,7 +95,7 @@ def _reason(report: FormulaReport) -> str:
 
 def _title(report: RecordingReport) -> Text:
     duration = round_duration(report.end_time - report.start_time)
-    return Text(f'{report.recording} ({duration} from {date_time(extent(report).start)} on)')
+    return Text(f'{report.recording} ({duration} from {date_time(extent(report).origin)} on)')
 
 
 def print_topics(recording: RecordingReader) -> None:

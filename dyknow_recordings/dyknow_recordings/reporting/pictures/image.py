@@ -62,7 +62,7 @@ def report_image(reports: Sequence[RecordingReport], judgement: Judgement) -> by
             _draw_strip(axes, formula, whole, f'{heading}\n{title}' if heading else title)
         else:
             _draw_panel(axes, panel, found, whole)
-        axes.set_xlim(0, whole.since_start(last_shown(whole, found)))
+        axes.set_xlim(*_ends(Span(whole.start, last_shown(whole, found)), whole))
     if not shown:
         grid[0, 0].set_axis_off()
         grid[0, 0].text(0, 0.5, 'no recording could be read')
@@ -94,7 +94,7 @@ def _draw_strip(axes: Any, formula: FormulaReport, whole: Span, title: str) -> N
     axes.set_ylim(0, 1)
     axes.tick_params(labelbottom=False, bottom=False)
     for each in segments(formula, whole):
-        start, end = map(whole.since_start, (each.span.start, each.span.end))
+        start, end = map(whole.since_origin, (each.span.start, each.span.end))
         color, hatch = _FILLS[each.outcome]
         axes.axvspan(start, end, facecolor=color, hatch=hatch, edgecolor='white', linewidth=0)
         if whole.place(each.span.end) - whole.place(each.span.start) > _LABELLED:
@@ -103,14 +103,14 @@ def _draw_strip(axes: Any, formula: FormulaReport, whole: Span, title: str) -> N
     for gap in gaps(formula, whole):
         axes.axvspan(*_ends(gap, whole), facecolor='white', hatch='xxx', edgecolor='black')
     for violation in formula.violations:
-        axes.axvline(whole.since_start(violation.valid_time), color='black', linewidth=2)
+        axes.axvline(whole.since_origin(violation.valid_time), color='black', linewidth=2)
     _set_title(axes, title, weight='bold')
 
 
 def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
     axes.margins(y=0.12)
     for signal, color in zip(panel.signals, _SIGNALS, strict=False):
-        times = (signal.times - whole.start) / NANOSECONDS[whole.unit]
+        times = (signal.times - whole.origin) / NANOSECONDS[whole.unit]
         style = 'steps-post' if signal.words else 'default'
         axes.plot(times, signal.values, color=color, linewidth=1.2, drawstyle=style)
         if signal.band is not None:
@@ -135,7 +135,7 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
             *_ends(span, whole), facecolor='none', hatch='///', edgecolor='grey', linewidth=0
         )
     for time in found.violations:
-        axes.axvline(whole.since_start(time), color=_FILLS[Outcome.ERROR][0], linestyle=':')
+        axes.axvline(whole.since_origin(time), color=_FILLS[Outcome.ERROR][0], linestyle=':')
     _draw_deciding_states(axes, panel, found, whole)
     axes.tick_params(labelsize=8)
     axes.grid(alpha=0.3)
@@ -155,7 +155,7 @@ def _draw_relations(axes: Any, relations: Sequence[str], found: Marks, whole: Sp
 
 def _draw_deciding_states(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
     for state in found.deciding:
-        time = whole.since_start(state.time)
+        time = whole.since_origin(state.time)
         axes.axvline(time, color=_ORANGE, linewidth=1.2)
         if not panel.is_decisive:
             continue
@@ -168,7 +168,7 @@ def _set_title(axes: Any, text: str, weight: str = 'normal') -> None:
 
 
 def _ends(span: Span, whole: Span) -> tuple[float, float]:
-    return whole.since_start(span.start), whole.since_start(span.end)
+    return whole.since_origin(span.start), whole.since_origin(span.end)
 
 
 def _shortened(name: str) -> str:

@@ -161,14 +161,14 @@ def _section(
     for formula in sorted(report.formulas, key=judgement.passes):
         yield _formula(formula, whole, judgement, figures, next(numbers))
     for note in report.notes:
-        yield f'<p class="soft">Note: {escape(with_readable_times(note, whole.start))}</p>\n'
+        yield f'<p class="soft">Note: {escape(with_readable_times(note, whole.origin))}</p>\n'
     yield '</section>'
 
 
 def _start_text(whole: Span) -> str:
-    if whole.start < _FIRST_DATE:
-        return f'{whole.start / NANOSECONDS["s"]:.3f} s'
-    seconds, rest = divmod(whole.start, NANOSECONDS['s'])
+    if whole.origin < _FIRST_DATE:
+        return f'{whole.origin / NANOSECONDS["s"]:.3f} s'
+    seconds, rest = divmod(whole.origin, NANOSECONDS['s'])
     date = datetime.fromtimestamp(seconds, UTC)
     return f'{date:%Y-%m-%d %H:%M:%S}.{rest // NANOSECONDS["ms"]:03} UTC'
 
@@ -177,7 +177,7 @@ def _ticks(whole: Span) -> Iterator[str]:
     for tick in whole.ticks:
         place = whole.place(tick)
         at_end = ' class="end"' if place > _END else ''
-        text = f'{whole.since_start(tick):g} {whole.unit}'
+        text = f'{whole.since_origin(tick):g} {whole.unit}'
         yield f'<span{at_end} style="left:{place:.2%}">{text}</span>'
 
 
@@ -361,7 +361,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]], more: int) -> Ite
 
 
 def _text(text: str, whole: Span) -> str:
-    return escape(with_readable_times(text, whole.start))
+    return escape(with_readable_times(text, whole.origin))
 
 
 def _time(time: int | None, whole: Span) -> str:
@@ -392,11 +392,12 @@ class PageFigures:
 
     def add(self, panels: list[Panel], marks: Marks) -> None:
         """Add a formula."""
-        end = self._time(last_shown(self._whole, marks))
+        start, end = map(self._time, (self._whole.start, last_shown(self._whole, marks)))
+        margin = _MARGIN * (end - start)
         self._formulas.append(
             {
                 'recording': len(self._units) - 1,
-                'range': [-_MARGIN * end, (1 + _MARGIN) * end],
+                'range': [start - margin, end + margin],
                 'panels': [self._panel(each) for each in panels],
                 'marks': self._marks(marks),
             }
@@ -455,7 +456,7 @@ class PageFigures:
         return [self._time(span.start), self._time(span.end)]
 
     def _time(self, time: int) -> float:
-        return round(self._whole.since_start(time), 6)
+        return round(self._whole.since_origin(time), 6)
 
 
 def lines(signal: Signal, first: int = 0) -> dict[str, list[float | None]]:

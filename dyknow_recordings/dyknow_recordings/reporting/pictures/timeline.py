@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import NANOSECONDS, DyKnowError
+from dyknow_common import MAX_OFFSET_NS, NANOSECONDS, DyKnowError
 from dyknow_reasoning import Always, Eventually, Formula, Term, Until, parse_formula, parts
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
 
@@ -27,14 +27,26 @@ _TICKS: Final = 5
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A span of valid time, in nanoseconds."""
+    """A span of valid time, in nanoseconds.
+
+    Args:
+        start: its first time.
+        end: its last time.
+        recording_start: the time that offsets for people count from; None for the start.
+    """
 
     start: int
     end: int
+    recording_start: int | None = field(default=None, compare=False)
+
+    @property
+    def origin(self) -> int:
+        """The time that offsets for people count from."""
+        return self.start if self.recording_start is None else self.recording_start
 
     @property
     def unit(self) -> str:
-        """The unit in which people read times from its start."""
+        """The unit in which people read times."""
         length = self.end - self.start
         return next((unit for limit, unit in _UNITS if length >= limit), 's')
 
@@ -42,13 +54,13 @@ class Span:
         """Return where a time is in the span: 0 for its start, 1 for its end."""
         return min(max((time - self.start) / max(self.end - self.start, 1), 0.0), 1.0)
 
-    def since_start(self, time: int) -> float:
-        """Return the time since the start, in the unit of the span."""
-        return (time - self.start) / NANOSECONDS[self.unit]
+    def since_origin(self, time: int) -> float:
+        """Return the time since the origin, in the unit of the span."""
+        return (time - self.origin) / NANOSECONDS[self.unit]
 
     def text(self, time: int) -> str:
-        """Return the time since the start, for people."""
-        return f'{self.since_start(time):.3f} {self.unit}'
+        """Return the time since the origin, for people."""
+        return f'{self.since_origin(time):.3f} {self.unit}'
 
     @property
     def ticks(self) -> tuple[int, ...]:
@@ -59,7 +71,8 @@ class Span:
             max(unit * factor * 10**power // 1000, 1) for power in range(10) for factor in (1, 2, 5)
         )
         step = next(each for each in steps if length <= each * _TICKS)
-        return tuple(self.start + number * step for number in range(length // step + 1))
+        first, last = -((self.origin - self.start) // step), (self.end - self.origin) // step
+        return tuple(self.origin + number * step for number in range(first, last + 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +91,10 @@ def spans_where(times: NDArray[np.int64], found: NDArray[np.bool_]) -> tuple[Spa
 
 
 def extent(report: RecordingReport) -> Span:
-    """Return the valid times of a recording, which log times may be far away from.
+    """Return the valid times of a recording, and its start as their origin, as `--begin` has it.
 
-    The offsets of times for people count from its start: a state may be valid before the first
-    message was logged.
+    A state may be valid before the first message was logged: then its offset is negative. If the
+    log times are of another clock, the origin is the first valid time.
     """
     times = [
         time
@@ -93,7 +106,8 @@ def extent(report: RecordingReport) -> Span:
     start, end = min(times), max(times)
     if start <= report.end_time and report.start_time <= end:
         start, end = min(start, report.start_time), max(end, report.end_time)
-    return Span(start, max(end, start + 1))
+    is_of_one_clock = abs(start - report.start_time) <= MAX_OFFSET_NS
+    return Span(start, max(end, start + 1), report.start_time if is_of_one_clock else None)
 
 
 def last_state(formula: FormulaReport, whole: Span) -> int:
