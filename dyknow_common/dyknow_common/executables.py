@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -15,7 +16,7 @@ from pathlib import Path
 from textwrap import fill
 
 from dyknow_common.errors import error_text
-from dyknow_main import INTERRUPTED, TERMINAL_SIGNALS, handle, ignore
+from dyknow_main import SIGNALLED, TERMINAL_SIGNALS, handle, ignore
 
 SUCCESS, FALSE, ERROR = 0, 1, 2
 
@@ -28,8 +29,7 @@ FAULT = 70
 LAUNCHER = 'DYKNOW_LAUNCHER'
 """The variable with the id of the process that started a node and that it must not outlive."""
 
-SIGNALLED = 128
-"""The exit code of a command that a signal has stopped, without the number of the signal."""
+INTERRUPTED = SIGNALLED + signal.SIGINT
 
 UNREAD = 141
 """The exit code of a command whose output is a pipe that nothing reads any more, such as `head`."""
@@ -81,8 +81,8 @@ def run_main(command: str, work: Callable[[], int]) -> int:
             return work()
         finally:
             sys.stdout.flush()
-    except KeyboardInterrupt:
-        code = INTERRUPTED
+    except KeyboardInterrupt as interrupt:
+        code = SIGNALLED + interrupt.args[0] if interrupt.args else INTERRUPTED
     except BrokenPipeError:
         code = UNREAD
     except Exception as error:  # noqa: BLE001 - a traceback and exit code 1 would mean false

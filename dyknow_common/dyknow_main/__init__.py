@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-INTERRUPTED = 130
-"""The exit code of an interrupted command, as in shells."""
+SIGNALLED = 128
+"""The exit code of a command that a signal has stopped, without the number of the signal."""
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """The signals that stop a node."""
@@ -48,7 +48,7 @@ def load(package: str, name: str, *, is_node: bool) -> Callable[[], int]:
 
     signals = STOP_SIGNALS if is_node else TERMINAL_SIGNALS
     is_clean = is_node or (name == 'dyknow' and sys.argv[1:2] == ['up'])
-    handle(signals, lambda *_: os._exit(0 if is_clean else INTERRUPTED))
+    handle(signals, lambda number, _: os._exit(0 if is_clean else SIGNALLED + number))
     scripts = distribution(package.partition('==')[0]).entry_points.select(group='console_scripts')
     with without_collections():
         main: Callable[[], int] = scripts[name].load()

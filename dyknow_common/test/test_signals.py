@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 
@@ -32,6 +33,15 @@ os.kill(os.getpid(), signal.{name})
 print('clean')
 """
 
+WHILE_LOADING = """
+import os, signal
+from importlib import metadata
+from dyknow_main import load
+
+signal.signal(signal.{name}, signal.SIG_DFL)  # nohup ignores SIGHUP.
+metadata.distribution = lambda _: os.kill(os.getpid(), signal.{name})
+load('dyknow', 'dyknow', is_node=False)
+"""
 
 HALF_MADE = """
 import os
@@ -68,3 +78,10 @@ def test_an_object_that_a_signal_leaves_half_made_prints_nothing() -> None:
         [sys.executable, '-c', HALF_MADE], capture_output=True, text=True, check=False
     )
     assert (done.stdout, done.stderr, done.returncode) == ('15\n', '', 0)
+
+
+@pytest.mark.parametrize('name', ['SIGINT', 'SIGTERM', 'SIGHUP'])
+def test_a_signal_while_a_command_is_loaded(name: str) -> None:
+    command = [sys.executable, '-c', WHILE_LOADING.format(name=name)]
+    ended = subprocess.run(command, capture_output=True, check=False, timeout=60)
+    assert ended.returncode == 128 + signal.Signals[name]

@@ -14,7 +14,6 @@ from dyknow_common import DyKnowError, add_utc_option, duration_option, with_rea
 from dyknow_common.executables import (
     ERROR,
     FALSE,
-    SIGNALLED,
     SUCCESS,
     Interruption,
     describe,
@@ -185,17 +184,14 @@ def check(options: argparse.Namespace) -> int:
             raise RecordingError(f'{name} draws nothing; leave out --html, --png and --geojson')
         return _describe(options)
     status = ExitStatus(options.undecided, is_strict=options.strict)
-    try:
-        outputs = AllOutputs([*_outputs(options), status])
-    except DyKnowError as error:
-        if options.json:
-            print_document(failure_document(None, error))
-        raise
-    try:
-        with interruptible() as interruption:
-            _check(options, outputs, interruption)
-    except KeyboardInterrupt as interrupt:
-        return SIGNALLED + int(interrupt.args[0])
+    with interruptible() as interruption:
+        try:
+            outputs = AllOutputs([*_outputs(options), status])
+        except DyKnowError as error:
+            if options.json:
+                print_document(failure_document(None, error))
+            raise
+        _check(options, outputs, interruption)
     return status.code
 
 
@@ -298,12 +294,11 @@ def _results(
 
 def _check(options: argparse.Namespace, outputs: CheckOutput, interruption: Interruption) -> None:
     """Add the results to the outputs in the order of the recordings, each as soon as it can be."""
-    waiting: dict[int, RecordingJob] = {}
+    waiting = dict(enumerate(map(str, options.recording)))
     early: dict[int, JobResult] = {}
     try:
         try:
             jobs = _jobs(options)
-            waiting.update(enumerate(jobs))
             running = _results(jobs, options)
         except DyKnowError as error:
             waiting.clear()
@@ -320,12 +315,12 @@ def _check(options: argparse.Namespace, outputs: CheckOutput, interruption: Inte
         # After an interruption, later ones may have been finished before the first that was not.
         for index in sorted(early):
             _add(outputs, waiting.pop(index), early.pop(index))
-        outputs.close([each.name for each in waiting.values()])
+        outputs.close(list(waiting.values()))
 
 
-def _add(outputs: CheckOutput, job: RecordingJob, result: JobResult) -> None:
+def _add(outputs: CheckOutput, recording: str, result: JobResult) -> None:
     if isinstance(result, DyKnowError):
-        outputs.add_failure(job.name, result)
+        outputs.add_failure(recording, result)
     else:
         outputs.add(result)
 

@@ -93,6 +93,23 @@ def test_an_interruption_prints_what_is_done(
     assert 'not checked: the command was interrupted' in report.read_text()
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interruption_before_the_first_recording(
+    bags: list[str], tmp_path: Path, number: signal.Signals
+) -> None:
+    code = (
+        'import os, sys; from dyknow_recordings import check; '
+        f'check.read_configuration = lambda *_: os.kill(os.getpid(), {number}); '
+        'sys.exit(check.main(sys.argv[1:]))'
+    )
+    report = tmp_path / 'out.xml'
+    command = [sys.executable, '-c', code, *bags, *OPTIONS, '--junit', str(report)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=LIMIT_S)
+    assert done.returncode == SIGNALLED + number
+    assert done.stderr == f'dyknow check: interrupted; not checked: {len(bags)}\n'
+    assert f'errors="{len(bags)}"' in report.read_text()
+
+
 def test_later_results_are_printed_after_an_interruption(
     bags: list[str], endless: EndlessRecording, tmp_path: Path
 ) -> None:
