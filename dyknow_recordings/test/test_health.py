@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
+import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from recorded import RecordedSample, at, recording, sample
@@ -15,6 +16,7 @@ from small_bags import START, channel, chunk, mcap, messages, schema, stored, wr
 from dyknow_common import SECOND_NS, StreamConstraints
 from dyknow_configuration import TopicExpectation
 from dyknow_recordings.health import broken_in, health_of
+from dyknow_recordings.reading.opening import open_recording
 
 MS = 1_000_000
 
@@ -70,6 +72,14 @@ def test_gaps_and_delays(drawn: list[tuple[int, int | None]], bound: int) -> Non
         *(['max_lead'] if min(delays) < -10 * MS else []),
         *(['stamped'] if any(delay is None for _, delay in drawn) else []),
     }
+
+
+@pytest.mark.parametrize('first', [-1, 0, 10])
+def test_all_rows_of_a_trace_have_a_stamp(first: int, tmp_path: Path) -> None:
+    path = tmp_path / 'a.csv'
+    path.write_text(f'time_s,x\n{first},1\n{first + 1},2\n')
+    with open_recording(path) as trace:
+        assert not broken_in(trace, [TopicExpectation('/trace', stamped=True)])
 
 
 @given(DRAWN, st.sampled_from((0.5, 1.0, 3.0, 10.0)))

@@ -71,10 +71,17 @@ class TopicTimes:
     def of(
         cls, stamps: NDArray[np.int64] | None, receipt_times: NDArray[np.int64], end: int
     ) -> TopicTimes:
-        """Return the times of messages whose stamp is 0 where it is unset; None without stamps."""
+        """Return the times of messages.
+
+        Args:
+            stamps: 0 where one is unset; at the receipt of 0, such as in a trace, 0 is a stamp.
+                None without stamps.
+            receipt_times: of the messages.
+            end: the time until which the topic was observed.
+        """
         if stamps is None:
             return cls(receipt_times, receipt_times, end, is_stamped=False)
-        unset = stamps == 0
+        unset = (stamps == 0) & (receipt_times != 0)
         return cls(np.where(unset, receipt_times, stamps), receipt_times, end, unset=unset)
 
     @property
