@@ -113,6 +113,7 @@ from dyknow_common.symbol import (
     numbered_names,
 )
 from dyknow_common.text_files import (
+    MAX_LINE,
     InlineText,
     open_text,
     read_file,
@@ -157,6 +158,7 @@ __all__ = [
     'MAX_DIGITS',
     'MAX_DURATION_NS',
     'MAX_FORMULA_PARTS',
+    'MAX_LINE',
     'MAX_NAME',
     'MAX_OFFSET_NS',
     'MAX_RECORDED_NS',

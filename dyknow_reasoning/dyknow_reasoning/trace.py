@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from decimal import Context, Decimal, Inexact, Overflow
 from typing import Any
 
-from dyknow_common import SECOND_NS, LanguageError, Value, ValueType, shortened, unknown
+from dyknow_common import MAX_LINE, SECOND_NS, LanguageError, Value, ValueType, shortened, unknown
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Feature, FieldReference
@@ -33,6 +33,9 @@ _TEXTS = {
 }
 _NUMBER = (ValueType.INT, ValueType.FLOAT)
 _INFERRED = ((ValueType.BOOLEAN,), _NUMBER, (ValueType.STRING,))
+# A text may be as long as a line.
+csv.field_size_limit(MAX_LINE)
+
 _LONGEST_INTEGER = len(str(-(2**63)))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dyknow_common import Value
+from dyknow_common import MAX_LINE, Value
 from dyknow_reasoning import ReasoningError, read_trace
 from dyknow_reasoning.check import main
 
@@ -61,14 +61,15 @@ def test_types_of_columns(header: str, cells: list[str], expected: list[Value | 
         ('m', ['0.5', '9' * 30], 'more than 64 bits'),
         ('m', ['1e400'], "'1e400' is too large for a float"),
         ('m', ['a\0b'], "line 2, column 'm': .* has a NUL character"),
-        ('m', ['x' * 200_000], r'line 2: field larger than field limit \(131072\)'),
+        ('m', ['x' * (MAX_LINE + 1)], r'line 2: field larger than field limit \(1048576\)'),
         ('m', ['"1'], 'line 2: unexpected end of data; is a quote missing'),
         ('m', ['1,2'], 'line 2: 3 values for 2 columns'),
         ('m', ['\u0665'], None),
+        ('m', ['x' * 200_000], None),
     ],
 )
 def test_refused_values(header: str, cells: list[str], message: str | None) -> None:
-    if message is None:  # A digit of another script is no number, and so the column holds strings.
+    if message is None:  # A digit of another script is no number, so the column holds strings.
         assert values(header, *cells) == cells
         return
     with pytest.raises(ReasoningError, match=message):
