@@ -381,17 +381,21 @@ def _shows(
     job: RecordingJob, paths: Sequence[Path], failures: Sequence[RecordedFailure], start: int
 ) -> bool:
     """Check the parts; return False, with a note, if they do not show all failures."""
-    found = {
-        each.key
-        for path in paths
-        for each in failures_of(_checked(replace(job, name=str(path), path=path)), job.formulas)
-    }
+    reports = [_checked(replace(job, name=str(path), path=path)) for path in paths]
+    found = {each.key for report in reports for each in failures_of(report, job.formulas)}
     lacking = [each for each in failures if each.key not in found]
     if lacking:
-        first = with_readable_times(lacking[0].reason, start)
+        first = lacking[0].reason
+        errors = (
+            f'in a part, {formula.error}'
+            for report in reports
+            for formula in report.formulas
+            if formula.error and first.startswith(f"'{formula.name}'")
+        )
+        why = next(errors, 'streams with a memory or a sample_period depend on more')
+        text = f'{len(lacking)} of {len(failures)} failures, first: {first}; {why}'
         sys.stderr.write(
-            f'dyknow cut: the parts do not show {len(lacking)} of {len(failures)} failures, first: '
-            f'{first}; streams with a memory or a sample_period depend on more: give a longer '
+            f'dyknow cut: the parts do not show {with_readable_times(text, start)}; give a longer '
             '--before\n'
         )
     return not lacking

@@ -219,6 +219,11 @@ def test_damage_is_in_the_parts(tmp_path: Path, capsys: pytest.CaptureFixture[st
     formulas = (RequestedFormula('always "/a".data < 2'), RequestedFormula(formula))
     holds, breaks = checked(part, formulas).formulas
     assert (holds.outcome, breaks.outcome) == (Outcome.ERROR, Outcome.FALSE)
+    late = ('--formula', formula, '--before', '0.8', '-o', tmp_path / 'late')
+    assert run_cut(path, *late) == 2
+    error = capsys.readouterr().err
+    assert 'in a part, the verdict depends on messages that are lost between' in error
+    assert error.endswith('; give a longer --before\n')
 
 
 def test_verdicts_that_need_what_is_cut_away_are_errors(tmp_path: Path) -> None:
