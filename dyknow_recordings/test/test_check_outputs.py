@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from small_bags import START, messages, write
 from dyknow_common import SECOND_NS, ExitCode, Verdict
 from dyknow_recordings import Episode, FormulaReport, RecordingError, RecordingReport, StateGap
 from dyknow_recordings.check import main
+from dyknow_recordings.health import BrokenExpectation
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.junit import JUnitReport
 from dyknow_recordings.reporting.outputs import AllOutputs, recording_document
@@ -165,6 +167,17 @@ def test_undecided_formulas_in_junit(
     assert [each.get('name') for each in suite if each.find('failure') is not None] == failed
     assert suite.get('failures') == str(len(failed))
     assert suite.get('errors') == '2'
+
+
+def test_test_cases_of_one_name_have_numbers(tmp_path: Path) -> None:
+    broken = tuple(BrokenExpectation('/a', rule, 'slow') for rule in ('min_rate', 'type') * 2)
+    output = JUnitReport(tmp_path / 'out.xml', Judgement.AUTO)
+    output.add(replace(REPORT, formulas=REPORT.formulas[:1] * 2, broken=broken))
+    output.close(())
+    (suite,) = ET.parse(tmp_path / 'out.xml').getroot()  # noqa: S314 - our own file
+    names = [each.get('name', '') for each in suite.iter('testcase')]
+    topic = ['/a min_rate', '/a type', '/a min_rate (2)', '/a type (2)']
+    assert names[1:] == [f'{names[0]} (2)', *topic]
 
 
 def test_a_report_of_junit_of_the_command(

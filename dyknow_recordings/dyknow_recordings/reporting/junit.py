@@ -6,6 +6,7 @@ All times are from the recordings, so the same recordings have the same report.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -132,7 +133,11 @@ def _broken_case(broken: BrokenExpectation, report: RecordingReport) -> TestCase
 
 def _suite(name: str, cases: Sequence[TestCase]) -> TestSuite:
     suite = TestSuite(_valid(name))
+    numbers: Counter[str] = Counter()
     for case in cases:
+        numbers[case.name] += 1
+        # Tools merge test cases of one name, such as of the places at which a topic is too slow.
+        case.name += f' ({numbers[case.name]})' * (numbers[case.name] > 1)
         suite.append(case)
     suite.update_statistics()
     return suite
