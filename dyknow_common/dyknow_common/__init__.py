@@ -27,7 +27,16 @@ from dyknow_common.durations import (
     time_since,
     with_readable_times,
 )
-from dyknow_common.errors import DyKnowError, ExitCode, amount, listed, one_line, shortened, unknown
+from dyknow_common.errors import (
+    DyKnowError,
+    ExitCode,
+    amount,
+    listed,
+    one_line,
+    printable,
+    shortened,
+    unknown,
+)
 from dyknow_common.field_builder import (
     FieldBuilder,
     checked_field,
@@ -256,6 +265,7 @@ __all__ = [
     'parse_duration',
     'parse_field',
     'position_at',
+    'printable',
     'quoted',
     'read_file',
     'read_regular',

@@ -21,7 +21,10 @@ _LONGEST_NUMBER: Final = 15
 """Digits of a count that a message shows in full."""
 
 _LONG_QUOTATION: Final = re.compile(r"""(?<!\w)"[^"\n]{201,}"|(?<!\w)'[^'\n]{201,}'|\S{300,}""")
-_UNSENDABLE: Final = re.compile('[\x00\ud800-\udfff]')
+_CONTROL: Final = re.compile('[\x00-\x1f\x7f-\x9f\ud800-\udfff]')
+"""Characters that change a terminal, or that no message of ROS holds."""
+
+_CONTROL_IN_ERROR: Final = re.compile(rf'(?![\n\t]){_CONTROL.pattern}')
 
 
 class ExitCode(IntEnum):
@@ -50,6 +53,11 @@ def shortened(text: object, most: int = _MAX_QUOTED) -> str:
     """Return a text for a message: its beginning and end, if it has more characters than that."""
     found, half = str(text), most // 2
     return found if len(found) <= most else f'{found[:half]}…{found[-half:]}'
+
+
+def printable(text: str) -> str:
+    """Return a text that a message has, for people: with control characters as in JSON."""
+    return _CONTROL.sub(lambda found: f'\\u{ord(found[0]):04x}', text)
 
 
 def amount(count: int) -> str:
@@ -91,7 +99,7 @@ class DyKnowError(Exception):
 
     def __init__(self, message: str, code: ExitCode = ExitCode.INVALID_ARGUMENT) -> None:
         brief = _LONG_QUOTATION.sub(lambda quotation: shortened(quotation[0]), message)
-        super().__init__(_UNSENDABLE.sub('\ufffd', brief))
+        super().__init__(_CONTROL_IN_ERROR.sub('\ufffd', brief))
         self.code = code
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -25,6 +25,10 @@ def test_messages_quote_little(quoted: str) -> None:
     assert message.endswith(" isn't known")
 
 
+def test_messages_have_no_control_characters() -> None:
+    assert DyKnowError('a\x1b[31m\r\x9bb:\n\t^').message == 'a\ufffd[31m\ufffd\ufffdb:\n\t^'
+
+
 def test_messages_of_many_words_stay_whole() -> None:
     message = "it isn't known; " * 100
     assert DyKnowError(message).message == message

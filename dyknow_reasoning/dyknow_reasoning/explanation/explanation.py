@@ -20,6 +20,7 @@ from dyknow_common import (
     Value,
     Verdict,
     format_time,
+    printable,
 )
 from dyknow_reasoning.execution import (
     DecidingMoment,
@@ -452,7 +453,7 @@ def _literal_text(value: Value) -> str:
         case bool():
             return str(Truth(value))
         case str():
-            return str(TextLiteral(value))
+            return printable(str(TextLiteral(value)))
         case float():
             return repr(float(value))
         case _:

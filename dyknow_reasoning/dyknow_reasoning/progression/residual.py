@@ -9,7 +9,7 @@ from functools import reduce
 from operator import attrgetter
 from typing import Final
 
-from dyknow_common import ExitCode, shortened
+from dyknow_common import ExitCode, printable, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
     Atom,
@@ -100,7 +100,8 @@ def remaining_text(
         wording: of the formula; without it, the text is canonical.
     """
     bounds = {each: Bound(0, times[each.state] + each.offset - now) for each in bounds_of(node)}
-    return residual_text(NodeStore(Chronology(), [node]).renumbered(node, bounds), atoms, wording)
+    counted = NodeStore(Chronology(), [node]).renumbered(node, bounds)
+    return printable(residual_text(counted, atoms, wording))
 
 
 def growth_error(size: int, limit: int, node: Node, atoms: Sequence[Atom]) -> ReasoningError:

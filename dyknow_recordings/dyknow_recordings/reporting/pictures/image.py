@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from io import BytesIO
 from typing import Any, Final
+from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS
+from dyknow_common import NANOSECONDS, printable
 from dyknow_recordings.evaluation.results import FormulaReport, Outcome, RecordingReport
 from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.outputs import optional_library
@@ -69,7 +70,9 @@ def report_image(reports: Sequence[RecordingReport], judgement: Judgement) -> by
     if len(rows) > len(shown):
         figure.supxlabel(f'{len(rows) - len(shown)} more rows are not shown', fontsize=8)
     content = BytesIO()
-    figure.savefig(content, dpi=150, format='png')
+    with catch_warnings():
+        filterwarnings('ignore', 'Glyph')  # Where the font lacks one, there is a box.
+        figure.savefig(content, dpi=150, format='png')
     return content.getvalue()
 
 
@@ -176,5 +179,5 @@ def _shortened(name: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text that matplotlib does not take for mathematics."""
-    return text.replace('$', r'\$')
+    """Return a text without control characters, and that is not taken for mathematics."""
+    return printable(text).replace('$', r'\$')
