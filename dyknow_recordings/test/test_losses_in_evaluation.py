@@ -49,7 +49,7 @@ EPISODES = (
     st.sampled_from([None, {'/a'}, {'/b'}, {'/c'}, {'/a', '/c'}]),
     BATCHES,
     st.lists(
-        st.sampled_from(FORMULAS + STREAM_FORMULAS + PAST_FORMULAS),
+        st.sampled_from(FORMULAS + STREAM_FORMULAS + PAST_FORMULAS * 3),
         min_size=1,
         max_size=6,
         unique=True,
@@ -83,8 +83,10 @@ def test_verdicts_in_spite_of_losses_are_those_without(
     damaged = recording(left, batch, publishers)
     damaged._opening.lose('place', 'reason', topics=topics, first=first, last=last)
     found = evaluate_recording(damaged, requested, FILES, start)
+    # If the last messages are lost, the recording ends earlier, perhaps before a verdict.
+    unlike = {Outcome.ERROR} if left[-1] is whole[-1] else {Outcome.ERROR, Outcome.UNDECIDED}
     for one, other in zip(found.formulas, expected.formulas, strict=True):
-        if Outcome.ERROR not in {one.outcome, other.outcome}:
+        if other.outcome is not Outcome.ERROR and one.outcome not in unlike:
             assert one.outcome == other.outcome, one.formula
         begun = {each.begin: each for each in other.episodes}
         for episode in one.episodes:

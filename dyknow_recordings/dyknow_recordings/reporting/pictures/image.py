@@ -119,7 +119,9 @@ def _draw_panel(axes: Any, panel: Panel, found: Marks, whole: Span) -> None:
         if signal.band is not None:
             axes.fill_between(times, *signal.band, color=color, alpha=0.25, linewidth=0.6)
         if signal.words:
-            axes.set_yticks(range(len(signal.words)), [_plain(each) for each in signal.words])
+            axes.set_yticks(
+                range(len(signal.words)), [_plain(printable(each)) for each in signal.words]
+            )
     if panel.relations:
         _draw_relations(axes, panel.relations, found, whole)
     for threshold in panel.thresholds:
@@ -179,5 +181,5 @@ def _shortened(name: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text without control characters, and that is not taken for mathematics."""
-    return printable(text).replace('$', r'\$')
+    """Return a text that matplotlib does not take for mathematics."""
+    return text.replace('$', r'\$')
