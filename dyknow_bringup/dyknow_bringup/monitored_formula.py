@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeAlias
 
 from rich.table import Table
 from rich.text import Text
 
+from dyknow_bringup.errors import BringupError
 from dyknow_common import (
     Margin,
     ProbabilityInterval,
     Verdict,
     clock_time,
+    one_line,
     round_time,
     with_readable_times,
 )
 from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
 from dyknow_configuration import RequestedFormula
-from dyknow_coordinator import StandingVerdicts
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts
 
 HOLDS: Final = 'holds'
 """The outcome of a formula that is asked at every state, outside of its episodes."""
@@ -43,6 +45,9 @@ STYLES: Final = {'true': 'bold green', 'false': 'bold red', HOLDS: 'green', VIOL
 
 FAILED: Final = 'bold magenta'
 """The style of an error."""
+
+Identity: TypeAlias = tuple[str, str, bool]
+"""The name and the text of a formula, and whether it is asked at every state."""
 
 
 @dataclass(slots=True)
@@ -81,6 +86,11 @@ class MonitoredFormula:
         return self.formula.name or self.formula.text
 
     @property
+    def identity(self) -> Identity:
+        """What its evaluations evaluate."""
+        return self.name, one_line(self.formula.closed_text), self.formula.every_state
+
+    @property
     def status(self) -> str:
         """The outcome, as tables show it."""
         holds_so_far = self.outcome == UNDECIDED and not self.presumably_false
@@ -90,6 +100,32 @@ class MonitoredFormula:
     def is_decided(self) -> bool:
         """True if there is a verdict or an error."""
         return self.outcome not in _OPEN
+
+
+def identity(status: EvaluationStatus) -> Identity:
+    """Return what an evaluation evaluates."""
+    return status.name, status.formula_text, status.episodes is not None
+
+
+def is_any_evaluated(
+    formulas: Sequence[MonitoredFormula], statuses: Iterable[EvaluationStatus]
+) -> bool:
+    """Return True if an evaluation is of one of these formulas.
+
+    Raises:
+        BringupError: if one that goes on is of another formula of the same name.
+    """
+    evaluated = {identity(each): each for each in statuses}
+    wanted = {each.identity: each.name for each in formulas}
+    for other, status in evaluated.items():
+        is_running = status.phase is not EvaluationPhase.ENDED
+        if is_running and other not in wanted and status.name in wanted.values():
+            asked = 'at every state' if status.episodes is not None else 'once'
+            raise BringupError(
+                f"'{status.name}': the system evaluates another formula of this name, "
+                f'{status.text} ({asked}); start "dyknow up" anew with this file, or rename one'
+            )
+    return not evaluated.keys().isdisjoint(wanted)
 
 
 def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: int) -> Table:

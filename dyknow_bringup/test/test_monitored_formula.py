@@ -1,13 +1,18 @@
-"""The table of `dyknow monitor` on a terminal of 80 columns."""
+"""Formulas that `dyknow monitor` shows, and its table on a terminal of 80 columns."""
 
 from __future__ import annotations
 
 import io
+from contextlib import nullcontext
 
-from dyknow_bringup.monitored_formula import MonitoredFormula, formula_table
+import pytest
+
+from dyknow_bringup.errors import BringupError
+from dyknow_bringup.monitored_formula import MonitoredFormula, formula_table, is_any_evaluated
 from dyknow_common import SECOND_NS, clock_time
 from dyknow_common.tables import Terminal
 from dyknow_configuration import RequestedFormula
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts
 
 START = 1_700_000_000 * SECOND_NS
 
@@ -36,3 +41,35 @@ def test_no_caret_is_folded() -> None:
     Terminal(file=output, width=80).print(formula_table([wrong], START, 0))
     assert "unknown unit 'warp'" in output.getvalue()
     assert '^' not in output.getvalue()
+
+
+@pytest.mark.parametrize(
+    ('asked', 'phase', 'is_evaluated'),
+    [
+        (RequestedFormula('let m = 5 in\n x < m', 'lim', every_state=True), 'RUNNING', True),
+        (RequestedFormula('x < m', 'lim', constants=(('m', 5),), every_state=True), 'ENDED', True),
+        (RequestedFormula('x < m', 'lim', constants=(('m', 4),), every_state=True), 'ENDED', False),
+        (
+            RequestedFormula('x < m', 'lim', constants=(('m', 4),), every_state=True),
+            'RUNNING',
+            None,
+        ),
+        (RequestedFormula('let m = 5 in x < m', 'lim'), 'RUNNING', None),
+        (RequestedFormula('x < 4', 'other'), 'RUNNING', False),
+    ],
+)
+def test_no_other_formula_of_the_same_name_is_shown(
+    *, asked: RequestedFormula, phase: str, is_evaluated: bool | None
+) -> None:
+    text = 'let m = 5 in x < m'
+    running = EvaluationStatus(
+        'lim',
+        text,
+        EvaluationPhase[phase],
+        started=1,
+        formula_text=text,
+        episodes=StandingVerdicts(),
+    )
+    refused = pytest.raises(BringupError, match=f"'lim': .* another .*, {text} .at every state.;")
+    with refused if is_evaluated is None else nullcontext():
+        assert is_any_evaluated([MonitoredFormula(asked)], [running]) is is_evaluated

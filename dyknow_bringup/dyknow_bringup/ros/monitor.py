@@ -13,7 +13,6 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from collections.abc import Set as AbstractSet
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +33,8 @@ from dyknow_bringup.monitored_formula import (
     WAITING,
     MonitoredFormula,
     formula_table,
+    identity,
+    is_any_evaluated,
 )
 from dyknow_bringup.processes.processes import MONITOR, NO_TIMEOUT_S
 from dyknow_bringup.ros.formula_monitor import FormulaMonitor, MonitorNode
@@ -80,12 +81,15 @@ CODES = {'true': SUCCESS, HOLDS: SUCCESS, UNDECIDED: SUCCESS, 'false': FALSE, VI
 """The exit codes of outcomes; all others have ERROR."""
 
 
-def is_monitored(formulas: AbstractSet[str], coordinator: str) -> bool:
-    """Return True if a coordinator evaluates formulas of these names for a running monitor.
+def is_monitored(formulas: Sequence[MonitoredFormula], coordinator: str) -> bool:
+    """Return True if a coordinator evaluates one of these formulas for a running monitor.
 
     A process discovers one node after the other: where formulas are evaluated, it waits until the
     monitor is found that may have asked for them; and where a monitor starts with the system, until
     it has asked. ROS must be initialised.
+
+    Raises:
+        BringupError: if it evaluates another formula of the same name.
     """
     node = Node(f'dyknow_monitor_search_{os.getpid()}', start_parameter_services=False)
     executor = SingleThreadedExecutor()
@@ -98,8 +102,12 @@ def is_monitored(formulas: AbstractSet[str], coordinator: str) -> bool:
 
 
 def _finds_monitor(
-    node: Node, executor: SingleThreadedExecutor, formulas: AbstractSet[str], coordinator: str
+    node: Node,
+    executor: SingleThreadedExecutor,
+    formulas: Sequence[MonitoredFormula],
+    coordinator: str,
 ) -> bool:
+    names = {each.name for each in formulas}
     reports: list[Any] = []
     starts: list[int] = []
     topic = node.resolve_topic_name(f'{coordinator}/evaluations')
@@ -119,7 +127,7 @@ def _finds_monitor(
         return condition()
 
     def named() -> list[Any]:
-        return [each for report in reports for each in report.evaluations if each.name in formulas]
+        return [each for report in reports for each in report.evaluations if each.name in names]
 
     def is_there() -> bool:
         return sought in node.get_node_names_and_namespaces()
@@ -129,11 +137,12 @@ def _finds_monitor(
     if is_new and not named() and waits_until(is_there, REPORT_S):
         waits_until(lambda: bool(named()), SEARCH_S)
     is_running = any(each.phase != EvaluationPhase.ENDED for each in named())
-    return bool(named()) and waits_until(is_there, SEARCH_S if is_running else REPORT_S)
+    is_found = bool(named()) and waits_until(is_there, SEARCH_S if is_running else REPORT_S)
+    return is_found and is_any_evaluated(formulas, map(status_from_message, named()))
 
 
 class AttachedMonitor(MonitorNode):
-    """Keeps the outcomes of formulas that a running monitor evaluates, by their names.
+    """Keeps the outcomes of formulas that a running monitor evaluates.
 
     Args:
         formulas: that the other monitor was started with.
@@ -180,9 +189,9 @@ class AttachedMonitor(MonitorNode):
     def _on_evaluations(self, report: Any) -> None:
         self._has_report = True
         statuses = map(status_from_message, report.evaluations)
-        latest = {each.name: each for each in sorted(statuses, key=lambda each: each.started)}
+        latest = {identity(each): each for each in sorted(statuses, key=lambda each: each.started)}
         for monitored in self.formulas:
-            status = latest.get(monitored.name)
+            status = latest.get(monitored.identity)
             if status is not None:
                 self._follow_evaluation(monitored, status)
             elif monitored.outcome == NOT_CONNECTED:
@@ -371,7 +380,7 @@ def _watching(
         def report(monitored: MonitoredFormula) -> None:
             _report(node, monitored, as_json=options.json)
 
-        if is_monitored({each.name for each in formulas}, options.coordinator):
+        if is_monitored([MonitoredFormula(each) for each in formulas], options.coordinator):
             sys.stderr.write(f'formulas are shown as {MONITOR} monitors them, which runs already\n')
             node = AttachedMonitor(formulas, report, name=name)
         else:
