@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from dyknow_interfaces.msg import EvaluationStatus, EvaluationStatusArray
 from rcl_interfaces.srv import GetParameters
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, String
 
 from commands import command, output_of
 from dyknow_bringup.processes.processes import MONITOR
@@ -140,6 +140,22 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
             for report in reports
         ]
         assert max(open_at_once) == 1
+
+
+def test_a_topic_has_the_right_type_later(tmp_path: Path) -> None:
+    robot = tmp_path / 'robot.yaml'
+    robot.write_text('formulas: [{name: calm, formula: \'always "/level".data < 5\'}]')
+    environment = private_environment()
+
+    def publish_until(message: String | Float64, outcome: str) -> None:
+        with closing(Client(environment)) as client:
+            publisher = client.node.create_publisher(type(message), '/level', 10)
+            client.node.create_timer(0.1, lambda: publisher.publish(message))
+            client.spin_until(lambda: f'calm: {outcome}' in terminal.text, outcome)
+
+    with up(environment, str(robot)) as terminal:
+        publish_until(String(), 'INVALID_ARGUMENT')
+        publish_until(Float64(data=7.0), 'false')
 
 
 def test_parameters_and_engines(tmp_path: Path) -> None:

@@ -31,9 +31,6 @@ from dyknow_reactions.ros.triggers import Triggers
 RETRIED = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 """Errors worth retrying while the other nodes are still starting."""
 
-PASSING = (*RETRIED, ExitCode.CONSTRAINT_VIOLATION, ExitCode.TIMEOUT, ExitCode.INTERNAL_ERROR)
-"""Errors worth retrying at any time."""
-
 OTHER_FILE = '; does the system run with the file of this formula, as by "dyknow up robot.yaml"?'
 """A hint in errors: a formula that lint finds correct may be wrong for another ontology."""
 
@@ -44,6 +41,9 @@ NOT_ACCEPTED = 'the coordinator has not accepted it yet'
 
 RETRY_DELAY_S = 0.5
 """Time until a formula is monitored again after an error worth retrying."""
+
+INVALID_DELAY_S = 5.0
+"""The same after an invalid request: a topic may have another message type later."""
 
 
 class MonitorNode(DyKnowNode):
@@ -274,7 +274,8 @@ class FormulaMonitor(MonitorNode):
             self.note_answer(monitored, answer)
         if error is not None and (is_starting or self._is_retried(monitored, error.code)):
             self._restarting.add(index)
-            due = self.deadlines.after(RETRY_DELAY_S)
+            is_invalid = error.code is ExitCode.INVALID_ARGUMENT
+            due = self.deadlines.after(INVALID_DELAY_S if is_invalid else RETRY_DELAY_S)
             due.add_done_callback(lambda _: self._restart(index))
 
     def _has_cancelled(self, error: DyKnowError) -> bool:
@@ -282,7 +283,8 @@ class FormulaMonitor(MonitorNode):
 
     def _is_retried(self, monitored: MonitoredFormula, code: ExitCode) -> bool:
         is_late = code is ExitCode.UNAVAILABLE and not monitored.has_states
-        return not self._is_cancelled and (is_late or (self._retries and code in PASSING))
+        is_retried = self._retries and code is not ExitCode.CANCELLED
+        return not self._is_cancelled and (is_late or is_retried)
 
     def _restart(self, index: int) -> None:
         if index in self._restarting:
