@@ -396,9 +396,9 @@ class FormulaGroup:
             return self._ends[formula_id]
         if possible := self._possible.formulas.get(formula_id):
             return possible_text(possible, self._begun().latest or 0)
-        standing = self.standing.formulas.get(formula_id)
-        if standing and (want := standing.monitor.doubt.text):
-            return f'{formula} ({want})'
+        if standing := self.standing.formulas.get(formula_id):
+            want = self.standing.omitted.get(formula_id) or standing.monitor.doubt.text
+            return f'{formula} ({want})' if want else str(formula)
         if self._remainders is None or formula_id in self._known or formula.every_state:
             return str(formula)
         return self._remainders.text(formula_id) or str(formula)

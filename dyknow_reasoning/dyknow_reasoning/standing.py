@@ -78,6 +78,8 @@ class StandingFormula:
         self._histories = histories
         self.known = verdict_of(instances)
         """Its verdict from every state, if it needs none; else undecided."""
+        self.omitted = 0
+        """The number of states at which it was not asked, as several values are possible."""
         self._looks_back = any(
             instance.node.looks_back
             or any(isinstance(atom, PastAtom) and atom.looks_back for atom in instance.atoms)
@@ -118,8 +120,10 @@ class StandingFormula:
 
     def summary(self) -> StandingVerdicts:
         """Return the verdicts so far."""
+        counts = self.monitor.counts()
         return replace(
-            self.monitor.counts(),
+            counts,
+            unknown=counts.unknown + self.omitted,
             is_violated=self.monitor.is_violated,
             episode_count=self.monitor.failure_count,
             latest_episodes=self.episodes(KEPT_FAILURES),
@@ -266,7 +270,9 @@ class StandingFormulas:
         failures: dict[int, ReasoningError] = {}
         for formula_id, each in self.formulas.items():
             try:
-                if formula_id not in omitted and each.progress(valid_time, values):
+                if formula_id in omitted:
+                    each.omitted += 1
+                elif each.progress(valid_time, values):
                     self._changed.add(formula_id)
             except ReasoningError as error:
                 failures[formula_id] = error

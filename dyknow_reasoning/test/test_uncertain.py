@@ -275,8 +275,9 @@ def test_a_formula_about_single_states_is_not_asked_at_open_ones() -> None:
     for time, p in enumerate((True, either(True, False), False, either(False, True), True)):
         assert not group.progress(time, {'p': p})
         assert (REASON in group.standing.omitted.values()) is isinstance(p, Alternatives)
+        assert (REASON in group.residual(1)) is isinstance(p, Alternatives)
     summary = group.standing.summary(1)
-    assert (summary.holds, summary.fails) == (2, 1)
+    assert (summary.holds, summary.fails, summary.unknown) == (2, 1, 2)
     group = begun('p -> eventually[0 s, 1 s] q', every_state=True)
     assert not group.progress(0, {'p': False, 'q': False})
     (result,) = group.progress(1, {'p': either(False, True), 'q': False})
