@@ -271,6 +271,15 @@ def test_one_page_too_many(served: Served) -> None:
         assert page.status == 101
 
 
+def test_no_change_is_reported_after_the_stop(served: Served) -> None:
+    with PageConnection(served) as page:
+        assert page.receive()['type'] == 'hello'
+        served.run(served.server.pages.close)
+        page.receive_all()
+    until(lambda: not served.server.pages.sockets)
+    assert served.changes == [1]
+
+
 def test_a_page_that_takes_nothing_costs_no_memory(served: Served) -> None:
     """The server waits until a page has taken what it was sent, and keeps nothing for it."""
     status = EvaluationStatus('x' * 500, 'true', EvaluationPhase.RUNNING, 1)

@@ -125,7 +125,8 @@ class OpenPages:
         return metrics_of(self.board)
 
     def close(self) -> None:
-        """Close all connections."""
+        """Close all connections, and report no change any more."""
+        self.on_change = lambda: None
         for each in list(self.sockets):
             each.close(1001, 'the server stops')
 
