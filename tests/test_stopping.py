@@ -71,8 +71,9 @@ def stopped_at(
         ([command('stream_processing_engine'), command('ontology_manager')], 0),
         ([command('dyknow', 'up')], 0),
         ([command('dyknow', 'evaluate', 'always true'), command('streams')], SIGNALLED),
+        ([command('dyknow', 'up', '--wait')], SIGNALLED),
     ],
-    ids=['nodes', 'up', 'commands'],
+    ids=['nodes', 'up', 'commands', 'wait'],
 )
 def test_a_process_stops_at_any_moment(lines: list[list[str]], code: int) -> None:
     """All nodes have one way to end, and so have all commands: those here take turns."""

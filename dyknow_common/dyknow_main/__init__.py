@@ -47,7 +47,8 @@ def load(package: str, name: str, *, is_node: bool) -> Callable[[], int]:
     from importlib.metadata import distribution  # noqa: PLC0415
 
     signals = STOP_SIGNALS if is_node else TERMINAL_SIGNALS
-    is_clean = is_node or (name == 'dyknow' and sys.argv[1:2] == ['up'])
+    is_up = name == 'dyknow' and sys.argv[1:2] == ['up'] and '--wait' not in sys.argv
+    is_clean = is_node or is_up
     handle(signals, lambda number, _: os._exit(0 if is_clean else SIGNALLED + number))
     scripts = distribution(package.partition('==')[0]).entry_points.select(group='console_scripts')
     with without_collections():
