@@ -8,9 +8,14 @@ from recorded_flow import MILLISECOND, Flow
 LONG_AGO = -1
 
 
-def reasons(flow: Flow, since: float = LONG_AGO) -> list[str]:
-    """The reasons of stream `s`, where each topic has the reason that is its name."""
-    found = flow.dataflow.waits_for('s', round(since * MILLISECOND), lambda topic: f'no {topic}')
+def reasons(flow: Flow, since: float = LONG_AGO, latched: str = '') -> list[str]:
+    """The reasons of stream `s`, where each topic has the reason that is its name.
+
+    One topic may be silent.
+    """
+    found = flow.dataflow.waits_for(
+        's', round(since * MILLISECOND), lambda topic: '' if topic == latched else f'no {topic}'
+    )
     return list(found)
 
 
@@ -104,6 +109,17 @@ def test_an_input_that_lags_behind_the_others_is_named(flow: Flow) -> None:
     (reason,) = reasons(flow)
     assert reason.startswith('the sample at ')
     assert reason.endswith(' waits for later ones of b')
+
+
+def test_a_topic_that_may_be_silent_delays_the_others(flow: Flow) -> None:
+    flow.create('stream kept = select x from "/map"; sink sync(kept, (select x as y from "b"))')
+    flow.push('/map', 0, x=1)
+    assert reasons(flow, since=0.5, latched='/map') == ['no b']
+    for time in range(1, 10):
+        flow.push('b', time, x=1)
+    (reason,) = reasons(flow, since=5, latched='/map')
+    assert reason.endswith(' waits for later ones of /map')
+    assert not reasons(flow, since=20, latched='b')[1:]
 
 
 def test_a_stream_that_fell_silent_names_the_topic_that_did(flow: Flow) -> None:

@@ -11,7 +11,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value
+from dyknow_common import NANOSECONDS, ExitCode, StreamConstraints, Value, listed
 from dyknow_stream_processing.dataflow.batches import Refusal, SampleBatch, refuse
 from dyknow_stream_processing.dataflow.computational_units import UnitOperator
 from dyknow_stream_processing.dataflow.operator_graph import OperatorGraph
@@ -504,10 +504,13 @@ def waiting_reasons(
             yield reason
         return
     silent = [each for each in operator.awaited() if not _delivers(each, operator, since)]
-    for each in silent:
-        yield from waiting_reasons(each, since, topic_reason, name_of)
-    if not silent and (obstacle := operator.obstacle(name)):
-        yield obstacle
+    found = [
+        reason for each in silent for reason in waiting_reasons(each, since, topic_reason, name_of)
+    ]
+    if not found:  # A topic whose publishers keep their messages may be silent.
+        delay = operator.delay(lambda each: listed(_topics_of(each)))
+        found = [delay or ('' if silent else operator.obstacle(name))]
+    yield from filter(None, found)
 
 
 def _delivers(source: Operator, consumer: Operator, since: int) -> bool:

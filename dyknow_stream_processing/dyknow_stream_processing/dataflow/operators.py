@@ -207,6 +207,10 @@ class Operator:
             return f'samples of {inputs} come, but all are dropped ({self.dropped_for})'
         return f'samples of {inputs} come, but {name(self)} gives none for them'
 
+    def delay(self, name: Callable[[Operator], str]) -> str:  # noqa: ARG002
+        """Return which inputs delay samples of others; empty if none do."""
+        return ''
+
     def become_timed(self) -> None:
         """Note that the clock may make a time certain, also for all consumers."""
         self.timed = True

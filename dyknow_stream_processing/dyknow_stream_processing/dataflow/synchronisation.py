@@ -141,11 +141,11 @@ class SynchronisedOperator(Operator):
         never = [each.source for each in self._tracks if each.latest is None and not each.waiting]
         return never or [each.source for each in self._unsettled_tracks()] or self.inputs
 
-    def obstacle(self, name: Callable[[Operator], str]) -> str:
-        """Return which inputs delay the target, and for how long at most."""
+    def delay(self, name: Callable[[Operator], str]) -> str:
+        """Return which inputs delay the target, and for how long at most; empty without one."""
         delaying = self._unsettled_tracks()
         if self._target is None or not delaying:
-            return super().obstacle(name)
+            return ''
         sources = ', '.join(name(each.source) for each in delaying)
         ends = [each.certain_at(self._target) for each in delaying]
         limit = '' if None in ends else f', at most until {round_time(max(filter(None, ends)))}'
