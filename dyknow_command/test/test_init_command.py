@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -77,21 +78,24 @@ ARM = {
 }
 
 
-@pytest.fixture(scope='module')
-def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Record an arm, with a delay of 2 ms."""
-    path = tmp_path_factory.mktemp('recordings') / 'arm'
+def record(path: Path, topics: Mapping[str, tuple[str, Callable[[int], Any]]]) -> Path:
+    """Record topics, with a delay of 2 ms."""
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {
             topic: writer.add_connection(topic, name, typestore=STORE)
-            for topic, (name, _) in ARM.items()
+            for topic, (name, _) in topics.items()
         }
         for number in range(50):
             time = START + number * 100_000_000
-            for topic, (name, make) in ARM.items():
+            for topic, (name, make) in topics.items():
                 data = STORE.serialize_cdr(make(time), name)
                 writer.write(connections[topic], time + 2_000_000, bytes(data))
     return path
+
+
+@pytest.fixture(scope='module')
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp('recordings') / 'arm', ARM)
 
 
 def outcomes(
@@ -125,6 +129,21 @@ def test_a_proposal_is_correct(
     assert len(found) >= 3
     assert set(found.values()) == {'undecided'}  # Nothing broke what is always to hold.
     assert notes == []
+
+
+def test_a_formula_is_about_the_robots_that_have_the_topic(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    owners = {'scan': ('r1', 'r2'), 'on': ('r3',), 'fix': ('r1', 'r2', 'r3')}
+    topics = {f'/{robot}/{name}': ARM[f'/{name}'] for name in owners for robot in owners[name]}
+    recording, robot = record(tmp_path / 'fleet', topics), tmp_path / 'robot.yaml'
+    assert run('init', recording, '--output', robot) == 0
+    texts = [each.text for each in read_robot(robot).formulas]
+    assert 'forall r in R: r = r3 -> always On[r]' in texts
+    assert sum('forall r in R: r = r1 or r = r2 -> always ' in each for each in texts) == 1
+    assert run('lint', robot) == run('lint', robot, '--recording', recording) == 0
+    found, _ = outcomes(recording, robot, capsys)
+    assert set(found.values()) == {'undecided'}
 
 
 def test_a_formula_that_was_broken_is_not_proposed() -> None:

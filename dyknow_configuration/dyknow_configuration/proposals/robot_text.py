@@ -129,9 +129,11 @@ class FeatureDraft:
 
     @property
     def ground_formula(self) -> str:
-        """The formula of the feature, for all objects."""
+        """The formula of the feature, for all objects that have it."""
         ranges = ''.join(f'forall {each} in {sort}: ' for each, sort in self.domains.items())
         arguments = f'[{", ".join(self.domains)}]' if self.domains else ''
+        owners = ' or '.join(f'{next(iter(self.domains))} = {each}' for each in self.robots)
+        ranges += f'{owners} -> ' if owners else ''
         return ranges + self.formula.replace('{feature}', self.name + arguments)
 
 
@@ -459,7 +461,7 @@ def _formulas(used: Iterable[FeatureDraft], topics: Iterable[ObservedTopic]) -> 
     if not features:
         yield '  # - {name: alive, formula: \'always "/topic".field > 0\'}'
     for first, second in pairwise(features):
-        if first.domains == second.domains:
+        if (first.domains, first.robots) == (second.domains, second.robots):
             yield '  # An example of what must follow within a time:'
             yield f'  # - name: {_words(second.name)} after {_words(first.name)}'
             yield f'  #   formula: {_scalar(_response(first, second))}'
