@@ -76,8 +76,10 @@ def test_the_bytes_of_a_folder_are_bounded(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_written_is_an_error(tmp_path: Path) -> None:
+    assert not BoxFolder(tmp_path / 'new' / 'boxes', 'a', 10**9, 5).fault
     (tmp_path / 'file').write_text('')
     folder = BoxFolder(tmp_path / 'file' / 'boxes', 'a', 10**9, 5)
+    assert folder.fault == f'no black box can be written: {tmp_path}/file is no writable folder'
     with pytest.raises(
         DyKnowError, match=r'cannot write to .*file/boxes: Not a directory'
     ) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import re
 import shutil
 from collections.abc import Mapping, Sequence
@@ -58,6 +59,15 @@ class BoxFolder:
         self._max_boxes = max_boxes
         self.removed = 0
         """The number of boxes that were removed for new ones."""
+
+    @property
+    def fault(self) -> str:
+        """Why no box can be written, as far as that is known before; empty if one can be."""
+        above = (self._folder, *self._folder.parents)
+        found = next((each for each in above if os.access(each, os.F_OK)), self._folder)
+        if found.is_dir() and os.access(found, os.W_OK | os.X_OK):
+            return ''
+        return f'no black box can be written: {found} is no writable folder'
 
     def write(
         self,

@@ -143,9 +143,16 @@ class BlackBoxRecorder(DyKnowNode):
                 self._follow(key, status)
                 if key not in known:
                     self._warn_of_horizon(status)
+        if self._watch.watched and not known and self._snapshot is None:
+            self._check_folder()
         self._follow_topics()
         for each in lost:
             self._report_fault(each.status, each.failure.reason, each.failure.time, each.error)
+
+    def _check_folder(self) -> None:
+        if fault := self._folder.fault:
+            self._latest_fault = fault
+            self.get_logger().error(fault)
 
     def _follow(self, key: FormulaKey, status: EvaluationStatus) -> None:
         origin = self._origins.note(key, status)
