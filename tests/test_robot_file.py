@@ -225,6 +225,7 @@ def test_a_formula_that_cannot_be_evaluated(
     code, changes, output = monitored(rover, path)
     assert code == 2, output
     assert 'Sped' in changes['unknown']['explanation']
+    assert 'does the system run with the file of' in changes['unknown']['explanation']
 
 
 def test_a_formula_that_never_has_a_state_is_an_error(tmp_path: Path) -> None:

@@ -144,7 +144,8 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
 
 def test_a_topic_has_the_right_type_later(tmp_path: Path) -> None:
     robot = tmp_path / 'robot.yaml'
-    robot.write_text('formulas: [{name: calm, formula: \'always "/level".data < 5\'}]')
+    calm, lost = '\'always "/level".data < 5\'', 'always Sped < 5'
+    robot.write_text(f'formulas: [{{name: calm, formula: {calm}}}, {{name: l, formula: {lost}}}]')
     environment = private_environment()
 
     def publish_until(message: String | Float64, outcome: str) -> None:
@@ -156,6 +157,8 @@ def test_a_topic_has_the_right_type_later(tmp_path: Path) -> None:
     with up(environment, str(robot)) as terminal:
         publish_until(String(), 'INVALID_ARGUMENT')
         publish_until(Float64(data=7.0), 'false')
+        terminal.wait_for('l: NOT_FOUND')
+        assert 'does the system run with the file' not in terminal.text
 
 
 def test_parameters_and_engines(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from dyknow_reactions.ros.triggers import Triggers
 RETRIED = (ExitCode.UNAVAILABLE, ExitCode.NOT_FOUND)
 """Errors worth retrying while the other nodes are still starting."""
 
-OTHER_FILE = '; does the system run with the file of this formula, as by "dyknow up robot.yaml"?'
+_OTHER_FILE = '; does the system run with the file of this formula, as by "dyknow up robot.yaml"?'
 """A hint in errors: a formula that lint finds correct may be wrong for another ontology."""
 
 START_UP_NS = 10 * SECOND_NS
@@ -60,6 +60,8 @@ class MonitorNode(DyKnowNode):
             'coordinator', 'stream_reasoning_coordinator', 'Name of the coordinator node.'
         )
         self.formulas: list[MonitoredFormula] = []
+        self._hint = ''
+        """Is added to an error that a name is not found."""
         self._on_change = on_change or self.log
 
     @property
@@ -116,7 +118,7 @@ class MonitorNode(DyKnowNode):
         if answer.episodes is not None:
             self._follow(monitored, answer.episodes)
         if answer.error is not None:
-            hint = OTHER_FILE if answer.error.code is ExitCode.NOT_FOUND else ''
+            hint = self._hint if answer.error.code is ExitCode.NOT_FOUND else ''
             reason, *place = answer.error.message.split('\n', 1)
             text = '\n'.join([f'{reason}{hint}', *place])
             self.set_outcome(monitored, answer.error.code.name, text)
@@ -195,6 +197,8 @@ class FormulaMonitor(MonitorNode):
         if formulas is None:
             formulas = read_robot(Path(robot)).formulas if robot else read_formulas(Path(path))
             retries = retries or bool(robot)
+        else:
+            self._hint = _OTHER_FILE
         self._triggers = Triggers(self, formulas)
         self.formulas = [MonitoredFormula(formula) for formula in formulas]
         self._retries = retries
