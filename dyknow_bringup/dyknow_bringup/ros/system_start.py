@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Collection
 from functools import partial
@@ -72,9 +73,11 @@ class SystemStart:
 
     def __str__(self) -> str:
         if self.missing:
+            is_off = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'OFF'
+            hint = ', as ROS_AUTOMATIC_DISCOVERY_RANGE=OFF hides other processes' if is_off else ''
             return (
                 f'DyKnow does not run completely in {self._namespace}: '
-                f'no status of {", ".join(self.missing)}'
+                f'no status of {", ".join(self.missing)}{hint}'
             )
         ontology = self._values['ontology_manager']
         contents = ', '.join(
