@@ -46,6 +46,7 @@ from dyknow_stream_processing.management.relocation import in_namespace
 from dyknow_stream_processing.management.streams import read_streams
 from dyknow_stream_processing.path_values import value_reader
 from dyknow_stream_processing.reporting.silence import (
+    PEER_STREAMS,
     SILENT_PERIODS,
     joined_reasons,
     nearest_topics,
@@ -60,6 +61,7 @@ __all__ = [
     'MAX_STEPS',
     'OTHER_CLOCK_NS',
     'OVERTAKEN',
+    'PEER_STREAMS',
     'SAMPLE_TYPE',
     'SILENT_PERIODS',
     'STATELESS_UNITS',

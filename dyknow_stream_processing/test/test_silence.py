@@ -7,9 +7,11 @@ from typing import Any, Final
 
 import pytest
 
+from dyknow_common import SECOND_NS
 from dyknow_stream_processing.reporting.silence import (
     ActivityMeter,
     joined_reasons,
+    last_sign,
     nearest_topics,
     several_publishers,
     topic_reason,
@@ -38,6 +40,19 @@ ODOM: Final = {'is_published': True, 'has_received': True, 'is_silent': False}
 )
 def test_the_reason_why_no_messages_come(changes: dict[str, Any], expected: str) -> None:
     assert topic_reason('/odom', **{**ODOM, **changes}) == expected
+
+
+@pytest.mark.parametrize(
+    ('topic', 'promised', 'expected'),
+    [
+        ('/r/dyknow/federation/c1/Charge', 9 * SECOND_NS, 9),
+        ('/r/dyknow/federation/c1/Charge', 90 * SECOND_NS, 35),
+        ('/r/dyknow/federation/c1/Charge', 0, 5),
+        ('/r/dyknow/streams/charge', 9 * SECOND_NS, 5),
+    ],
+)
+def test_a_peer_may_leave_out_samples(topic: str, promised: int, expected: int) -> None:
+    assert last_sign(topic, 5 * SECOND_NS, promised) == expected * SECOND_NS
 
 
 def test_a_mistyped_topic_gets_a_suggestion() -> None:

@@ -30,10 +30,10 @@ from dyknow_federation.report import FederationReport, LinkState, PeerReport
 from dyknow_federation.ros.own_formulas import OwnFormulas
 from dyknow_federation.ros.own_streams import OwnStreams
 from dyknow_federation.ros.remote_formulas import RemoteFormulas
-from dyknow_federation.ros.remote_streams import PREFIX, RemoteStreams, StreamName
+from dyknow_federation.ros.remote_streams import RemoteStreams, StreamName
 from dyknow_federation.ros.transport import ZenohTransport
 from dyknow_federation.ros.vocabulary import SharedVocabulary
-from dyknow_stream_processing import ViolationKind
+from dyknow_stream_processing import PEER_STREAMS, ViolationKind
 
 PERIOD_S: Final = 0.1
 """The period in which demands and changes are looked for."""
@@ -57,7 +57,7 @@ class Federation(DyKnowNode):
         self._own = OwnStreams(self, self._peer, self._plan)
         self._own_formulas = OwnFormulas(self._own)
         self._formulas = RemoteFormulas(self._peer, self._remote, settings.name)
-        prefix = str(self.resolve_topic_name(PREFIX)) + '/'
+        prefix = str(self.resolve_topic_name(PEER_STREAMS)) + '/'
         self._vocabulary = SharedVocabulary(self, settings.same, self._remote.topic, prefix)
         self._meaning_of: object = None
         """The version of the vocabulary that peers know; None if it is outdated."""

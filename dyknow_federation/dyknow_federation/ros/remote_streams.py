@@ -17,16 +17,13 @@ from dyknow_interfaces.msg import Sample as SampleMessage
 from dyknow_common import SECOND_NS, Value
 from dyknow_common.ros import STREAM, VIOLATIONS, DyKnowNode, nanoseconds_to_time
 from dyknow_federation.offers import VALUE
-from dyknow_stream_processing import Sample
+from dyknow_stream_processing import PEER_STREAMS, Sample
 from dyknow_stream_processing.ros import (
     WATERMARKS,
     SampleWriter,
     violations_topic,
     watermarks_topic,
 )
-
-PREFIX: Final = 'dyknow/federation'
-"""The beginning of the topics, relative to the namespace of the node."""
 
 VERDICT_TIMEOUT_NS: Final = 30 * SECOND_NS
 """How long the verdict of a formula is published before somebody reads it."""
@@ -119,7 +116,7 @@ class RemoteStreams:
 
     def topic(self, peer: str, stream: str) -> str:
         """Return the absolute topic of a stream."""
-        return str(self.node.resolve_topic_name(f'{PREFIX}/{peer}/{stream}'))
+        return str(self.node.resolve_topic_name(f'{PEER_STREAMS}/{peer}/{stream}'))
 
     def keep(self, names: set[StreamName]) -> None:
         """Publish these streams, and no others but those that are still read."""

@@ -16,6 +16,12 @@ SILENT_PERIODS: Final = 3
 MAX_LAG_NS: Final = SECOND_NS
 """The time for which messages may wait in a node that keeps up."""
 
+PEER_STREAMS: Final = 'dyknow/federation'
+"""The beginning of the topics of other hosts, relative to a namespace."""
+
+SPARSE_NS: Final = 30 * SECOND_NS
+"""The time for which a stream of another host may be silent: a sample comes each 10 s."""
+
 MAX_NAME: Final = 200
 """Longer names of topics are not compared: that takes quadratic time."""
 
@@ -86,6 +92,21 @@ def topic_reason(
     if not has_received:
         return f'{topic} has a publisher but no message has come'
     return f'{topic} has fallen silent' if is_silent and not is_latched else ''
+
+
+def last_sign(topic: str, latest: int, promised: int) -> int:
+    """Return until when a topic has not fallen silent, in nanoseconds.
+
+    Other hosts leave out samples that make no difference, and promise so.
+
+    Args:
+        topic: its absolute name.
+        latest: the time of the latest message.
+        promised: its watermark.
+    """
+    if f'/{PEER_STREAMS}/' not in topic:
+        return latest
+    return max(latest, min(promised, latest + SPARSE_NS))
 
 
 def nearest_topics(topic: str, others: Iterable[str]) -> tuple[str, ...]:

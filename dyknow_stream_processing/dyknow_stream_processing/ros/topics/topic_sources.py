@@ -20,7 +20,7 @@ from dyknow_stream_processing.dataflow.operators import SourceType
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.language.required_fields import WHOLE, Demand
 from dyknow_stream_processing.reporting.sender_clock import CLOCK_TOLERANCE_NS, SenderClock
-from dyknow_stream_processing.reporting.silence import topic_reason
+from dyknow_stream_processing.reporting.silence import last_sign, topic_reason
 from dyknow_stream_processing.reporting.stream_report import SourceReport
 from dyknow_stream_processing.ros.messages.conversions import extractor
 from dyknow_stream_processing.ros.messages.message_types import (
@@ -181,7 +181,8 @@ class TopicSources:
             name,
             is_published=publication is not None,
             has_received=source.received > 0,
-            is_silent=since is not None and (source.latest or 0) <= since,
+            is_silent=since is not None
+            and last_sign(name, source.latest or 0, source.promised) <= since,
             is_latched=publication is not None and publication.latched,
             fault=fault,
             nearest=() if publication else self._names.nearest(name),
@@ -290,6 +291,7 @@ class _Source:
     period: tuple[int, int] = (0, 0)
     """Its beginning, and the number of messages received before it."""
     latest: int | None = None
+    promised: int = 0
     delay: int = 0
     is_sample: bool = False
     stream_id: int = 0
@@ -401,6 +403,7 @@ class _Source:
         return Sample(self.kept.valid_time, now, fields) if is_there else None
 
     def on_watermark(self, watermark: int, now: int) -> None:
+        self.promised = watermark
         self.dataflow.vouch(self.topic, min(watermark, now + self.dataflow.max_lead), now)
         self.schedule()
 
