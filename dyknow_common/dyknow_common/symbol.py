@@ -26,6 +26,7 @@ FUNCTIONS: Final = frozenset(
 )
 """Names of functions, which no feature and no stream may have."""
 
+_QUOTED: Final = r'"(?:[^"\\]|\\.)*"'
 _BUILT_IN: Final = r"""(?:tf|action|rate)\("[^"]+"(?:, (?:"[^"]+"|[^",()]+))*\)"""
 _REFERENCE: Final = re.compile(
     rf"""(?P<function>\w+\((?!"[^"]+"[,)]))?(?P<stream>{_BUILT_IN}|"[^"]+"|[\w']+)\.(?P<path>.+)""",
@@ -79,7 +80,10 @@ class Symbol:
         found = _REFERENCE.fullmatch(self.name)
         if found is None:
             raise ValueError(self.name)
-        return found['stream'], f'{found["function"] or ""}{found["path"]}'
+        # Joined conditions name the stream again: count(s.a > 1 and s.b < 3)
+        again = rf'({_QUOTED})|(\b(?:and|or) ){re.escape(found["stream"])}\.'
+        path = re.sub(again, r'\1\2', found['path'])
+        return found['stream'], f'{found["function"] or ""}{path}'
 
     @property
     def may_be_stream(self) -> bool:

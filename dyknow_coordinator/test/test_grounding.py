@@ -85,6 +85,8 @@ def test_matches_say_which_ground_feature_they_deliver() -> None:
         ('"/scan".ranges[0]', 'ranges[0]', '/scan', True),
         ('cloud.points[2].x', 'points[2].x', 'cloud', False),
         ('uav1_power.power', 'power', 'uav1_power', False),
+        ('count("/s".a > 1 and "/s".b < 3)', 'count(a > 1 and b < 3)', '/s', True),
+        ('any(s.a = "or s.b" or s.b > 1)', 'any(a = "or s.b" or b > 1)', 's', False),
     ],
 )
 def test_a_reference_selects_its_field(

@@ -25,6 +25,7 @@ from dyknow_common import (
     checked_field,
     format_duration,
     joined_field,
+    listed,
     message_path,
     number_of,
     parse_duration,
@@ -109,6 +110,9 @@ def function_of_field(name: Token, argument: Formula | Term) -> Term:
     if len(streams) == 1 and (stream := streams.pop()) is not None:
         found = joined_field(str(name), [each for _, each in conditions])
         return FieldReference(stream, str(checked_field(found, name)))
+    if len(streams) > 1 and None not in streams:
+        message = f"'{name}' has conditions of {listed(sorted(map(str, streams)))}; name one stream"
+        raise PositionedError(message, TextPosition.of(name))
     path = parse_field(argument.path) if isinstance(argument, FieldReference) else None
     if not isinstance(argument, FieldReference) or not isinstance(path, MessagePath):
         raise PositionedError(
