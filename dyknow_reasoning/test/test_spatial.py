@@ -38,8 +38,11 @@ LINKS = (
     'L[a, b] and D[a, b] < 4 by D[a, b]',
     *DELAUNAY,
 )
-HOPS = ('[0, inf)', '[0, 1 hops]', '[0, 2 hops)', '[1, 2 hops]', '(1 hops, inf)', '[2, 2 hops]')
-LENGTHS = (*HOPS, '[0, 3]', '(1, 4]', '[2.5, 6)', '[3, inf)', '[0, 0]')
+HOPS = (
+    *('[0, inf)', '[0, 1 hops]', '[0, 2 hops)', '[1, 2 hops]', '(1 hops, inf)', '[2, 2 hops]'),
+    *('[0, 0 hops]', '(0 hops, inf)'),
+)
+LENGTHS = (*HOPS, '[0, 3]', '(1, 4]', '[2.5, 6)', '[3, inf)', '[0, 0]', '(0, inf)', '[0.0, inf)')
 STATES = ('P[s]', 'not Q[s]', 'N[s] < 2', '(P[s] or Q[s])', '(P[s] -> N[s] < 1)', 'true', 'P[a0]')
 NUMBERS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0)
 PREFIXES = ('', 'always[0, 3 ns] ', 'eventually[1 ns, 4 ns] ', 'once ', 'previous ', 'not ')
@@ -90,6 +93,12 @@ def random_text(
 @st.composite
 def texts(draw: st.DrawFn) -> str:
     return random_text(lambda choices: draw(st.sampled_from(choices)), 3)
+
+
+@given(texts())
+def test_reading_what_was_written(text: str) -> None:
+    formula = parse_formula(text)
+    assert parse_formula(str(formula)) == formula
 
 
 @pytest.mark.timeout(14400)
@@ -264,6 +273,18 @@ def test_explanations(formula: str, reason: str) -> None:
     assert reason in decided(f'{NEAR}{formula}').explanation
 
 
+@pytest.mark.parametrize(
+    ('distances', 'is_at_none'),
+    [('[0, 0]', True), ('[0, 0.0]', True), ('[0, 0 m]', True), ('[0 hops, 0 hops]', False)]
+    + [('(0, inf)', False), ('(0 m, inf)', False), ('(0 hops, inf)', True), ('[0 km, inf)', True)],
+)
+def test_distances_are_lengths_without_hops(distances: str, *, is_at_none: bool) -> None:
+    text = f'{NEAR}somewhere{distances} Base[s]'
+    for each in (text, str(parse_formula(text))):
+        (is_true,) = {decided(each, D32=0.0, D21=0.0).verdict is Verdict.TRUE}
+        assert is_true == is_at_none, each
+
+
 def test_the_link_that_is_missing() -> None:
     result = decided(f'{NEAR}somewhere[0, 0.1 km] Base[s]', D21=55.0)
     assert result.explanation == (
@@ -278,6 +299,7 @@ def test_the_link_that_is_missing() -> None:
         ('somewhere[0, 5 m] p', 'operators of space need links'),
         ('p surround[0, 15] q', 'operators of space need links'),
         ('over (L[a,b] for a,b in R) from x to s: somewhere[0, 5 m] P[s]', 'the links have none'),
+        ('over (L[a,b] for a,b in R) from x to s: somewhere[0, 0] P[s]', "'[0, 0]' measures"),
         ('over (L[a,b] for a,b in R) from x to s: P[s] surround[0, 15] Q[s]', "'[0, 15]' measures"),
         ('over (L[a,b] for a,b in R) from x to s: somewhere[0, 2.5 hops] P[s]', 'whole links'),
         (

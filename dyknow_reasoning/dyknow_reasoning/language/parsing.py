@@ -362,7 +362,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         given = [each for each in (first, last) if isinstance(each, tuple)]
         units = {str(unit or '').strip('"') for value, unit in given if unit or value}
         named, counts = units - {''}, units & {'hop', 'hops'}
-        hops = not units or (bool(named) and named == counts)
+        hops = bool(named) and named == counts
         if (not hops and (counts or (named and '' in units))) or (
             hops and any(isinstance(value, float) for value, _ in given)
         ):

@@ -13,7 +13,7 @@ shortest route to it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from dyknow_common import SyntaxNode
 from dyknow_reasoning.language.terms import (
@@ -105,9 +105,14 @@ class DistanceInterval(SyntaxNode):
         start, end = str(self.start), 'inf' if self.end is None else str(self.end)
         if self.hops and self.end is not None:
             end = f'{end} hops'
-        elif self.hops and self.start.value:
+        elif self.hops and not self.is_any:
             start = f'{start} hops'
         return f'{self.brackets[0]}{start}, {end}{self.brackets[1]}'
+
+    @property
+    def is_any(self) -> bool:
+        """True if every distance is in the interval, in links and in any unit."""
+        return self.brackets[0] == '[' and not self.start.value and self.end is None
 
     @property
     def quantities(self) -> list[Quantity]:
@@ -129,6 +134,10 @@ class DistanceInterval(SyntaxNode):
             return distance < float('inf')
         end = self.end.value
         return distance < end if self.brackets[1] == ')' else distance <= end
+
+
+ANY_DISTANCE: Final = DistanceInterval(Number(0), None, '[)', hops=True)
+"""`[0, inf)`, which counts links."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from dyknow_reasoning.language.formula import (
     walk,
     with_changed_parts,
 )
-from dyknow_reasoning.language.spatial import LinkEnd, Over, Spatial
+from dyknow_reasoning.language.spatial import ANY_DISTANCE, LinkEnd, Over, Spatial
 from dyknow_reasoning.language.terms import Object, Variable
 
 
@@ -39,6 +39,8 @@ def _with_links(node: Any, over: Over | None) -> Any:
                 "'over (Dist[a, b] <= 50 m for a, b in Robot) from r to s: somewhere...'"
             )
             raise PositionedError(message, node.position)
+        if node.distances.is_any:  # Links need no length.
+            node = replace(node, distances=ANY_DISTANCE)
         _check_operator(node, over.links)
         node = replace(node, place=over.variable, links=over.links)
     return with_changed_parts(node, lambda part: _with_links(part, over))
