@@ -110,7 +110,7 @@ def read_federation(value: YamlValue) -> RequestedFederation:
         peer_timeout=_limit(stated, 'peer_timeout', default.peer_timeout),
         history=_limit(stated, 'history', default.history),
         max_uncertainty=(
-            stated['max_uncertainty'].duration()
+            stated['max_uncertainty'].non_negative_duration()
             if 'max_uncertainty' in stated
             else default.max_uncertainty
         ),
@@ -125,7 +125,7 @@ def _shares(value: YamlValue) -> tuple[RequestedShare, ...]:
         name = stated['feature'].text('the name of a feature').strip()
         if name in found:
             raise each.error(f"'{name}' is shared twice; keep one")
-        every = stated['every'].duration() if 'every' in stated else 0
+        every = stated['every'].non_negative_duration() if 'every' in stated else 0
         deadband = _deadband(stated['deadband']) if 'deadband' in stated else None
         found[name] = RequestedShare(name, every, deadband)
     return tuple(found.values())

@@ -337,7 +337,7 @@ def _limit(stated: Mapping[str, YamlValue], key: str, default: int) -> int:
     """Return a time in nanoseconds."""
     if key not in stated:
         return default
-    found = stated[key].duration()
+    found = stated[key].non_negative_duration()
     if key == 'timeout' and not 0 < found <= MAX_TIMEOUT:
         allowed = f'above 0 and at most {round_duration(MAX_TIMEOUT)}'
         raise stated[key].error(f'a timeout must be {allowed}')

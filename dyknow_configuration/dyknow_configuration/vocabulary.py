@@ -410,7 +410,7 @@ def read_uncertainty(feature: RobotFeature, value: YamlValue) -> FeatureUncertai
         if kind in {'interval', 'samples'} and key in stated:
             raise stated[key].error(f'only normal errors have {key}; remove it')
     if 'time_constant' in stated:
-        terms.append(format_duration(stated['time_constant'].duration()))
+        terms.append(format_duration(stated['time_constant'].non_negative_duration()))
     others = []
     if 'covariances' in stated:
         for other, given in stated['covariances'].entries('a mapping from features'):

@@ -188,9 +188,13 @@ def _time_of(name: str, window: Formula | Term) -> int:
         case _:
             text = _shown(window)
     try:
-        return parse_duration(text)
+        time = parse_duration(text)
     except ValueError as error:
         raise PositionedError(str(error), window.position) from None
+    if time < 0:
+        message = f"the time {text} of '{name}' is negative; write a duration from 0 s on"
+        raise PositionedError(message, window.position)
+    return time
 
 
 def _uncertain(
