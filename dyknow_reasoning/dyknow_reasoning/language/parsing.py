@@ -61,6 +61,7 @@ from dyknow_reasoning.language.spatial_checks import with_links
 from dyknow_reasoning.language.symbols import resolve
 from dyknow_reasoning.language.terms import Term
 from dyknow_reasoning.language.uncertain_features import (
+    check_limits,
     stated_uncertainties,
     with_uncertain_features,
 )
@@ -109,6 +110,7 @@ def _parse(text: str, constants: Constants) -> Formula:
         LANGUAGE.check_depth(formula, syntax.parts)
         uncertainties = stated_uncertainties(formula)
         formula, units = without_lets(formula, constants)
+        check_limits(formula)
         formula = with_uncertain_features(without_soon(formula), uncertainties)
         resolved: Formula = with_numbers(resolve(with_converted_numbers(formula, units)))
         return with_links(resolved)

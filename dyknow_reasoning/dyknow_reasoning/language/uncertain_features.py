@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
-from dyknow_common import PositionedError, shortened
+from dyknow_common import MIRRORED_COMPARISONS, PositionedError, shortened
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
+    Comparison,
     Formula,
     Let,
     looks_forward,
@@ -24,8 +25,10 @@ from dyknow_reasoning.language.formula import (
 from dyknow_reasoning.language.terms import (
     Covariance,
     Feature,
+    Number,
     Object,
     Probability,
+    Quantity,
     Uncertain,
     Variable,
     holds_terms,
@@ -33,6 +36,8 @@ from dyknow_reasoning.language.terms import (
 
 Uncertainties = Mapping[str, Uncertain]
 """The uncertainties of features, by name."""
+
+_PERCENT: Final = 100
 
 
 def stated_uncertainties(formula: Formula) -> Uncertainties:
@@ -68,6 +73,30 @@ def check_asked_once(formula: Formula) -> None:
                 f"'{shortened(each)}' looks into the future, so it is asked of the first state "
                 'alone; ask the formula once, or for the probability at each state'
             )
+
+
+def check_limits(formula: Formula) -> None:
+    """Check that probabilities are compared with numbers that they may be more and less than.
+
+    `P(...) >= 0` is allowed, as it asks for the probability.
+
+    Raises:
+        PositionedError: for another number.
+    """
+    for each in walk(formula):
+        match each:
+            case Comparison(operator, Probability(), Number(value) | Quantity(value) as limit):
+                pass
+            case Comparison(operator, Number(value) | Quantity(value) as limit, Probability()):
+                operator = MIRRORED_COMPARISONS.get(operator, operator)
+            case _:
+                continue
+        is_decided = (operator, value) in {('<', 0), ('>', 1), ('<=', 1)}
+        if is_decided or isinstance(limit, Quantity) or not 0 <= value <= 1:
+            fault = 'has a unit' if isinstance(limit, Quantity) else 'always or never holds'
+            mend = f', {value / 100:g}' if 1 < value <= _PERCENT else ''
+            message = f"'{operator} {limit}' of a probability {fault}; write a number from 0 to 1"
+            raise PositionedError(f'{message}{mend}', limit.position)
 
 
 def asks_for_probability(formula: Formula) -> bool:
