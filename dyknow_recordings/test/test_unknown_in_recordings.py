@@ -73,6 +73,13 @@ def test_what_is_missing_is_an_error_without_the_option(
     assert error in run_check(trace, '--formula', formula, '--json').out
 
 
+def test_let_keeps_no_unknown_value(trace: str) -> None:
+    formula = 'always let before = charge in eventually charge < before'
+    found = run_check(trace, '--missing', 'unknown', '--formula', formula, '--json')
+    mend = "not a number; if that is an unknown value, leave out the 'let', which cannot keep it\""
+    assert mend in found.out
+
+
 def test_a_robot_says_what_may_be_unknown(trace: str, tmp_path: Path) -> None:
     robot = tmp_path / 'robot.yaml'
     robot.write_text(ROBOT)

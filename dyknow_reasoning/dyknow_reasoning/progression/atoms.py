@@ -72,8 +72,11 @@ NEGATED_COMPARISONS: Mapping[str, str] = {
 POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
 """One comparison operator of each pair of opposites."""
 
+IF_UNKNOWN: Final = '; if that is an unknown value, '
+"""The words before the mend in the message about a value that is not a number."""
+
 _NOT_A_NUMBER: Final = (
-    'holds nan, not a number; if that is an unknown value, {} in robot.yaml, or add '
+    f'holds nan, not a number{IF_UNKNOWN}{{}} in robot.yaml, or add '
     "'--missing unknown' to dyknow check"
 )
 
