@@ -384,11 +384,12 @@ def test_spellings(text: str, canonical: str) -> None:
     assert str(parse_formula(canonical)) == canonical
 
 
-def test_repeated_sides_have_a_limit() -> None:
+@pytest.mark.parametrize('operator', ['unless', 'holds until', 'release'])
+def test_repeated_sides_have_a_limit(operator: str) -> None:
     text = 'p'
     for _ in range(30):
-        text = f'p unless ({text})'
-    with pytest.raises(Exception, match='is written out to more than 20000 parts'):
+        text = f'p {operator} ({text})'
+    with pytest.raises(Exception, match=f"'{operator}' is written out to more than 20000 parts"):
         parse_formula(text)
 
 

@@ -275,8 +275,16 @@ def test_explanations(formula: str, reason: str) -> None:
 
 @pytest.mark.parametrize(
     ('distances', 'is_at_none'),
-    [('[0, 0]', True), ('[0, 0.0]', True), ('[0, 0 m]', True), ('[0 hops, 0 hops]', False)]
-    + [('(0, inf)', False), ('(0 m, inf)', False), ('(0 hops, inf)', True), ('[0 km, inf)', True)],
+    [
+        ('[0, 0]', True),
+        ('[0, 0.0]', True),
+        ('[0, 0 m]', True),
+        ('[0, 0 hops]', False),
+        ('(0, inf)', False),
+        ('(0 m, inf)', False),
+        ('(0 hops, inf)', True),
+        ('[0 km, inf)', True),
+    ],
 )
 def test_distances_are_lengths_without_hops(distances: str, *, is_at_none: bool) -> None:
     text = f'{NEAR}somewhere{distances} Base[s]'

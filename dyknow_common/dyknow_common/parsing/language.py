@@ -304,6 +304,8 @@ def correction(
     """
     if topic := _TOPIC.match(text, offset):
         return f'did you mean "{topic["quoted"] or topic["bare"]}" instead of {topic[0]}?'
+    if found := _advice(text, offset, advice):
+        return found
     meant = sorted(set(corrections.values()))
     near = [*_TOKEN.finditer(text, max(0, offset - _NEAR), offset + _NEAR)]
     for each in reversed(near):
@@ -315,7 +317,7 @@ def correction(
                 return _question(found, each[0])
         if each[0] in corrections and _is_inside(text[each.end() : offset]):
             return _question(corrections[each[0]], each[0])
-    return _advice(text, offset, {**advice, **_NUMBERS})
+    return _advice(text, offset, _NUMBERS)
 
 
 def _advice(text: str, offset: int, advice: Mapping[str, str]) -> str:

@@ -40,6 +40,7 @@ _CORRECTIONS: Final = {
     '=>': "->' or '>=",
     **dict.fromkeys(('==>', '-->', 'implies'), '->'),
     **dict.fromkeys(('<=>', '<==>', 'iff'), '<->'),
+    'xor': 'not (p <-> q)',
     **dict.fromkeys(('G', 'globally', 'ALWAYS'), 'always'),
     **dict.fromkeys(('F', 'finally', 'EVENTUALLY'), 'eventually'),
     **dict.fromkeys(('all', 'FORALL'), 'forall'),
@@ -59,27 +60,32 @@ _CORRECTIONS: Final = {
 }
 """Words of other languages, and mistakes; the closest of these words is proposed for others."""
 
+_BEFORE_OPERAND: Final = rf'(?:^|[^\w\s)\]"]|\b(?:{"|".join(FORMULA_WORDS)}))\s*'
+
 _ADVICE: Final = {
+    rf'{_BEFORE_OPERAND}\|[^|]+\|': "write an absolute value as 'abs(x)'",
     r'\bdelaunay\s*\([^()]*': (
         "'delaunay' stands first in the links: over (delaunay(East[a], North[a]) for a, b in Robot)"
     ),
     r'\b(?i:if|when|whenever|then|else)\b(?:\s*\([^()]*)?': "write 'p -> q' for 'if p then q'",
-    r'\b(?:X|next)\b(?:\s*\([^()]*)?': "there is no 'next': write 'eventually[0 s, 1 s] p'",
+    r'\b(?:X|next)\b(?:\s*\([^()]*)?': "there is no 'next': write 'eventually(0 s, 1 s] p'",
     r'\bsoon\b': "write how far to look ahead, as in 'soon[5 s] x > 3'",
     r'\bwithin\b': "write the time after the operator, as in 'eventually[0 s, 5 s] p'",
+    r'\bfor\s+[0-9]': "write the time after the operator, as in 'always[0 s, 5 s] p'",
     r'(?<!-)[<>=≤≥≠]=?\s*[^\s<>=≤≥≠()]+\s*(?<!-)[<>=≤≥≠]': (
         "join comparisons with 'and': '0 < x and x < 5'"
     ),
     r'\bin\s*[\[(]': "write an interval of values as '0 <= x and x <= 5'",
     r'\*\s*\*': "write a power as 'x^2'",
-    r'%': "write a remainder as 'x mod 2'",
+    r'%|\bmod\b': "write a remainder as 'mod(x, 2)'",
     r'[-+*/<>=≤≥≠]\s*previous\b|\bprev\s+(?=[\w"])': "write the value before as 'prev(x)'",
+    r"(?<=[\w'])\[\s*\]": 'write an argument, an index or a time between the brackets',
     r'\[\s*\]': "did you mean 'always' instead of '[]'?",
     r'[{}]': 'use round brackets',
     rf'\[(?:[^\[\]]*,)?\s*[0-9.]+\s*(?!(?:{"|".join(NANOSECONDS)})\b)[A-Za-zµ]+': (
         f'the units of times are {", ".join(NANOSECONDS)}'
     ),
-    rf'(?:^|[^\w\s)\]"]|\b(?:{"|".join(FORMULA_WORDS)}))\s*U\b': (
+    rf'{_BEFORE_OPERAND}U\b': (
         "'U' is the operator 'until': rename the sort or feature"
     ),
 }

@@ -80,24 +80,29 @@ def holds_until(
     left: Formula, right: Formula, interval: Interval, position: TextPosition
 ) -> Formula:
     """Return `until` whose left side must hold from the present state to before the right one."""
+    return checked_size(_holds_until(left, right, interval, position), 'holds until')
+
+
+def _holds_until(
+    left: Formula, right: Formula, interval: Interval, position: TextPosition
+) -> Formula:
     strict = Until(left, right, interval, position=position)
-    found: Formula = And(left, strict, position=position)
-    if interval.start == 0:
-        found = Or(right, found, position=position)
-    return checked_size(found, 'holds until')
+    found = And(left, strict, position=position)
+    return Or(right, found, position=position) if interval.start == 0 else found
 
 
 def unless(left: Formula, right: Formula, interval: Interval, position: TextPosition) -> Formula:
     """Return the weak until: the left side holds until the right one does, or to the end."""
     throughout = Always(left, Interval(0, interval.end), position=position)
-    strong = holds_until(left, right, interval, position)
+    strong = _holds_until(left, right, interval, position)
     return checked_size(Or(strong, throughout, position=position), 'unless')
 
 
 def release(left: Formula, right: Formula, interval: Interval, position: TextPosition) -> Formula:
     """Return the dual of `holds until`: the right side holds until the left one has held."""
     not_left, not_right = (Not(side, position=side.position) for side in (left, right))
-    return Not(holds_until(not_left, not_right, interval, position), position=position)
+    found = Not(_holds_until(not_left, not_right, interval, position), position=position)
+    return checked_size(found, 'release')
 
 
 def surround(
