@@ -85,9 +85,7 @@ _ADVICE: Final = {
     rf'\[(?:[^\[\]]*,)?\s*[0-9.]+\s*(?!(?:{"|".join(NANOSECONDS)})\b)[A-Za-zµ]+': (
         f'the units of times are {", ".join(NANOSECONDS)}'
     ),
-    rf'{_BEFORE_OPERAND}U\b': (
-        "'U' is the operator 'until': rename the sort or feature"
-    ),
+    rf'{_BEFORE_OPERAND}U\b': ("'U' is the operator 'until': rename the sort or feature"),
 }
 """Corrections of mistakes that are more than a word."""
 
