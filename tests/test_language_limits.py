@@ -206,9 +206,6 @@ def test_names_of_a_long_formula(first: str) -> None:
     """Names that are compared with each other are resolved in linear time."""
     count = 1000
     parts = [f'a{number} = a{number + 1}' for number in reversed(range(count))]
-    # As `and` is binary, a chain of so many would be too deep.
-    while len(parts) > 1:
-        parts = [f'({" and ".join(parts[at : at + 2])})' for at in range(0, len(parts), 2)]
     checker = type_checking._TypeChecker
     infer = mock.patch.object(
         checker,
@@ -217,7 +214,7 @@ def test_names_of_a_long_formula(first: str) -> None:
         side_effect=checker._infer_equality,
     )
     with infer as inferred:
-        FormulaGroup().add_formula('formula', f'{first} and {parts[0]}')
+        FormulaGroup().add_formula('formula', ' and '.join([first, *parts]))
     assert count <= inferred.call_count <= 4 * count
 
 
@@ -225,11 +222,12 @@ def test_names_of_a_long_formula(first: str) -> None:
     'make',
     [
         *(lambda n, op=op: f' {op} '.join(['p', 'q'] * (n // 2))[: -2 * (n % 2) or None]
-          for op in ('and', 'or', '->', 'until', 'until[0 s, 1 s]')),
+          for op in ('->', 'until', 'until[0 s, 1 s]')),
         lambda n: 'not ' * (n - 1) + 'p',
         lambda n: 'always[0 s, 1 s] eventually[0 s, 1 s] ' * ((n - 2) // 2) + 'not p',
         lambda n: 'always exists u in UAV: ' + 'not ' * (n - 4) + 'P[u]',
-        lambda n: ' + '.join(['p'] * (n - 1)) + ' < 3',
+        lambda n: ' - '.join(['p'] * (n - 1)) + ' < 3',
+        lambda n: 'any(' + ' and '.join(['s.a > 1'] * (n - 1)) + ')',
         lambda n: '-' * (n - 3) + 'p < 3',
     ],
 )  # fmt: skip
@@ -238,6 +236,38 @@ def test_the_deepest_formula(make: Callable[[int], str]) -> None:
     with pytest.raises(LanguageError, match='the formula nests deeper than 100 levels') as error:
         parse_formula(make(MAX_DEPTH + 2))
     assert error.value.position.line == 1
+
+
+@pytest.mark.parametrize('every_state', [False, True])
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda names: ' and '.join(f'{each} > 1' for each in names),
+        lambda names: ' or '.join(f'{each} > 2' for each in names),
+        lambda names: f'historically ({" + ".join(names)} > {len(names)})',
+    ],
+)
+def test_flat_parts_do_not_nest(make: Callable[[list[str]], str], *, every_state: bool) -> None:
+    names = [f'x{number}' for number in range(2000)]
+    text = f'always ({make(names)})'
+    formula = parse_formula(text)
+    assert parse_formula(str(formula)) == formula
+    group = FormulaGroup()
+    formula_id = group.add_formula('formula', text, every_state=every_state, margin=True)
+
+    def progress() -> None:
+        group.begin({})
+        assert group.progress(0, dict.fromkeys(names, 3.0)) == []
+        assert group.residual(formula_id)
+        if every_state:
+            group.progress(1, dict.fromkeys(names, 1.0))
+            assert group.standing.summary(formula_id).latest_episodes
+        else:
+            (result,) = group.progress(1, dict.fromkeys(names, 1.0))
+            assert 'x0' in result.explanation
+            assert result.margin is not None
+
+    below(150, progress)
 
 
 def test_a_formula_that_doubles() -> None:

@@ -349,6 +349,41 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     return tuple(found)
 
 
+def flat_parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
+    """Return the parts of a node, or all operands of `a and b and c`, of `or` and of `+`."""
+    if (chain := _chain(node)) is None:
+        return parts(node)
+    found, pending = [], [node]
+    while pending:
+        each = pending.pop()
+        if _chain(each) == chain:
+            pending += reversed(parts(each))
+        else:
+            found.append(each)
+    return tuple(found)
+
+
+def balanced(node: Any) -> Any:
+    """Return a formula whose flat parts nest less deep: `(a and b) and (c and d)`."""
+    if _chain(node) is None:
+        return with_changed_parts(node, balanced)
+    return _joined(node, list(map(balanced, flat_parts(node))))
+
+
+def _chain(node: Formula | Term) -> str | None:
+    """Return the operator of a node, if brackets among several of it have no meaning."""
+    operator = getattr(node, 'symbol' if isinstance(node, And | Or) else 'operator', None)
+    return operator if operator in {'and', 'or', '+'} else None
+
+
+def _joined(node: Any, operands: Sequence[Any]) -> Any:
+    if len(operands) == 1:
+        return operands[0]
+    middle = len(operands) // 2
+    left, right = _joined(node, operands[:middle]), _joined(node, operands[middle:])
+    return replace(node, left=left, right=right, position=left.position)
+
+
 def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     """Return a node with a function applied to each of its parts."""
     if isinstance(node, PastAtom):

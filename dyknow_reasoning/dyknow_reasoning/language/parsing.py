@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Final, get_args
@@ -106,8 +107,7 @@ def parse_constants(texts: Mapping[str, str]) -> Constants:
 
 def _parse(text: str, constants: Constants) -> Formula:
     with LANGUAGE.errors_in(text):
-        formula = _formula(LANGUAGE.parse(text, _FormulaBuilder(constants)))
-        LANGUAGE.check_depth(formula, syntax.parts)
+        formula = _shallow(_formula(LANGUAGE.parse(text, _FormulaBuilder(constants))))
         uncertainties = stated_uncertainties(formula)
         formula, units = without_lets(formula, constants)
         check_limits(formula)
@@ -117,6 +117,17 @@ def _parse(text: str, constants: Constants) -> Formula:
 
 
 _parse_again = lru_cache(1024)(_parse)
+
+
+def _shallow(formula: Formula) -> Formula:
+    """Return a formula over which functions may recurse."""
+    with suppress(PositionedError):
+        LANGUAGE.check_depth(formula, syntax.parts)
+        return formula
+    LANGUAGE.check_depth(formula, syntax.flat_parts)
+    found: Formula = syntax.balanced(formula)
+    LANGUAGE.check_depth(found, syntax.parts)
+    return found
 
 
 @lru_cache
