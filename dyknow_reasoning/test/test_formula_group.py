@@ -7,6 +7,7 @@ import tracemalloc
 from functools import partial
 
 import numpy as np
+import numpy as np
 import pytest
 from reasoning_reference import begun
 from reasoning_reference import started as started_over
@@ -164,6 +165,11 @@ def test_forall_over_nothing_is_true_and_each_formula_is_reported_once() -> None
     [
         ('always p', {}, "the state has no field 'p'; the state stream must hold it"),
         ('always Power[uav1] > 3', {'Power[uav1]': 'x'}, 'the string "x", not a number'),
+        (
+            'always Power[uav1] > 3',
+            {'Power[uav1]': np.float32(4)},
+            'a value of type numpy.float32, not a number of Python; write value.item()',
+        ),
         ('always Power[uav1] > 3', {'Power[uav1]': True}, 'the boolean true, not a number'),
         ('always A > 3', {'A': float('nan')}, "the field 'A' holds nan, not a number; if "),
         (

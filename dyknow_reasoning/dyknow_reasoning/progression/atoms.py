@@ -314,7 +314,8 @@ def _field(term: Feature | FieldReference | PastAtom, kind: Kind | None) -> Read
             mend = "use a feature from it with 'missing: unknown'" if is_reference else mend
             raise UnusableValueError(f"the field '{name}' {_NOT_A_NUMBER.format(mend)}")
         wanted = f'a {kind}' if kind else 'a number, a string or a boolean'
-        raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}")
+        mend = ' of Python; write value.item()' if type(value).__module__ == 'numpy' else ''
+        raise ReasoningError(f"the field '{name}' holds {_description(value)}, not {wanted}{mend}")
 
     return read
 
@@ -328,9 +329,11 @@ def _kind_of_value(value: object) -> Kind | None:
 
 
 def _description(value: object) -> str:
-    kind = _kind_of_value(value)
+    kind, own = _kind_of_value(value), type(value)
+    if own.__module__ == 'numpy':
+        return f'a value of type numpy.{own.__name__}'
     if kind is None:
-        return f'a value of type {type(value).__name__}'
+        return f'a value of type {own.__name__}'
     if kind is Kind.STRING:
         return f'the string "{value}"'
     return f'the {kind} {str(value).lower()}'
