@@ -384,6 +384,22 @@ def test_relations_of_positions_that_the_file_does_not_give(
         assert mend in line
 
 
+def test_faulty_positions_are_the_only_finding(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text(
+        'objects: {R: [r1]}\n'
+        'regions: {z: {is: Z, frame: map, circle: {center: [0, 0], radius: 1}}}\n'
+        'positions: [{of: {r: R}, frame: map, topic: /odom, field: pose, axes: [x, y]}]\n'
+        "formulas: [{name: a, formula: 'always inside(r1, z)'}]\n"
+    )
+    code, shown = lint(capsys, path)
+    assert code == 1
+    assert shown.startswith(f'{path}:3:71: error: these are 2 of three fields; write those of x, ')
+    assert shown.count(str(path)) == 1
+
+
 def test_expected_topics_of_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     robot = tmp_path / 'robot.yaml'
     robot.write_text(

@@ -44,6 +44,10 @@ _FORMULAS: Final = ('formulas', 'guards')
 _DECLARATIONS: Final = ('sorts', 'objects', 'features', 'constants', 'triggers')
 
 
+_OF_POSITIONS: Final = {'Positioned', 'distance', 'swept_distance', 'sight_distance', 'yaw'}
+"""The sort and the features that positions may give."""
+
+
 @dataclass(slots=True)
 class RobotFaults:
     """The faults of a robot.yaml, and what the rest of it describes.
@@ -137,7 +141,8 @@ def _remove_within(section: str, value: yaml.Node, place: tuple[int, int]) -> se
         kept = [each for each in value.value if not _is_in(each, place)]
         is_found = len(kept) < len(value.value)
         value.value = kept
-        return set() if is_found else None
+        declared = _OF_POSITIONS if section == 'positions' else set[str]()
+        return {*declared} if is_found else None
     if not isinstance(value, yaml.MappingNode) or section in _INDIVISIBLE:
         return None
     for index, (key, entry) in enumerate(value.value):

@@ -138,7 +138,7 @@ def _objects(sources: Iterable[_PositionSource]) -> set[str]:
 
 def _check_frames(regions: Sequence[StatedRegion], frames: set[str]) -> None:
     for each in regions:
-        if each.region.frame not in frames:
+        if frames and each.region.frame not in frames:  # Without any, a fault was removed.
             raise each.key.error(
                 f"the region '{each.region.name}' is in frame '{each.region.frame}', but positions "
                 f'are in {listed(sorted(frames))}; state both in one frame'
@@ -403,7 +403,10 @@ def _axes(value: YamlValue | None, frame: str) -> tuple[str, str, str]:
         return ('longitude', 'latitude', 'altitude') if frame == WGS84 else ('x', 'y', 'z')
     names = [each.text('a field').strip() for each in value.one_or_more()]
     if len(names) != 3:  # noqa: PLR2004
-        raise value.expected('the fields of x, y and z, such as [lon, lat, alt],')
+        raise value.error(
+            f'these are {len(names)} of three fields; write those of x, y and z, such as '
+            '[lon, lat, alt]'
+        )
     return names[0], names[1], names[2]
 
 

@@ -7,7 +7,6 @@ import tracemalloc
 from functools import partial
 
 import numpy as np
-import numpy as np
 import pytest
 from reasoning_reference import begun
 from reasoning_reference import started as started_over
