@@ -304,8 +304,8 @@ def correction(
     """
     if topic := _TOPIC.match(text, offset):
         return f'did you mean "{topic["quoted"] or topic["bare"]}" instead of {topic[0]}?'
-    if found := _advice(text, offset, advice):
-        return found
+    if advised := _advice(text, offset, advice):
+        return advised
     meant = sorted(set(corrections.values()))
     near = [*_TOKEN.finditer(text, max(0, offset - _NEAR), offset + _NEAR)]
     for each in reversed(near):
