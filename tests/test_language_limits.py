@@ -227,7 +227,6 @@ def test_names_of_a_long_formula(first: str) -> None:
         lambda n: 'always[0 s, 1 s] eventually[0 s, 1 s] ' * ((n - 2) // 2) + 'not p',
         lambda n: 'always exists u in UAV: ' + 'not ' * (n - 4) + 'P[u]',
         lambda n: ' - '.join(['p'] * (n - 1)) + ' < 3',
-        lambda n: 'any(' + ' and '.join(['s.a > 1'] * (n - 1)) + ')',
         lambda n: '-' * (n - 3) + 'p < 3',
     ],
 )  # fmt: skip
@@ -268,6 +267,15 @@ def test_flat_parts_do_not_nest(make: Callable[[list[str]], str], *, every_state
             assert result.margin is not None
 
     below(150, progress)
+
+
+def test_flat_conditions_do_not_nest() -> None:
+    path = ' or '.join(f'a = {number} and b < 3' for number in range(1000))
+    expected = f'any({path})'
+    group = FormulaGroup()
+    group.add_formula('formula', expected.replace('a =', 's.a =').replace('b <', 's.b <'))
+    (symbol,) = group.symbols()
+    assert symbol.reference == ('s', expected)
 
 
 def test_a_formula_that_doubles() -> None:

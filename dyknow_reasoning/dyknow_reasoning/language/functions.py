@@ -37,10 +37,8 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Formula,
     Or,
-    parts,
     with_changed_parts,
 )
-from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.terms import (
     Aggregate,
     Arithmetic,
@@ -107,7 +105,6 @@ def function_of_field(name: Token, argument: Formula | Term) -> Term:
         (values,) = argument.arguments
         least = function_of_field(Token.new_borrow_pos(name.type, 'min', name), values)
         return Function('max', (function_of_field(name, values), Arithmetic('-', Number(0), least)))
-    LANGUAGE.check_depth(argument, parts)
     conditions = list(_conditions(argument, 'or'))
     streams = {stream for stream, _ in conditions}
     if len(streams) == 1 and (stream := streams.pop()) is not None:

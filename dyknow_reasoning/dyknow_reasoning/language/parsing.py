@@ -119,13 +119,13 @@ def _parse(text: str, constants: Constants) -> Formula:
 _parse_again = lru_cache(1024)(_parse)
 
 
-def _shallow(formula: Formula) -> Formula:
-    """Return a formula over which functions may recurse."""
+def _shallow(node: Any) -> Any:
+    """Return a formula or a term over which functions may recurse."""
     with suppress(PositionedError):
-        LANGUAGE.check_depth(formula, syntax.parts)
-        return formula
-    LANGUAGE.check_depth(formula, syntax.flat_parts)
-    found: Formula = syntax.balanced(formula)
+        LANGUAGE.check_depth(node, syntax.parts)
+        return node
+    LANGUAGE.check_depth(node, syntax.flat_parts)
+    found = syntax.balanced(node)
     LANGUAGE.check_depth(found, syntax.parts)
     return found
 
@@ -456,7 +456,7 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
 
     def call(self, name: Token, *arguments: Formula | Term) -> Term | terms.Covariance:
         if len(arguments) == 1 and name in FIELD_FUNCTIONS:
-            return function_of_field(name, arguments[0])
+            return function_of_field(name, _shallow(arguments[0]))
         if name == 'count' and len(arguments) == 2:  # noqa: PLR2004 - a formula and a time
             return _state_count(*arguments)
         check_call(name, len(arguments))
