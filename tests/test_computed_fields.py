@@ -254,6 +254,7 @@ def recorded_run(path: Path, *, is_faulty: bool) -> None:
     [
         'always min("/scan".ranges[0:3]) > 0.5',
         'always not any("/scan".ranges < 0.5)',
+        'always count("/scan".ranges > 0.1 and "/scan".ranges < 0.5) < 1',
         'always "/joints".position[name = "elbow"] < 1.5',
         'always "/diagnostics".status[name = "lidar"].level < 2',
         'always "/diagnostics".status[name = "imu"].values[key = "voltage"].value > 11000',
