@@ -304,8 +304,6 @@ def correction(
     """
     if topic := _TOPIC.match(text, offset):
         return f'did you mean "{topic["quoted"] or topic["bare"]}" instead of {topic[0]}?'
-    if advised := _advice(text, offset, advice):
-        return advised
     meant = sorted(set(corrections.values()))
     near = [*_TOKEN.finditer(text, max(0, offset - _NEAR), offset + _NEAR)]
     for each in reversed(near):
@@ -317,7 +315,7 @@ def correction(
                 return _question(found, each[0])
         if each[0] in corrections and _is_inside(text[each.end() : offset]):
             return _question(corrections[each[0]], each[0])
-    return _advice(text, offset, _NUMBERS)
+    return _advice(text, offset, {**advice, **_NUMBERS})
 
 
 def _advice(text: str, offset: int, advice: Mapping[str, str]) -> str:

@@ -35,12 +35,13 @@ _SPELLINGS: Final = {
 
 _CORRECTIONS: Final = {
     **dict.fromkeys(('&', '&&', 'AND'), 'and'),
-    **dict.fromkeys(('|', '||', 'OR'), 'or'),
+    **dict.fromkeys(('||', 'OR'), 'or'),
     **dict.fromkeys(('!', '~', 'NOT'), 'not'),
     '=>': "->' or '>=",
     **dict.fromkeys(('==>', '-->', 'implies'), '->'),
     **dict.fromkeys(('<=>', '<==>', 'iff'), '<->'),
     'xor': 'not (p <-> q)',
+    'for': 'always[0 s, 5 s] p',
     **dict.fromkeys(('G', 'globally', 'ALWAYS'), 'always'),
     **dict.fromkeys(('F', 'finally', 'EVENTUALLY'), 'eventually'),
     **dict.fromkeys(('all', 'FORALL'), 'forall'),
@@ -64,6 +65,7 @@ _BEFORE_OPERAND: Final = rf'(?:^|[^\w\s)\]"]|\b(?:{"|".join(FORMULA_WORDS)}))\s*
 
 _ADVICE: Final = {
     rf'{_BEFORE_OPERAND}\|[^|]+\|': "write an absolute value as 'abs(x)'",
+    r'\|': "did you mean 'or' instead of '|'?",
     r'\bdelaunay\s*\([^()]*': (
         "'delaunay' stands first in the links: over (delaunay(East[a], North[a]) for a, b in Robot)"
     ),
@@ -71,7 +73,6 @@ _ADVICE: Final = {
     r'\b(?:X|next)\b(?:\s*\([^()]*)?': "there is no 'next': write 'eventually(0 s, 1 s] p'",
     r'\bsoon\b': "write how far to look ahead, as in 'soon[5 s] x > 3'",
     r'\bwithin\b': "write the time after the operator, as in 'eventually[0 s, 5 s] p'",
-    r'\bfor\s+[0-9]': "write the time after the operator, as in 'always[0 s, 5 s] p'",
     r'(?<!-)[<>=≤≥≠]=?\s*[^\s<>=≤≥≠()]+\s*(?<!-)[<>=≤≥≠]': (
         "join comparisons with 'and': '0 < x and x < 5'"
     ),
