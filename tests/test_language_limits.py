@@ -247,7 +247,7 @@ def test_the_deepest_formula(make: Callable[[int], str]) -> None:
     ],
 )
 def test_flat_parts_do_not_nest(make: Callable[[list[str]], str], *, every_state: bool) -> None:
-    names = [f'x{number}' for number in range(2000)]
+    names = [f'x{number}' for number in range(500)]
     text = f'always ({make(names)})'
     formula = parse_formula(text)
     assert parse_formula(str(formula)) == formula

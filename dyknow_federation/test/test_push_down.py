@@ -159,7 +159,7 @@ def test_the_verdict_is_that_of_the_whole_formula(
         ('false: P[r1] is "off", not "on"; so', 'P[r1] is "off", not "on"; so'),
         (
             'true: a \\ b\nc',
-            'a \\ b\nc; P[r3] is true at 2.000 s (eventually awaited since 0.000 s)',
+            'a \\ b\\u000ac; P[r3] is true at 2.000 s (eventually awaited since 0.000 s)',
         ),
     ],
 )

@@ -31,7 +31,7 @@ def with_reasons_of_peers(explanation: str) -> str:
 
     def reasons(facts: re.Match[str]) -> str:
         found = dict.fromkeys(_REASON.findall(facts[2]))
-        new = [re.sub(r'\\(.)', r'\1', each) for each in found if each not in known]
+        new = [re.sub(r'\\(["\\])', r'\1', each) for each in found if each not in known]
         known.update(found)
         return (facts[1] or '') + '; '.join(new) if new else ''
 

@@ -94,7 +94,7 @@ def check_limits(formula: Formula) -> None:
         is_decided = (operator, value) in {('<', 0), ('>', 1), ('<=', 1)}
         if is_decided or isinstance(limit, Quantity) or not 0 <= value <= 1:
             fault = 'has a unit' if isinstance(limit, Quantity) else 'always or never holds'
-            mend = f', {value / 100:g}' if 1 < value <= _PERCENT else ''
+            mend = f', {value / _PERCENT:g}' if 1 < value <= _PERCENT else ''
             message = f"'{operator} {limit}' of a probability {fault}; write a number from 0 to 1"
             raise PositionedError(f'{message}{mend}', limit.position)
 
