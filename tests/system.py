@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -83,6 +84,29 @@ def short_lease_of(folder: Path) -> dict[str, str]:
     before, builtin, after = LOOPBACK.read_text(encoding='utf-8').partition('<builtin>\n')
     profile.write_text(f'{before}{builtin}{SHORT_LEASE}{after}', encoding='utf-8')
     return {'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
+
+
+@contextmanager
+def spinning(node: Node, executor: Any) -> Iterator[None]:
+    """Run the callbacks of a node in a thread that ends before its executor.
+
+    A callback that is running would meet a guard condition that was destroyed.
+    """
+    executor.add_node(node)
+    has_ended = threading.Event()
+
+    def spin() -> None:
+        while not has_ended.is_set():
+            executor.spin_once(timeout_sec=POLL)
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        has_ended.set()
+        thread.join()
+        executor.shutdown()
 
 
 class Client:

@@ -19,7 +19,7 @@ from dyknow_common import DyKnowError, ExitCode, Verdict
 from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient
 from evaluations import COORDINATOR, Evaluations
-from system import ALWAYS, NOTICED, SOON, Batteries, Client, System
+from system import ALWAYS, NOTICED, SOON, Batteries, Client, System, spinning
 
 
 @pytest.fixture(autouse=True)
@@ -42,19 +42,6 @@ def asker_beside(client: Client) -> Iterator[Node]:
 def asker(system: System, batteries: Batteries) -> Iterator[Node]:  # noqa: ARG001 - telemetry flows
     with asker_beside(system.client) as node:
         yield node
-
-
-@contextmanager
-def spinning(node: Node, executor: Any) -> Iterator[None]:
-    """Spins a node in a thread of its own."""
-    executor.add_node(node)
-    thread = threading.Thread(target=executor.spin)
-    thread.start()
-    try:
-        yield
-    finally:
-        executor.shutdown()
-        thread.join()
 
 
 def single(node: Node) -> Any:

@@ -50,7 +50,7 @@ from dyknow_coordinator import Answer
 from dyknow_coordinator.ros import FormulaClient
 from page_client import open_page, post
 from policies import GraphRecorder, Use, rules
-from system import LIMIT, POLL, Client, private_environment
+from system import LIMIT, POLL, Client, private_environment, spinning
 
 VEHICLES = 3
 FORMULA = 'forall u in UAV: always[0 s, 2 s] Altitude[u] < 1000'
@@ -130,23 +130,10 @@ def node_in(enclave: str, domain: int, name: str) -> Iterator[Node]:
     context = Context()
     rclpy.init(context=context, domain_id=domain, args=['--ros-args', '--enclave', enclave])
     node = Node(name, context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    has_ended = threading.Event()
-
-    def spin() -> None:
-        while not has_ended.is_set():
-            executor.spin_once(timeout_sec=POLL)
-
-    thread = threading.Thread(target=spin, daemon=True)
-    thread.start()
     try:
-        yield node
+        with spinning(node, SingleThreadedExecutor(context=context)):
+            yield node
     finally:
-        has_ended.set()
-        thread.join()
-        # A callback that is running would meet a guard condition that was destroyed.
-        executor.shutdown()
         node.destroy_node()
         context.try_shutdown()
 

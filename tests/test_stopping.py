@@ -98,8 +98,8 @@ def test_a_process_stops_at_any_moment(lines: list[list[str]], code: int) -> Non
     with ThreadPoolExecutor(2) as pool:
         ends = [end for system in pool.map(ends_in, range(2)) for end in system]
     for case, (returned, output) in zip(cases[::2] + cases[1::2], ends, strict=True):
-        # The first signal counts.
-        assert returned == (code and code + case[2][0]), (case, output)
+        # The first signal counts; of two that wait, any may be handled first.
+        assert returned in ({code + each for each in case[2]} if code else {0}), (case, output)
         assert 'Traceback' not in output, (case, output)
         assert 'ignored' not in output, (case, output)
     domains = [environment['ROS_DOMAIN_ID'] for environment in environments]
