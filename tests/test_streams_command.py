@@ -107,13 +107,16 @@ def test_topics_and_their_formulas(shared_system: Any) -> None:
         found = {each['topic']: each for each in json.loads(shown('--json'))['topics']}
         return found['/uav1/battery']
 
-    system.client.spin_until(lambda: battery()['rate_hz'] > 1.0, 'the rate of the topic', pause=0.5)
-    assert battery()['formulas'] == [formula]
+    def is_used() -> bool:
+        """Return True if the command has heard of the evaluations, for which it waits briefly."""
+        found = battery()
+        return found['rate_hz'] > 1.0 and found['formulas'] == [formula]
+
+    system.client.spin_until(is_used, 'the rate of the topic and its formula', pause=0.5)
     assert battery()['samples'] > 0
     lines: list[str] = []
 
     def are_named() -> bool:
-        """Return True if the command has heard of the evaluations, for which it waits briefly."""
         lines[:] = [' '.join(line.split()) for line in shown('--all').splitlines()]
         return any(line.startswith(f'states of {formula} flowing') for line in lines)
 
