@@ -194,6 +194,10 @@ class StandingVerdicts:
         """True if it is known from a state if it is true."""
         return bool(self.holds or self.fails)
 
+    def known_after(self, before: StandingVerdicts) -> StandingVerdicts:
+        """Return these, or those before while nothing is known, as an episode outlasts restarts."""
+        return self if self.is_known else before
+
     def _has_restarted(self, before: StandingVerdicts) -> bool:
         more = self.episode_count - before.episode_count
         if more < 0 or not before.latest_episodes or more >= len(self.latest_episodes):

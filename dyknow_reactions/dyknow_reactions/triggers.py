@@ -155,9 +155,7 @@ class FormulaEvents:
     def _episodes(
         self, verdicts: StandingVerdicts, now: int, margin: Margin | None
     ) -> Iterator[TriggerReport]:
-        before = self._verdicts
-        if verdicts.is_known:  # Else an episode lasts, over a restart with other objects.
-            self._verdicts = verdicts
+        before, self._verdicts = self._verdicts, verdicts.known_after(self._verdicts)
         for episode, has_ended in verdicts.changes(before):
             least = episode.worst or margin
             if has_ended:

@@ -138,9 +138,7 @@ class MonitorNode(DyKnowNode):
 
     def _follow(self, monitored: MonitoredFormula, verdicts: StandingVerdicts) -> None:
         """Set the outcome at each begin and end of an episode."""
-        before = monitored.verdicts
-        if verdicts.is_known:  # Else an episode lasts, over a restart with other objects.
-            monitored.verdicts = verdicts
+        before, monitored.verdicts = monitored.verdicts, verdicts.known_after(monitored.verdicts)
         for episode, has_ended in verdicts.changes(before):
             monitored.margin = episode.worst or monitored.margin
             if has_ended:
