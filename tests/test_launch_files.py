@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
 
 from commands import output_of
 from dyknow_bringup.resources import share
@@ -52,7 +53,13 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 def parameter(client: Client, node: str, name: str) -> Any:
     answer = client.call(GetParameters, f'{node}/get_parameters', names=[name])
-    return answer.values[0].double_value
+    return parameter_value_to_python(answer.values[0])
+
+
+def assert_stops(process: subprocess.Popen[str]) -> None:
+    os.killpg(process.pid, signal.SIGINT)
+    process.communicate(timeout=LIMIT)
+    assert process.returncode == 0
 
 
 @contextmanager
@@ -180,9 +187,7 @@ def test_a_killed_process_is_started_again(
         # A client that knew the killed node might still send its request there.
         with closing(Client(environment)) as client:
             parameter(client, '/ontology_manager', 'hang_limit')
-        os.killpg(process.pid, signal.SIGINT)
-        process.communicate(timeout=LIMIT)
-        assert process.returncode == 0
+        assert_stops(process)
 
 
 def test_parameters_of_nodes_without_their_namespace(
@@ -198,12 +203,8 @@ def test_parameters_of_nodes_without_their_namespace(
     ):
         assert parameter(client, '/uav1/stream_manager', 'hang_limit') == 33.0
         assert parameter(client, '/uav1/ontology_manager', 'hang_limit') != 33.0
-        names = ['use_sim_time']
-        answer = client.call(GetParameters, '/uav1/ontology_manager/get_parameters', names=names)
-        assert answer.values[0].bool_value
-        os.killpg(process.pid, signal.SIGINT)
-        process.communicate(timeout=LIMIT)
-        assert process.returncode == 0
+        assert parameter(client, '/uav1/ontology_manager', 'use_sim_time') is True
+        assert_stops(process)
 
 
 def test_a_parameter_of_a_launch_file_that_includes_ours(
@@ -223,9 +224,5 @@ def test_a_parameter_of_a_launch_file_that_includes_ours(
         launched(environment, name=str(tmp_path / 'outer')) as process,
         closing(Client(environment)) as client,
     ):
-        names = ['use_sim_time']
-        answer = client.call(GetParameters, '/uav1/ontology_manager/get_parameters', names=names)
-        assert answer.values[0].bool_value
-        os.killpg(process.pid, signal.SIGINT)
-        process.communicate(timeout=LIMIT)
-        assert process.returncode == 0
+        assert parameter(client, '/uav1/ontology_manager', 'use_sim_time') is True
+        assert_stops(process)

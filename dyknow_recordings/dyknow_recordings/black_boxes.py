@@ -39,14 +39,12 @@ from dyknow_reasoning import (
     Forall,
     Formula,
     Interval,
-    PastFormula,
-    PastTerm,
     parse_formula,
     parts,
     walk,
 )
 from dyknow_recordings.errors import RecordingError
-from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every
+from dyknow_recordings.evaluation.episodes import FIRST_BEGIN, EpisodeStart, Every, looks_back
 from dyknow_recordings.evaluation.results import FormulaReport, RecordingReport
 from dyknow_recordings.evaluation.vocabulary import MonitoringFiles
 from dyknow_stream_processing import made, parse_specification
@@ -254,11 +252,6 @@ def is_invariant(formula: Formula) -> bool:
         case Always():
             return formula.interval == Interval()
     return False
-
-
-def looks_back(formula: Any) -> bool:
-    """Return True if a part of a formula is about the past."""
-    return isinstance(formula, PastFormula | PastTerm) or any(map(looks_back, parts(formula)))
 
 
 def lacking_states(formula: Formula, *, every_state: bool) -> str:

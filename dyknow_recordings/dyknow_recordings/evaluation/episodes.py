@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -17,6 +16,7 @@ from dyknow_coordinator import with_unit
 from dyknow_reasoning import (
     ALL_KNOWN,
     FailureEpisode,
+    Formula,
     FormulaGroup,
     FormulaProbability,
     FormulaResult,
@@ -435,11 +435,15 @@ class _Trigger:
         return self._held and not held
 
 
+def looks_back(formula: Formula) -> bool:
+    """Return True if a part of a formula is about the past."""
+    return any(isinstance(each, PastFormula | PastTerm) for each in walk(formula))
+
+
 def _looks_back(grounded: GroundedFormula) -> bool:
     """Return True if a verdict may depend on states before the first of its episode."""
-    texts = [grounded.formula, *filter(None, [grounded.trigger])]
-    nodes = chain.from_iterable(walk(parse_formula(each)) for each in texts)
-    return any(isinstance(each, PastFormula | PastTerm) for each in nodes)
+    texts = filter(None, [grounded.formula, grounded.trigger])
+    return any(looks_back(parse_formula(each)) for each in texts)
 
 
 def _margin_of(formula: FormulaEpisodes, margin: Margin | None) -> Margin | None:

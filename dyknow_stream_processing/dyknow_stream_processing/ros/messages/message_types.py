@@ -35,9 +35,7 @@ def message_class(type_name: str) -> Any:
         StreamError: NOT_FOUND, if the type is not installed.
     """
     if '/msg/' not in type_name:
-        mend = 'write it as package/msg/Type'
-        text = f"message type '{type_name}' is not installed; {mend}"
-        raise StreamError(text, ExitCode.NOT_FOUND)
+        raise _not_installed(type_name, 'write it as package/msg/Type')
     return interface_class(type_name)
 
 
@@ -61,8 +59,13 @@ def interface_class(type_name: str) -> Any:
         near = get_close_matches(name, dir(module), n=1)
         near_name = f"did you mean '{package}/{folder}/{near[0]}'?" if near else ''
         mend = near_name or f'the package {package} has no such type'
-    kind = {'msg': 'message', 'srv': 'service'}.get(folder, folder)
-    raise StreamError(f"{kind} type '{type_name}' is not installed; {mend}", ExitCode.NOT_FOUND)
+    kind = {'srv': 'service', 'action': 'action'}.get(folder, 'message')
+    raise _not_installed(type_name, mend, kind)
+
+
+def _not_installed(type_name: str, mend: str, kind: str = 'message') -> StreamError:
+    text = f"{kind} type '{type_name}' is not installed; {mend}"
+    return StreamError(text, ExitCode.NOT_FOUND)
 
 
 def type_name_of(class_: Any) -> str:
