@@ -102,12 +102,12 @@ class SynchronisedOperator(Operator):
         """Keep a sample until the other inputs are settled until its valid time."""
         track, target = self._tracks[port], self._target
         last_time, last_fields = track.last
-        latest = max(last_time, self._last_tick)
-        if valid_time <= latest:
+        if valid_time <= last_time or valid_time <= self._last_tick:
             if fields == last_fields:
                 self._drop('repeated')
                 self.promise(port, watermark, now)
                 return
+            latest = max(last_time, self._last_tick)
             watermark = latest + 1 if watermark >= valid_time else watermark
             valid_time = latest + 1
         track.put(valid_time, fields, watermark)
