@@ -129,6 +129,8 @@ def test_a_node_that_meets_another_one(
         return len(statuses) > 1
 
     with node_that('pass', environment=environment) as process:
+        # With a heartbeat before that, it would not start.
+        client.spin_until(lambda: bool(statuses), 'the status')
         # A heartbeat before the node has discovered the publisher is lost.
         client.spin_until(is_heard, 'the status again')
         publisher.publish(heartbeat)
