@@ -45,6 +45,7 @@ def lint(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, s
         ('formulas', ['formulas.txt']),
         ('parameters', ['parameters.yaml']),
         ('topics', ['topics.yaml']),
+        ('units', ['units.yaml']),
     ],
 )
 def test_findings(

@@ -39,6 +39,7 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.parsing import parse_constants, parse_formula
+from dyknow_reasoning.language.quantities import mixed_units
 from dyknow_reasoning.language.soon import ForecastBound, ForecastFeature
 from dyknow_reasoning.language.spatial import Over
 from dyknow_reasoning.language.sugar import SPATIAL
@@ -171,6 +172,7 @@ __all__ = [
     'is_unknown',
     'joined',
     'literal_of',
+    'mixed_units',
     'notes_on',
     'objects_text',
     'parse_constants',

@@ -25,9 +25,10 @@ from dyknow_common import (
     read_text,
 )
 from dyknow_configuration import POSITION_FEATURES, ConfigurationError, TextSource
-from dyknow_reasoning import ForecastFeature, FormulaGroup
+from dyknow_reasoning import ForecastFeature, FormulaGroup, mixed_units, parse_formula
 from dyknow_recordings import (
     FormulaGrounder,
+    GroundedFormula,
     RecordedStreams,
     TopicContent,
     Vocabulary,
@@ -139,6 +140,7 @@ class VocabularyChecks:
                 grounded = grounder.ground(requested.text, constants=requested.constants)
                 found = streams.prepare(grounded.inputs.candidates.found)
                 yield from self._stamp_findings(formula, found)
+                yield from _unit_findings(formula, grounded)
             except DyKnowError as error:
                 reason = _reason(error)
                 is_unfit = any(f'no stream carries {each}' in reason for each in self._unfit)
@@ -223,6 +225,17 @@ class VocabularyChecks:
         places = self._inputs.places
         first = next(iter(self._inputs.files.ontologies), 'ontology')
         return places.get((section, name), places.get(('sorts', name), FilePlace(str(first))))
+
+
+def _unit_findings(formula: PlacedFormula, grounded: GroundedFormula) -> Iterator[Finding]:
+    units = grounded.units
+    for one, other in mixed_units(parse_formula(grounded.formula), units):
+        text = (
+            f"'{one.name}' is in {units[one.name]} and '{other.name}' in {units[other.name]}, and "
+            'their values are compared as plain numbers; declare both in one unit, or convert one '
+            'by a factor'
+        )
+        yield warning_at(formula.place(_mentioned(text, formula.requested.text)), text)
 
 
 def _is_in(name: str, texts: Iterable[str]) -> bool:

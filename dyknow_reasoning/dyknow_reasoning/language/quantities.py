@@ -10,13 +10,13 @@ a number. Numbers are converted, values of features never. Example, where `Dista
 With `36 km/h` instead, the right side would be in (s)*(km/h). That is an error, as it is no number.
 
 Comparisons without such a number are not checked: their plain numbers are in the units of the
-features.
+features. `mixed_units` finds those whose features have different units.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, TypeAlias
 
@@ -93,6 +93,43 @@ def check_units_are_known(formula: Formula) -> None:
             raise ReasoningError(
                 f"'{quantity}' has a unit, and the unit of '{name}' is not known; {correction}"
             )
+
+
+def mixed_units(formula: Formula, units: Mapping[str, str]) -> Iterator[tuple[Feature, Feature]]:
+    """Yield features that stand beside each other, though their numbers mean different units.
+
+    Args:
+        formula: whose comparisons, sums and functions of alike operands are searched.
+        units: of features, by name; empty for one that is a pure number.
+    """
+    for node in walk(formula):
+        match node:
+            case Comparison() | Arithmetic('+' | '-'):
+                terms: tuple[Term, ...] = node.left, node.right
+            case Function('min' | 'max' | 'hypot' | 'angle_difference'):
+                terms = node.arguments
+            case _:
+                continue
+        found = [each for each in map(_measured_feature, terms) if each is not None]
+        measured = [each for each in found if units.get(each.name)]
+        for each in measured[1:]:
+            if not _are_equal(units[measured[0].name], units[each.name]):
+                yield measured[0], each
+
+
+def _measured_feature(term: Term) -> Feature | None:
+    while isinstance(term, Aggregate | ValueBefore | Kept):
+        if isinstance(term, Aggregate) and term.function == 'count':
+            return None
+        term = term.body
+    return term if isinstance(term, Feature) else None
+
+
+def _are_equal(one: str, other: str) -> bool:
+    try:
+        return unit_conversion(one, other) is None
+    except DyKnowError:
+        return False
 
 
 _RESULTS: Final = {'sin': None, 'cos': None, 'atan2': 'rad'}
