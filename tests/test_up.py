@@ -6,7 +6,7 @@ import json
 import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,9 @@ from std_msgs.msg import Float64, String
 from commands import command, output_of
 from dyknow_bringup.processes.processes import MONITOR
 from dyknow_common.ros import LATCHED
-from system import Client, private_environment
-from terminals import ROVER, faulty, up
+from node_processes import process_of
+from system import LIMIT, Client, private_environment
+from terminals import ROVER, Terminal, faulty, up
 from test_rover import EXAMPLES, Rover
 
 
@@ -140,6 +141,35 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
             for report in reports
         ]
         assert max(open_at_once) == 1
+
+
+def test_another_monitor_tells_that_nothing_is_evaluated_any_more(tmp_path: Path) -> None:
+    """It shows no outcome of a system that has ended, and follows the next one."""
+    robot = tmp_path / 'robot.yaml'
+    robot.write_text('formulas: [{name: calm, formula: \'always "/level".data < 5\'}]')
+    environment = private_environment()
+    level = 3.0
+    with closing(Client(environment)) as client, ExitStack() as monitor:
+        publisher = client.node.create_publisher(Float64, '/level', 10)
+        client.node.create_timer(0.1, lambda: publisher.publish(Float64(data=level)))
+
+        def wait_for(terminal: Terminal, text: str, count: int = 1) -> None:
+            client.spin_until(
+                lambda: terminal.text.count(text) >= count, text, instead=lambda: terminal.text
+            )
+
+        with up(environment, str(robot)) as system:
+            wait_for(system, 'DyKnow runs in')
+            line = command('dyknow', 'monitor', str(robot), '--json')
+            process = monitor.enter_context(process_of(*line, environment=environment))
+            shown = Terminal(process)
+            wait_for(shown, '"undecided"')
+        wait_for(shown, 'does not run any more')
+        with up(environment, str(robot)):
+            wait_for(shown, '"undecided"', 2)
+            level = 7.0
+            wait_for(shown, '"false"')
+            assert process.wait(LIMIT) == 1
 
 
 def test_a_topic_has_the_right_type_later(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ from dyknow_bringup.ros.formula_monitor import FormulaMonitor, MonitorNode
 from dyknow_bringup.ros.system_start import where_coordinators_are
 from dyknow_common import SECOND_NS, ExitCode, add_utc_option, duration_option, round_duration
 from dyknow_common.executables import ERROR, FALSE, SUCCESS, describe, interruptible
-from dyknow_common.ros import LATCHED, STATUS, TICK_PERIOD_S, start_ros, started_at
+from dyknow_common.ros import LATCHED, STATUS, TICK_PERIOD_S, RemoteNode, start_ros, started_at
 from dyknow_common.tables import Terminal
 from dyknow_configuration import RequestedFormula, read_robot, warn_of_notes
 from dyknow_coordinator import Answer, EvaluationPhase, EvaluationStatus, Progress, StandingVerdicts
@@ -58,9 +58,11 @@ STARTING_NS: Final = 30 * SECOND_NS
 """The age up to which a system may not have begun with its formulas."""
 
 NOT_MONITORED: Final = (
-    f'{MONITOR} does not evaluate it: it had its verdict some time ago, which its log has, or it '
-    f'is not in the file that {MONITOR} was started with; start that anew'
+    f'{MONITOR} does not evaluate it: it has not begun yet, it had its verdict some time ago, '
+    f'which its log has, or it is not in the file that {MONITOR} was started with; start that anew'
 )
+
+NOT_RUNNING: Final = 'the coordinator does not run any more; start "dyknow up" again'
 
 NOTICE_S = 3.0
 """Time without a connection after which a warning says what is waited for."""
@@ -163,6 +165,7 @@ class AttachedMonitor(MonitorNode):
         """When the evaluations of the formulas began, by name, nanoseconds."""
         self._decided: set[str] = set()
         self._has_report = False
+        RemoteNode(self, self.coordinator).on_lost.append(lambda: self._disconnect(NOT_RUNNING))
         self.create_report_subscription(
             EvaluationStatusArray, f'{self.coordinator}/evaluations', self._on_evaluations
         )
@@ -194,12 +197,20 @@ class AttachedMonitor(MonitorNode):
             status = latest.get(monitored.identity)
             if status is not None:
                 self._follow_evaluation(monitored, status)
-            elif monitored.outcome == NOT_CONNECTED:
-                self.explain(monitored, NOT_MONITORED)
+            else:
+                self._disconnect(NOT_MONITORED, monitored)
+
+    def _disconnect(self, reason: str, *formulas: MonitoredFormula) -> None:
+        """Note that formulas without a verdict, or all of them, are not evaluated any more."""
+        for each in formulas or self.formulas:
+            if each.name not in self._decided:
+                each.outcome, each.known_at = NOT_CONNECTED, None
+                self.explain(each, reason)
 
     def _follow_evaluation(self, monitored: MonitoredFormula, status: EvaluationStatus) -> None:
         if self.started.get(monitored.name) != status.started:
             self.started[monitored.name] = status.started
+            self._decided.discard(monitored.name)
             monitored.verdicts = StandingVerdicts()
         is_new = monitored.outcome == NOT_CONNECTED
         if is_new:
