@@ -35,6 +35,10 @@ class Reporter:
         rclpy.shutdown()
         self.client.close()
 
+    def announce(self) -> None:
+        """Has one heartbeat, and hangs from then on, as other nodes see it."""
+        self._node.announce()
+
     def now(self) -> int:
         """The time of the node."""
         return self._node.now()

@@ -129,6 +129,17 @@ def test_a_line_between_vehicles_follows_the_verdict(view: View) -> None:
     view.until_drawn([])
 
 
+def test_evaluations_of_a_coordinator_without_heartbeats_are_not_drawn(view: View) -> None:
+    view.reporter.tell(view.separation())
+    view.subscribe()
+    view.until_drawn([GREEN])
+    view.reporter.announce()
+    view.reporter.client.spin_until(
+        lambda: not any(view.node.count_subscribers(f'/{each}/odometry') for each in PLACES),
+        'the node subscribes to no vehicle',
+    )
+
+
 def test_a_fence_lies_around_the_vehicles(view: View) -> None:
     fence = replace(
         view.separation(),

@@ -21,6 +21,7 @@ from dyknow_bringup.errors import BringupError
 from dyknow_common import SECOND_NS
 from dyknow_common.ros import (
     DyKnowNode,
+    RemoteNode,
     Throttle,
     run,
 )
@@ -75,6 +76,7 @@ class FormulaMarkers(DyKnowNode):
         self.create_report_subscription(
             EvaluationStatusArray, f'{coordinator}/evaluations', self._on_evaluations
         )
+        RemoteNode(self, coordinator).on_lost.append(self._forget)
         self._markers = self.create_publisher(MarkerArray, '~/markers', MARKERS)
         self.create_timer(PERIOD_NS / SECOND_NS, self._publish_markers, clock=self.wall_clock)
 
@@ -89,6 +91,10 @@ class FormulaMarkers(DyKnowNode):
 
     def _on_evaluations(self, report: Any) -> None:
         self._statuses = [status_from_message(each) for each in report.evaluations]
+
+    def _forget(self) -> None:
+        """Show no evaluation of a coordinator that does not run any more."""
+        self._statuses = []
 
     def _publish_markers(self) -> None:
         watched = self._markers.get_subscription_count() > 0

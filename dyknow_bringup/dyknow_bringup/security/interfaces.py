@@ -172,6 +172,12 @@ CLIENT: Final = MONITOR | Interfaces(
 MONITOR_COMMAND: Final = ROS_NODE | Interfaces(subscribes=frozenset({f'{COORDINATOR}/evaluations'}))
 """`dyknow monitor`, which looks for another monitor of its formulas."""
 
+MARKERS: Final = Interfaces(
+    publishes=frozenset({'~/markers'}),
+    subscribes=_watched(COORDINATOR) | {f'{COORDINATOR}/evaluations'},
+)
+"""`formula_markers`, which subscribes to the odometry of its vehicles too."""
+
 COMMANDS: Final = MONITOR | Interfaces(
     subscribes=frozenset({f'{COORDINATOR}/evaluations', 'stream_manager/streams'}),
     requests=frozenset(

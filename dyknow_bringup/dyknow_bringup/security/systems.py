@@ -18,11 +18,11 @@ from dyknow_bringup.processes.processes import join_namespaces
 from dyknow_bringup.security.interfaces import (
     CLIENT,
     COMMANDS,
-    COORDINATOR,
     DYKNOW_NODE,
     ENGINE,
     FEDERATION,
     FEDERATION_HEALTH,
+    MARKERS,
     MONITOR_COMMAND,
     PLAIN_NODE,
     RECORDER,
@@ -265,11 +265,9 @@ def _uav_monitoring() -> tuple[Enclave, ...]:
     telemetry = frozenset(topic(*each) for each in product(names, Channel))
     odometry = frozenset(topic(name, Channel.ODOMETRY) for name in names)
     system = SecuredSystem(topics=telemetry)
-    markers = Interfaces(
-        publishes=frozenset({'~/markers'}), subscribes=odometry | {f'{COORDINATOR}/evaluations'}
-    )
+    markers = DYKNOW_NODE | MARKERS | Interfaces(subscribes=odometry)
     return (
         *system.enclaves(),
         system.node('uav_simulation', DYKNOW_NODE | Interfaces(publishes=telemetry)),
-        system.node('formula_markers', DYKNOW_NODE | markers),
+        system.node('formula_markers', markers),
     )
