@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, Margin, ProbabilityInterval, Verdict
 from dyknow_coordinator import (
     EvaluationPhase,
@@ -124,6 +126,24 @@ def test_metrics() -> None:
     asked = re.findall(r'dyknow_\w+', str([each['targets'] for each in panels]))
     assert asked
     assert set(asked) <= known
+
+
+@pytest.mark.parametrize(
+    ('node', 'metric'),
+    [
+        ('/r1/stream_reasoning_coordinator', 'formula_failing'),
+        ('/stream_manager', 'stream_flowing'),
+    ],
+)
+def test_no_metrics_of_what_a_node_reported_that_is_gone(node: str, metric: str) -> None:
+    board = board_of(POWER)
+    board.streams.update(STREAMS, ['/engine'])
+    for alive in (True, False):
+        state = NodeState(alive=alive, message='running', absent=0 if alive else 60 * SECOND_NS)
+        board.health.update([NodeHealth(node, state)], 30 * SECOND_NS)
+        text = metrics_of(board).decode()
+        assert f'dyknow_node_alive{{node="{node}"}} {float(alive)}' in text
+        assert (f'dyknow_{metric}{{' in text) == alive
 
 
 def test_a_page_gets_what_has_changed() -> None:

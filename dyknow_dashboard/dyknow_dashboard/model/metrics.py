@@ -43,13 +43,26 @@ class _BoardCollector(Collector):
         self._board = board
 
     def collect(self) -> Iterator[Metric]:
-        """Yield all metrics."""
-        yield from _of_formulas(self._board.formulas.statuses())
+        """Yield all metrics; those of formulas and streams while the node that reports them runs.
+
+        An alarm on the last report of a node that is gone would be silent for ever.
+        """
+        gone = {
+            each.name.rpartition('/')[2]
+            for each in self._board.health.nodes
+            if not (each.state.alive or each.state.is_new)
+        }
+        if 'stream_reasoning_coordinator' not in gone:
+            yield from _of_formulas(self._board.formulas.statuses())
+        if 'stream_manager' not in gone:
+            yield from self._of_streams()
+        yield from self._of_nodes()
+        yield from self._of_events()
+
+    def _of_streams(self) -> Iterator[Metric]:
         # Streams of states get new names again and again: each would be a series of its own.
         named = [each for each in self._board.streams.reports if not is_hidden(each.name)]
         yield from _of_streams(named[:MAX_STREAMS])
-        yield from self._of_nodes()
-        yield from self._of_events()
 
     def _of_events(self) -> Iterator[Metric]:
         events = _counter('events', 'Changes of verdicts, and their fate.', 'place', 'fate')
