@@ -59,7 +59,10 @@ from dyknow_stream_processing import (
     read_streams,
 )
 
-_QUOTED = re.compile(r"'([A-Za-z_][\w:]*)|\b([A-Za-z_]\w*)\[")
+_NAMED = re.compile(
+    r"""'(?P<number>[\d.e+-]+)\ "(?P<unit>[^"]+)"|'(?P<name>[A-Za-z_][\w:]*)"""
+    r"""|\b(?P<feature>[A-Za-z_]\w*)\["""
+)
 
 Contents = Mapping[str, TopicContent]
 
@@ -346,10 +349,14 @@ def _reason(error: DyKnowError) -> str:
 
 
 def _mentioned(message: str, text: str) -> int:
-    """Return where a formula has a name that a message is about; 0 if it has none."""
-    for found in _QUOTED.finditer(message.partition('\n')[0]):
-        name = found[1] or found[2]
-        place = re.search(rf'\b{re.escape(name)}\b', text)
+    """Return where a formula has what a message is about; 0 if it has none.
+
+    That is a name, a feature, or a number with its unit, which is in quotes in a canonical text.
+    """
+    for found in _NAMED.finditer(message.partition('\n')[0]):
+        name = re.escape(found['name'] or found['feature'] or found['number'])
+        unit = rf'\s*"?{re.escape(found["unit"])}' if found['unit'] else r'\b'
+        place = re.search(rf'\b{name}{unit}', text)
         if place is not None:
             return place.start()
     return 0
