@@ -356,6 +356,11 @@ def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str
         ('Mode = "on" => p', "did you mean '->' or '>=' instead of '=>'?"),
         ('x > 3 % && p', "did you mean 'and' instead of '&&'?"),
         ('p xor q', "did you mean 'not (p <-> q)' instead of 'xor'?"),
+        ('avg(x[u] for u in U) > 1', "did you mean 'mean' instead of 'avg'?"),
+        (
+            'rate("/a", -2 s).hz > 1',
+            'write tf("map", "base_link").yaw, action("/dock").name or rate("/scan", 2 s).hz',
+        ),
         ('|x| > 1', "write an absolute value as 'abs(x)'"),
         ('always p and |x - y| > 1', "write an absolute value as 'abs(x)'"),
         ('always p | q | r', "did you mean 'or' instead of '|'?"),

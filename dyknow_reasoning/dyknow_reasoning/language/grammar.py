@@ -53,6 +53,7 @@ _CORRECTIONS: Final = {
     **dict.fromkeys(('W', 'WU', 'weak_until'), 'unless'),
     **dict.fromkeys(('R', 'releases'), 'release'),
     'UNTIL': 'until',
+    **dict.fromkeys(('avg', 'average'), 'mean'),
     **dict.fromkeys(('includes', 'has', 'CONTAINS'), 'contains'),
     **dict.fromkeys(('startswith', 'starts_with', 'begins'), 'starts with'),
     '==': '=',
@@ -85,6 +86,9 @@ _ADVICE: Final = {
     r'[{}]': 'use round brackets',
     rf'\[(?:[^\[\]]*,)?\s*[0-9.]+\s*(?!(?:{"|".join(NANOSECONDS)})\b)[A-Za-zµ]+': (
         f'the units of times are {", ".join(NANOSECONDS)}'
+    ),
+    r'\b(?:tf|action|rate)\s*\(\s*"[^()]*': (
+        'write tf("map", "base_link").yaw, action("/dock").name or rate("/scan", 2 s).hz'
     ),
     rf'{_BEFORE_OPERAND}U\b': ("'U' is the operator 'until': rename the sort or feature"),
 }
