@@ -21,7 +21,12 @@ from dyknow_common import (
 )
 from dyknow_common.tables import Cell, figure, fixed, framed_table, named, wide
 from dyknow_configuration import RequestedFormula
-from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts
+from dyknow_coordinator import (
+    EvaluationPhase,
+    EvaluationStatus,
+    StandingVerdicts,
+    as_reported,
+)
 
 HOLDS: Final = 'holds'
 """The outcome of a formula that is asked at every state, outside of its episodes."""
@@ -88,7 +93,8 @@ class MonitoredFormula:
     @property
     def identity(self) -> Identity:
         """What its evaluations evaluate."""
-        return self.name, one_line(self.formula.closed_text), self.formula.every_state
+        text = one_line(self.formula.closed_text)
+        return as_reported(self.name), as_reported(text), self.formula.every_state
 
     @property
     def status(self) -> str:
@@ -116,10 +122,11 @@ def is_any_evaluated(
         BringupError: if one that goes on is of another formula of the same name.
     """
     evaluated = {identity(each): each for each in statuses}
-    wanted = {each.identity: each.name for each in formulas}
+    wanted = {each.identity for each in formulas}
+    names = {name for name, _, _ in wanted}
     for other, status in evaluated.items():
         is_running = status.phase is not EvaluationPhase.ENDED
-        if is_running and other not in wanted and status.name in wanted.values():
+        if is_running and other not in wanted and status.name in names:
             asked = 'at every state' if status.episodes is not None else 'once'
             raise BringupError(
                 f"'{status.name}': the system evaluates another formula of this name, "

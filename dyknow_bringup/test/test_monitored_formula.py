@@ -12,7 +12,7 @@ from dyknow_bringup.monitored_formula import MonitoredFormula, formula_table, is
 from dyknow_common import SECOND_NS, clock_time
 from dyknow_common.tables import Terminal
 from dyknow_configuration import RequestedFormula
-from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts
+from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts, as_reported
 
 START = 1_700_000_000 * SECOND_NS
 
@@ -73,3 +73,14 @@ def test_no_other_formula_of_the_same_name_is_shown(
     refused = pytest.raises(BringupError, match=f"'lim': .* another .*, {text} .at every state.;")
     with refused if is_evaluated is None else nullcontext():
         assert is_any_evaluated([MonitoredFormula(asked)], [running]) is is_evaluated
+
+
+def test_a_formula_whose_text_is_too_long_for_reports_is_found() -> None:
+    text = ' and '.join(f'x{number} < 1' for number in range(2_000))
+    asked = MonitoredFormula(RequestedFormula(text))
+    told = [as_reported(each) for each in (asked.name, text)]
+    status = EvaluationStatus(
+        told[0], told[1], EvaluationPhase.RUNNING, started=1, formula_text=told[1]
+    )
+    assert status.name != asked.name
+    assert is_any_evaluated([asked], [status])

@@ -59,7 +59,12 @@ from dyknow_coordinator.plan import (
     PlanPhase,
     PlanVerdict,
 )
-from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, Level, diagnose
+from dyknow_coordinator.reporting.evaluation_status import (
+    EvaluationStatus,
+    Level,
+    as_reported,
+    diagnose,
+)
 from dyknow_coordinator.reporting.node_status import has_loaded
 from dyknow_coordinator.reporting.peer_reasons import PEER_VERDICT, with_reasons_of_peers
 from dyknow_coordinator.reporting.verdict_topics import verdict_token
@@ -101,6 +106,7 @@ __all__ = [
     'StateFault',
     'SymbolGrounding',
     'ViolationEpisode',
+    'as_reported',
     'check_compared_objects',
     'check_symbols',
     'completed',

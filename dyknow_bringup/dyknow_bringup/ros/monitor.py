@@ -109,7 +109,7 @@ def _finds_monitor(
     formulas: Sequence[MonitoredFormula],
     coordinator: str,
 ) -> bool:
-    names = {each.name for each in formulas}
+    names = {each.identity[0] for each in formulas}
     reports: list[Any] = []
     starts: list[int] = []
     topic = node.resolve_topic_name(f'{coordinator}/evaluations')

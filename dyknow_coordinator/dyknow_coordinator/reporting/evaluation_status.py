@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 from dyknow_common import (
     BlackBoxOptions,
@@ -21,6 +22,14 @@ from dyknow_common import (
 )
 from dyknow_coordinator.evaluation import EvaluationPhase
 from dyknow_coordinator.grounding.feature_sources import SymbolGrounding
+
+_MAX_TEXT: Final = 10_000
+"""The most characters of a text in a status: reports are sent each second."""
+
+
+def as_reported(text: str) -> str:
+    """Return a text as reports have it: the begin of a long one."""
+    return text if len(text) <= _MAX_TEXT else f'{text[:_MAX_TEXT]}...'
 
 
 @dataclass(frozen=True, slots=True)

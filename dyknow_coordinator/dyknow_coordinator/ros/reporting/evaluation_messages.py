@@ -8,23 +8,18 @@ from dyknow_interfaces.msg import EvaluationStatus as StatusMessage
 
 from dyknow_common import StandingVerdicts
 from dyknow_common.ros import from_message, to_message
-from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
+from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus, as_reported
 
 _TEXTS: Final = tuple(
     name for name, kind in StatusMessage.get_fields_and_field_types().items() if kind == 'string'
 )
-
-_MAX_TEXT: Final = 10_000
-"""The most characters of a text in a status: reports are sent each second."""
 
 
 def status_to_message(status: EvaluationStatus) -> StatusMessage:
     """Return an EvaluationStatus message; unknown times are zero."""
     message = to_message(status, StatusMessage(every_state=status.episodes is not None))
     for name in _TEXTS:
-        text = getattr(message, name)
-        if len(text) > _MAX_TEXT:
-            setattr(message, name, f'{text[:_MAX_TEXT]}...')
+        setattr(message, name, as_reported(getattr(message, name)))
     return message
 
 
