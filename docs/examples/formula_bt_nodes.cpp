@@ -47,7 +47,9 @@ public:
   {
     return {
       BT::InputPort<std::string>("topic", "of the verdicts of the formula"),
-      BT::InputPort<double>("max_age", 2.5, "seconds; verdicts come each second")};
+      BT::InputPort<double>("max_age", 2.5, "seconds; verdicts come each second"),
+      BT::InputPort<double>(
+        "max_state_age", 5.0, "seconds; more for a topic that is published rarely")};
   }
 
   BT::NodeStatus tick() override
@@ -56,11 +58,19 @@ public:
     const std::chrono::duration<double> max_age(getInput<double>("max_age").value());
     const bool holds = verdict_ && !verdict_->is_violated &&
       verdict_->exit_status.code == ExitStatus::SUCCESS &&
-      (verdict_->verdict == FormulaResult::TRUE || Clock::now() - received_ < max_age);
+      (verdict_->verdict == FormulaResult::TRUE ||
+      (Clock::now() - received_ < max_age && has_states()));
     return holds ? BT::NodeStatus::SUCCESS : BT::NodeStatus::FAILURE;
   }
 
 private:
+  /// The stamp is the valid time of the latest state, and zero before the first.
+  bool has_states() const
+  {
+    const auto age = node_->now() - rclcpp::Time(verdict_->header.stamp);
+    return age.seconds() < getInput<double>("max_state_age").value();
+  }
+
   rclcpp::Node::SharedPtr node_;
   rclcpp::CallbackGroup::SharedPtr group_;
   rclcpp::executors::SingleThreadedExecutor executor_;
