@@ -95,6 +95,14 @@ def test_diagnosis() -> None:
 
     assert found(CALM) == (Level.OK, 'holds from 3 of 3 states')
     assert found(VIOLATED) == (Level.ERROR, 'violated: 31 m')
+    # No more states come.
+    waiting = replace(
+        STATUS, phase=EvaluationPhase.WAITING, episodes=VIOLATED, waits_for='nobody publishes /a'
+    )
+    silent = diagnose(waiting, 9 * SECOND, 5 * SECOND)
+    assert (silent.level, silent.text) == (Level.ERROR, 'violated: 31 m; nobody publishes /a')
+    assert outcome(waiting) == 'violated'
+    assert outcome(replace(waiting, episodes=CALM)) == 'waiting'
     assert found(CLEARED) == (Level.OK, 'holds from 6 of 7 states, fails from 1 in 1 episode')
 
 

@@ -107,8 +107,10 @@ class MonitorNode(DyKnowNode):
             self._follow(monitored, verdicts)
             is_known = verdicts.holds or verdicts.is_violated
             outcome = (VIOLATED if verdicts.is_violated else HOLDS) if is_known else UNDECIDED
+        if progress.waits_for and outcome != VIOLATED:
+            outcome = WAITING  # What held at the last state may not hold any more.
         if progress.states_progressed and monitored.outcome != outcome:
-            self.set_outcome(monitored, outcome, '')
+            self.set_outcome(monitored, outcome, progress.waits_for)
 
     def note_answer(
         self, monitored: MonitoredFormula, answer: Answer, *, known_at: int | None = None

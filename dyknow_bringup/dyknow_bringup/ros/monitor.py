@@ -447,7 +447,8 @@ def add_monitor_options(parser: argparse.ArgumentParser) -> None:
             'dyknow monitor robot.yaml --retry',
             'dyknow monitor robot.yaml --wait 30 --duration 60 --json',
         ),
-        '0 if no formula was false, 1 if one was, 2 for an error or if no state came for a formula',
+        '0 if no formula was false, 1 if one was, 2 for an error, or for a formula that waits for '
+        'states at the end',
     )
     parser.add_argument('robot', type=Path, help='robot.yaml, which describes the robot')
     parser.add_argument(

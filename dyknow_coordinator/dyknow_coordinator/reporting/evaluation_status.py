@@ -91,7 +91,7 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
     """Return the diagnosis of an evaluation.
 
     - ERROR: the formula is false, or cannot be evaluated; or it is asked at every state, and has
-      been false since the latest episode began.
+      been false since the latest episode began, also if no more states come.
     - WARN: the formula may become false or may never be decided: it is presumably false,
       interrupted, waiting, or without streams or states for too long; or its timeout has passed.
     - OK: otherwise, also after a cancellation, which the client requested.
@@ -103,6 +103,8 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
     """
     latest = status.started if status.latest_valid_time is None else status.latest_valid_time
     waited, silence = now - status.started, now - latest
+    if is_violated(status):
+        return _diagnosis_of_violated(status)
     level = Level.WARN
     match status.phase:
         case EvaluationPhase.ENDED:
@@ -118,20 +120,27 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
             level, text = Level.OK, 'its streams are being found'
         case EvaluationPhase.RUNNING if silence > silence_limit:
             text = f'no state has come for {round_duration(silence)}'
-        case EvaluationPhase.RUNNING if status.episodes is not None:
-            return _diagnosis_of_standing(status.episodes)
-        case EvaluationPhase.RUNNING if status.presumably_false:
+        case EvaluationPhase.RUNNING if status.presumably_false and status.episodes is None:
             text = 'presumably false: only a later state can make it true'
         case EvaluationPhase.RUNNING:
-            level, text = Level.OK, 'undecided'
+            level, text = Level.OK, 'undecided' if status.episodes is None else status.episodes.text
     return Diagnosis(level, text)
 
 
-def _diagnosis_of_standing(verdicts: StandingVerdicts) -> Diagnosis:
-    """Return the diagnosis of a formula that is asked at every state."""
-    if verdicts.is_violated and verdicts.latest_episodes:
-        return Diagnosis(Level.ERROR, f'violated: {verdicts.latest_episodes[-1].text}')
-    return Diagnosis(Level.OK, verdicts.text)
+def is_violated(status: EvaluationStatus) -> bool:
+    """Return True if a formula is asked at every state, and the latest episode has not ended."""
+    return (
+        status.phase is not EvaluationPhase.ENDED
+        and status.episodes is not None
+        and status.episodes.is_violated
+    )
+
+
+def _diagnosis_of_violated(status: EvaluationStatus) -> Diagnosis:
+    latest = status.episodes.latest_episodes[-1:] if status.episodes is not None else ()
+    reasons = ['violated', *(each.text for each in latest)]
+    waits = f'; {status.waits_for}' if status.waits_for else ''
+    return Diagnosis(Level.ERROR, f'{": ".join(reasons)}{waits}')
 
 
 def outcome(status: EvaluationStatus) -> str:
@@ -140,8 +149,10 @@ def outcome(status: EvaluationStatus) -> str:
         return status.error.code.name.lower().replace('_', ' ')
     if status.phase is EvaluationPhase.ENDED:
         return status.verdict.name.lower()
+    if is_violated(status):
+        return 'violated'
     if status.phase is EvaluationPhase.RUNNING and status.episodes is not None:
-        return 'violated' if status.episodes.is_violated else 'running'
+        return 'running'
     if status.phase is EvaluationPhase.RUNNING and status.presumably_false:
         return 'presumably false'
     return status.phase.name.lower()
