@@ -352,15 +352,18 @@ class _MonitorRun:
         self._monitor.destroy_node()
 
     def check_states(self) -> None:
-        """Check that each formula had a state.
+        """Check that each formula had a state, and does not wait for states at the end.
 
         Raises:
-            BringupError: UNAVAILABLE, if one had none and no error says why.
+            BringupError: UNAVAILABLE, if one had none and no error says why, or waits.
         """
-        idle = [f"'{each.name}' ({each.waits_for or each.outcome})" for each in self._monitor.idle]
-        if idle:
-            more = f', and {len(idle) - MAX_NAMED} more' if len(idle) > MAX_NAMED else ''
-            text = f'no state came for {", ".join(idle[:MAX_NAMED])}{more}'
+        idle = self._monitor.idle
+        waiting = idle or [each for each in self._monitor.formulas if each.outcome == WAITING]
+        if waiting:
+            named = [f"'{each.name}' ({each.waits_for or each.outcome})" for each in waiting]
+            more = f', and {len(named) - MAX_NAMED} more' if len(named) > MAX_NAMED else ''
+            came = 'no state came' if idle else 'no more states came'
+            text = f'{came} for {", ".join(named[:MAX_NAMED])}{more}'
             raise BringupError(text, ExitCode.UNAVAILABLE)
 
     @property
