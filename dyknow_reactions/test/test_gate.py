@@ -182,6 +182,15 @@ def test_a_latch_keeps_a_silence_that_nobody_looked_at() -> None:
     assert gate.state is GateState.LATCHED
 
 
+def test_a_latch_does_not_close_what_was_never_open() -> None:
+    """A gate without formulas may wait for the type of its messages first."""
+    gate = Gate([], [], TIMEOUT, latch=True, block='nobody publishes /cmd_vel_in')
+    gate.block(1, 'nobody publishes /cmd_vel_in')
+    assert gate.state is GateState.CLOSED
+    gate.block(2, '')
+    assert gate.state is GateState.OPEN
+
+
 def test_a_message_that_was_received_while_the_gate_was_closed() -> None:
     """A busy guard may take it after it has opened."""
     gate = open_gate()

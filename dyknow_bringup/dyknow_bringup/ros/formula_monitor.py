@@ -270,7 +270,10 @@ class FormulaMonitor(MonitorNode):
     def _on_verdict(self, index: int, answer: Answer) -> None:
         monitored, error = self.formulas[index], answer.error
         is_starting = (
-            error is not None and error.code in RETRIED and self.now() < (self._retry_until or 0)
+            error is not None
+            and error.code in RETRIED
+            and not monitored.has_states
+            and self.now() < (self._retry_until or 0)
         )
         if not is_starting:
             self._triggers.on_answer(monitored.formula, answer)

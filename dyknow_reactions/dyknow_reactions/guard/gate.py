@@ -68,16 +68,23 @@ class Gate:
         nodes: the names of the nodes that must be alive.
         timeout: the longest time without a state of a formula, or a sign of life of a node.
         latch: True if the gate stays closed once it has closed, until it is reset.
+        block: as of `block`, from the start on: a gate without formulas would open for an instant.
     """
 
     def __init__(
-        self, formulas: Iterable[str], nodes: Iterable[str], timeout: int, *, latch: bool
+        self,
+        formulas: Iterable[str],
+        nodes: Iterable[str],
+        timeout: int,
+        *,
+        latch: bool,
+        block: str = '',
     ) -> None:
         self._formulas = {name: _Known() for name in formulas}
         self._nodes = {name: _Known() for name in nodes}
         self._timeout = timeout
         self._latch = latch
-        self._block = self._interruption = ''
+        self._block, self._interruption = block, ''
         self.state = GateState.CLOSED
         self._opened = 0
         self.reason = ''

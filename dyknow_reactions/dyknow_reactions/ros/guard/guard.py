@@ -108,7 +108,13 @@ class GuardNode(DyKnowNode):
             for each in self._guard.formulas
             if each.name not in self._commands or self._commands[each.name].state_formula
         ]
-        return Gate(asked, WATCHED if asked else (), self._guard.timeout, latch=self._guard.latch)
+        return Gate(
+            asked,
+            WATCHED if asked else (),
+            self._guard.timeout,
+            latch=self._guard.latch,
+            block=self._passage.obstacle,
+        )
 
     def _check_references(self) -> None:
         """Refuse another name of the input in a formula: it would read what has not passed yet."""
