@@ -38,7 +38,7 @@ NOT_CONNECTED: Final = 'not connected'
 """The outcome of a formula until the coordinator accepts it."""
 
 WAITING: Final = 'waiting'
-"""Its outcome from then on until its first state."""
+"""Its outcome while no state comes, or while new objects are left out; not during an episode."""
 
 UNDECIDED: Final = Verdict.UNDECIDED.name.lower()
 """Its outcome from its first state until the answer."""

@@ -148,6 +148,14 @@ class Progress:
     probability: ProbabilityInterval | None = None
     episodes: StandingVerdicts | None = None
 
+    def with_episodes(self, episodes: StandingVerdicts | None) -> Progress:
+        """Return the progress with the verdicts at every state; None: the formula is asked once.
+
+        The engine reports on both in two messages: without verdicts, no state is known yet.
+        """
+        is_known = episodes is None or episodes.states > 0
+        return replace(self if is_known else Progress(), episodes=episodes)
+
 
 MAX_EVENTS: Final = 20
 

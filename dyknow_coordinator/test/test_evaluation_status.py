@@ -87,7 +87,9 @@ def test_interrupted() -> None:
 
 def test_grounding_takes_a_while() -> None:
     begun = EvaluationStatus('a', 'p', EvaluationPhase.GROUNDING, NOW - LIMIT)
-    assert diagnosis(begun).level is Level.OK
+    assert diagnosis(begun) == Diagnosis(Level.WARN, 'its streams are being found')
+    waiting = replace(begun, phase=EvaluationPhase.RUNNING)
+    assert diagnosis(waiting) == Diagnosis(Level.WARN, 'no state has come yet')
     slow = diagnosis(replace(begun, started=NOW - LIMIT - SECOND))
     assert slow == Diagnosis(Level.WARN, 'its streams have not been found within 6 s')
 

@@ -14,6 +14,7 @@ from dyknow_coordinator import (
     EvaluationPhase,
     EvaluationStatus,
     Level,
+    Progress,
     StandingVerdicts,
     ViolationEpisode,
     diagnose,
@@ -104,6 +105,14 @@ def test_diagnosis() -> None:
     assert outcome(waiting) == 'violated'
     assert outcome(replace(waiting, episodes=CALM)) == 'waiting'
     assert found(CLEARED) == (Level.OK, 'holds from 6 of 7 states, fails from 1 in 1 episode')
+
+
+def test_no_state_is_known_before_its_verdict() -> None:
+    """The engine reports both in two messages."""
+    progress = Progress(3, 5, 'p')
+    assert progress.with_episodes(None) == progress
+    assert progress.with_episodes(StandingVerdicts()) == Progress(episodes=StandingVerdicts())
+    assert progress.with_episodes(CALM) == replace(progress, episodes=CALM)
 
 
 def test_the_status() -> None:

@@ -108,7 +108,7 @@ class MonitorNode(DyKnowNode):
             is_known = verdicts.holds or verdicts.is_violated
             outcome = (VIOLATED if verdicts.is_violated else HOLDS) if is_known else UNDECIDED
         if progress.waits_for and outcome != VIOLATED:
-            outcome = WAITING  # What held at the last state may not hold any more.
+            outcome = WAITING  # What held may not hold any more, or not for all objects.
         if progress.states_progressed and monitored.outcome != outcome:
             self.set_outcome(monitored, outcome, progress.waits_for)
 

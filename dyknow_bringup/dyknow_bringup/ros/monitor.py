@@ -362,8 +362,8 @@ class _MonitorRun:
         if waiting:
             named = [f"'{each.name}' ({each.waits_for or each.outcome})" for each in waiting]
             more = f', and {len(named) - MAX_NAMED} more' if len(named) > MAX_NAMED else ''
-            came = 'no state came' if idle else 'no more states came'
-            text = f'{came} for {", ".join(named[:MAX_NAMED])}{more}'
+            fault = 'no state came for' if idle else 'not known at the end:'
+            text = f'{fault} {", ".join(named[:MAX_NAMED])}{more}'
             raise BringupError(text, ExitCode.UNAVAILABLE)
 
     @property

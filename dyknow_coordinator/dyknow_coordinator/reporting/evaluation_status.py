@@ -93,7 +93,8 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
     - ERROR: the formula is false, or cannot be evaluated; or it is asked at every state, and has
       been false since the latest episode began, also if no more states come.
     - WARN: the formula may become false or may never be decided: it is presumably false,
-      interrupted, waiting, or without streams or states for too long; or its timeout has passed.
+      interrupted, waiting, or without streams or states yet or for too long; or its timeout has
+      passed.
     - OK: otherwise, also after a cancellation, which the client requested.
 
     Args:
@@ -114,12 +115,13 @@ def diagnose(status: EvaluationStatus, now: int, silence_limit: int) -> Diagnosi
             text = f'interrupted: {reason}'
         case EvaluationPhase.WAITING:
             text = f'waiting for states: {status.waits_for}'
-        case EvaluationPhase.GROUNDING if waited > silence_limit:
-            text = f'its streams have not been found within {round_duration(waited)}'
         case EvaluationPhase.GROUNDING:
-            level, text = Level.OK, 'its streams are being found'
+            within = f'have not been found within {round_duration(waited)}'
+            text = f'its streams {within if waited > silence_limit else "are being found"}'
         case EvaluationPhase.RUNNING if silence > silence_limit:
             text = f'no state has come for {round_duration(silence)}'
+        case EvaluationPhase.RUNNING if status.latest_valid_time is None:
+            text = 'no state has come yet'
         case EvaluationPhase.RUNNING if status.presumably_false and status.episodes is None:
             text = 'presumably false: only a later state can make it true'
         case EvaluationPhase.RUNNING:

@@ -399,18 +399,18 @@ class FormulaEvaluation(Evaluation):
     def report(self) -> Progress:
         """Return the progress for its client, with the events since the last report."""
         return replace(
-            self.progress,
+            self.progress.with_episodes(self.episodes if self.request.every_state else None),
             streams=tuple(each.stream for each in self.groundings()),
             events=tuple(self.history.read()),
             waits_for=self.waits_for,
             margin=self.margin,
-            episodes=self.episodes if self.request.every_state else None,
         )
 
     def status(self) -> EvaluationStatus:
         """Return the status for operators."""
         answer = self.answer or Answer()
-        progress, group, request = self.progress, self._group, self.request
+        group, request = self._group, self.request
+        progress = self.progress.with_episodes(self.episodes if request.every_state else None)
         # Simulated time is 0 until /clock comes; then it begins anywhere.
         self._started = self._started or self._context.node.now()
         return EvaluationStatus(
@@ -431,7 +431,7 @@ class FormulaEvaluation(Evaluation):
             latest_valid_time=progress.latest_valid_time or None,
             residual_formula=progress.residual_formula,
             presumably_false=progress.presumably_false,
-            episodes=self.episodes if request.every_state else None,
+            episodes=progress.episodes,
             waits_for=self.waits_for,
             margin=self.margin,
             probability=None if self.has_ended else progress.probability,
