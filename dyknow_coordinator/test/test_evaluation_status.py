@@ -73,8 +73,6 @@ def test_silence(latest: int | None, *, pending: bool) -> None:
 
 def test_silence_begins_after_its_limit() -> None:
     assert diagnosis(replace(RUNNING, latest_valid_time=NOW - LIMIT)).level is Level.OK
-    begun = replace(RUNNING, latest_valid_time=None, started=NOW - LIMIT)
-    assert diagnosis(begun).level is Level.OK
 
 
 def test_interrupted() -> None:
