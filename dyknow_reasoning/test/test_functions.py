@@ -138,7 +138,6 @@ def test_no_value_is_an_error(term: str, values: dict[str, float], error: str) -
 def test_constants_need_no_state() -> None:
     result = decided('hypot(3, 4) = max(5, 2)')
     assert result.explanation == 'it is true, whatever the states are'
-    assert 'sqrt(-1)' in str(decided('sqrt(-1) < 2').error)
 
 
 def test_an_explanation() -> None:

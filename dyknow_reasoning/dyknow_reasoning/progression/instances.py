@@ -12,7 +12,7 @@ from functools import lru_cache, partial
 from typing import Any, NamedTuple, TypeAlias, cast
 
 from dyknow_common import Symbol, Verdict, listed, shortened
-from dyknow_reasoning.errors import ReasoningError
+from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.language.formula import (
     Always,
     And,
@@ -532,13 +532,17 @@ def with_kept(node: Any, name: str, value: Term) -> Any:
 
 
 def _value_without_state(atom: Comparison) -> bool | None:
-    """Return the truth of a comparison of constants; None if it needs a state, or has no value."""
+    """Return the truth of a comparison of constants; None if it needs a state.
+
+    Raises:
+        ReasoningError: if it has no value, such as `1 / 0 > 2`.
+    """
     if any(isinstance(each, Feature | FieldReference | Uncertain) for each in walk(atom)):
         return None
     try:
         return predicate(atom, {})({})
-    except ReasoningError:
-        return None  # A division by zero is an error at the first state.
+    except UnusableValueError as error:
+        raise ReasoningError(error.message) from None  # The formula is at fault, not a state.
 
 
 def _aggregated(aggregate: Aggregate, operands: Sequence[Any]) -> Term:
