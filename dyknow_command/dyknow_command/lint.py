@@ -18,7 +18,7 @@ from dyknow_command.linting.findings import (
     warning_at,
 )
 from dyknow_command.linting.inputs import YAML_ENDINGS, LintInputs, read_inputs
-from dyknow_command.observing import add_duration_option, observe
+from dyknow_command.observing import absolute_topic, add_duration_option, observe
 from dyknow_common import DyKnowError, ValueType, listed_as, round_duration
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import FRAME, ObservedTopic, add_quotes
@@ -114,9 +114,11 @@ def _findings(
 
 def _notes(inputs: LintInputs) -> Iterator[Finding]:
     """Yield what is correct in formulas, but may mean something else than their authors think."""
+    guarding = [each for guard in inputs.guards for each in guard.formulas]
     for formula in inputs.formulas:
         text = formula.requested.text
-        for note in notes_on(text):
+        is_standing = formula.requested.every_state or formula.requested in guarding
+        for note in notes_on(text, every_state=is_standing):
             before = text.splitlines(keepends=True)[: note.position.line - 1]
             index = sum(map(len, before)) + note.position.column - 1
             yield warning_at(formula.place(index), note.message)
@@ -146,7 +148,13 @@ def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]
 
 
 def _guard_findings(inputs: LintInputs) -> Iterator[Finding]:
-    """Yield the faults of guards that are known where ROS is: types and their fields."""
+    """Yield the faults of guards; of their types and fields, where ROS is."""
+    for guard in inputs.guards:
+        streams = {stream for formula in guard.formulas for stream in formula.streams}
+        for stream in sorted(streams - {guard.input}):
+            if absolute_topic(stream) == absolute_topic(guard.input):
+                text = f"a formula names the input as '{stream}'; write '{guard.input}'"
+                yield warning_at(inputs.placed(guard.place), f"the guard '{guard.name}': {text}")
     guards = [each for each in inputs.guards if each.message_type]
     if not guards:
         return

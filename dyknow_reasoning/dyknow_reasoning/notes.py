@@ -40,17 +40,23 @@ class FormulaNote:
         return str(LANGUAGE.error(self.message, self.formula, self.position))
 
 
-def notes_on(formula: str) -> tuple[FormulaNote, ...]:
+def notes_on(formula: str, *, every_state: bool = False) -> tuple[FormulaNote, ...]:
     """Return the notes on a formula, in the order of the text.
 
     There is one for each time without a unit, but for zero, for each `previous` or `soon` over an
     operator of two sides that is not in brackets, and for each `prev` that makes an `always` false.
 
+    Args:
+        formula: the text.
+        every_state: True if it is asked at every state, as if it stood in an `always`.
+
     Raises:
         LanguageError: for a text that is not a formula.
     """
     collector = _Collector(formula)
-    LANGUAGE.parse(formula, collector)
+    body = LANGUAGE.parse(formula, collector)
+    if every_state:
+        collector.note_required_before(body, 'not (...)')
     found = sorted(collector.found, key=lambda each: each[0].start_pos or 0)
     return tuple(FormulaNote(message, TextPosition.of(token), formula) for token, message in found)
 
@@ -95,10 +101,14 @@ class _Collector(SyntaxBuilder[Any]):
         self._note_reach(word, body, self._formula.index(']', horizon.end_pos) + 1, '[...]')
 
     def always(self, children: list[Any]) -> None:
-        for prev in _required_before(children[-1]):
+        self.note_required_before(children[-1], 'always not (...)')
+
+    def note_required_before(self, body: Any, mend: str) -> None:
+        """Add a note for each `prev` that makes a formula false that must hold at every state."""
+        for prev in _required_before(body):
             message = (
                 f"the comparison with '{prev}' is false at the first state, which has no value "
-                'before; write what must not happen, always not (...)'
+                f'before; write what must not happen, {mend}'
             )
             self.found.append((prev, message))
 
