@@ -108,7 +108,8 @@ class FormulaClient:
     and a formula that was not violated in its time (TIMEOUT) is normal. A script that needs an
     exception calls `answer.check()`.
 
-    Every wait ends: for the coordinator, after `wait`; for the verdict, after `timeout` and a grace
+    Every wait ends: for the coordinator, after `wait`; until it accepts the formula, after another
+    5 s, in which it accepts some hundred at once; for the verdict, after `timeout` and a grace
     period. If the coordinator dies meanwhile, the answer is UNAVAILABLE within seconds.
 
     A wrong argument is a fault of the caller: a TypeError or a ValueError names it.
@@ -206,6 +207,7 @@ class FormulaClient:
         Raises:
             RuntimeError: in a callback of a single-threaded executor, which would be blocked;
                 await `evaluate` there.
+            ExternalShutdownException: if rclpy is shut down meanwhile.
         """
         check_request(formula, timeout, grounding, constraints, wait, margin=margin)
         refuse_in_callback(self._node)
