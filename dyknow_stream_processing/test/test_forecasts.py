@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import pairwise, starmap
 from typing import Any
 
@@ -101,23 +101,41 @@ def planned(path: str, here: Pose, speed: float, **settings: Any) -> list[list[f
     ]
 
 
-def walks(points: list[Pose], durations: list[float], here: Pose, rate: float) -> list[list[Pose]]:
-    """Where small steps lead to after each second, from each place that may be the nearest one."""
-    fine, elapsed = [points[0]], [0.0]
+def walks(
+    points: list[Pose], durations: list[float], here: Pose, rate: float
+) -> Iterator[list[list[Pose]]]:
+    """Where small steps may lead to after each second, from each place that may be the nearest one.
+
+    Within a small step of a corner, the vehicle may be beside the way to it or the way on.
+    """
+    bearings = [math.atan2(y - b, x - a) for (a, b), (x, y) in pairwise(points) if (a, b) != (x, y)]
+    heading = next(iter(bearings), 0.0)
+    fine, elapsed, headings = [points[0]], [0.0], [heading]
     for ((x, y), (to_x, to_y)), duration in zip(pairwise(points), durations, strict=False):
+        heading = math.atan2(to_y - y, to_x - x) if (x, y) != (to_x, to_y) else heading
         for part in range(1, STEPS + 1):
             fine.append((x + (to_x - x) * part / STEPS, y + (to_y - y) * part / STEPS))
             elapsed.append(elapsed[-1] + duration / STEPS)
+            headings.append(heading)
     distances = [math.dist(each, here) for each in fine]
     # The nearest of these points is half a small step, of at most 6 m, from the nearest one.
-    starts = [each for each, far in enumerate(distances) if far <= min(distances) + 3 / STEPS]
-    found = []
-    for start in starts:
-        times = (elapsed[start] + second * rate for second in range(4))
-        lasts = [bisect_right(elapsed, time) - 1 for time in times]
-        (x, y), (away_x, away_y) = fine[start], here
-        found.append([(fine[each][0] - x + away_x, fine[each][1] - y + away_y) for each in lasts])
-    return found
+    for start in (n for n, far in enumerate(distances) if far <= min(distances) + 3 / STEPS):
+        bearing = math.atan2(here[1] - fine[start][1], here[0] - fine[start][0])
+        sides = {bearing - headings[start]}
+        if 0 < start < len(fine) - 1:
+            left = sum(math.sin(bearing - each) for each in headings[start : start + 2])
+            sides = {side * math.pi / 2 for side in (1, -1) if side * left > -1e-9}
+        lasts = [bisect_right(elapsed, elapsed[start] + second * rate) - 1 for second in range(4)]
+
+        def place(index: int, side: float, start: int = start) -> Pose:
+            if all(each == fine[start] for each in fine[start : index + 1]):
+                return here
+            (x, y), angle = fine[index], headings[index] + side
+            return x + distances[start] * math.cos(angle), y + distances[start] * math.sin(angle)
+
+        for side in sides:
+            nearly = [range(len(fine))[max(0, each - 1) : each + 2] for each in lasts]
+            yield [[place(each, side) for each in indices] for indices in nearly]
 
 
 @given(poses, st.tuples(coordinates, coordinates), st.floats(-2, 2), st.data())
@@ -135,17 +153,20 @@ def test_a_planned_path_is_followed(
     found = list(zip(*planned(path, here, speed), strict=True))
     assert found[0] == here
     assert any(
-        all(math.dist(*each) < 20 / STEPS for each in zip(found, walk, strict=True))
+        all(
+            any(math.dist(each, place) < 20 / STEPS for place in places)
+            for each, places in zip(found, walk, strict=True)
+        )
         for walk in expected
     )
 
 
 def test_a_planned_path_ends_at_its_goal() -> None:
     path = line([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0)], [0, 0, 0])
-    assert planned(path, (0.5, 0.25), 1.0) == [[0.5, 1.5, 2.0, 2.0], [0.25, 0.25, 0.75, 1.75]]
+    assert planned(path, (0.5, 0.25), 1.0) == [[0.5, 1.5, 1.75, 1.75], [0.25, 0.25, 0.5, 1.5]]
     assert planned(path, (2.0, 1.5), 1.0) == [[2.0] * 4, [1.5, 2.0, 2.0, 2.0]]
-    nowhere = planned(path, (math.nan, 0.0), 1.0)
-    assert all(math.isnan(each) for values in nowhere for each in values)
+    for unknown in (planned(path, (math.nan, 0.0), 1.0), planned(path, (0.5, 0.0), math.nan)):
+        assert np.isnan(unknown).all()
 
 
 @pytest.mark.parametrize(

@@ -157,12 +157,67 @@ class ConstantTurnRate(_InThePlane):
         return fields['value'] + chord * np.cos(yaw + half_turn), self._half_widths
 
 
+class _Route:
+    """A planned path; its points are complex numbers.
+
+    Args:
+        text: its poses, as `poses_of_line` reads them.
+
+    Raises:
+        ValueError: if they are not usable.
+    """
+
+    def __init__(self, text: str) -> None:
+        poses, stamps = poses_of_line(text)
+        if not len(poses) or not np.all(np.isfinite(poses)):
+            raise ValueError('the path has no pose, or one that is not finite')
+        points: NDArray[np.complex128] = poses[:, 0] + 1j * poses[:, 1]
+        along, steps = (stamps - stamps[0]) / SECOND_NS, np.diff(stamps)
+        self.is_timed = bool(np.any(steps != 0))
+        if self.is_timed and np.any(steps <= 0):
+            raise ValueError('the stamps of the path do not increase, and are not all the same')
+        if not self.is_timed:
+            # A pose that repeats the one before it has no place of its own on the way.
+            points = points[np.append(True, np.diff(points) != 0)]
+            along = np.append(0.0, np.abs(np.diff(points)).cumsum())
+        self._points, self._along = points, along
+        """Its points, and the seconds or else the metres from its start to each."""
+        self._ways = np.diff(points, append=points[-1:])
+        sizes = np.abs(self._ways)
+        self._metres = np.append(0.0, sizes[:-1].cumsum())
+        headings = np.divide(self._ways, sizes, out=np.ones_like(points), where=sizes > 0)
+        # A vehicle that waits has a pose twice, with two stamps: it keeps its heading.
+        turns = np.where(sizes > 0, np.arange(len(sizes)), (sizes > 0).argmax())
+        self._headings = headings[np.maximum.accumulate(turns)]
+
+    def follow(self, here: complex, ahead: Floats) -> NDArray[np.complex128]:
+        """Return where a vehicle is so many seconds, or else metres of the path, later."""
+        offsets, squares = here - self._points, np.abs(self._ways) ** 2
+        parts = (offsets * self._ways.conj()).real / np.where(squares > 0, squares, 1.0)
+        parts = parts.clip(0, 1)
+        index = int(np.argmin(np.abs(offsets - parts * self._ways)))
+        steps = np.diff(self._along, append=self._along[-1:])
+        passed = self._along[index] + parts[index] * steps[index]
+        way = np.interp(passed + ahead, self._along, self._points)
+        side = (here - way[0]) / self._headings[index]
+        if 0 < passed < self._along[-1]:
+            # It is beside the path, not ahead of it, also outside a corner.
+            after = np.searchsorted(self._along, passed, side='right') - 1
+            heading = self._headings[index] + self._headings[after]
+            side = 1j * math.copysign(abs(side), ((here - way[0]) * heading.conj()).imag)
+        segments = np.searchsorted(self._along, passed + ahead) - 1
+        metres = np.interp(passed + ahead, self._along, self._metres)
+        later = way + side * self._headings[segments.clip(min=0)]
+        return np.where(metres == metres[0], here, later)
+
+
 class PlannedPath(_InThePlane):
     """A coordinate of a vehicle that goes on along its planned path, and stands at its end.
 
     It begins at the point of the path that is nearest to the vehicle, the first one if several
-    are, and keeps its distance from the path. If the poses of the path have stamps of their own,
-    it takes the time between them, and else it keeps its present speed.
+    are, and keeps its distance from the path, on the same side: to the left or right of where the
+    path goes. If the poses of the path have stamps of their own, it takes the time between them,
+    and else it keeps its present speed.
 
     Args:
         axis: the coordinate that is forecast, `x` or `y`.
@@ -170,8 +225,7 @@ class PlannedPath(_InThePlane):
     """
 
     _text = ''
-    _path = np.zeros((0, 3))
-    _is_timed = False
+    _path = _Route('LINESTRING M (0 0 0)')
 
     def forecast(self, fields: Fields, valid_time: int) -> tuple[Floats, Floats]:  # noqa: ARG002
         """Follow `path` (`wkt` of poses) from `x` and `y` at `speed` (m/s).
@@ -185,44 +239,13 @@ class PlannedPath(_InThePlane):
                 f"'{fields['frame']}'; give a topic with its pose in the frame of the path"
             )
         if fields['path'] != self._text:
-            self._path, self._is_timed = _route(fields['path'])
-            self._text = fields['path']
-        here = np.array([fields['x'], fields['y']])
-        if not np.all(np.isfinite(here)):
+            self._path, self._text = _Route(fields['path']), fields['path']
+        here = complex(fields['x'], fields['y'])
+        if not np.isfinite(here):
             return np.full_like(self.times, math.nan), self._half_widths
-        along, points = self._path[:, 2], self._path[:, :2]
-        passed = _nearest(points, along, here)
-        rate = 1.0 if self._is_timed else abs(fields['speed'])
-        way = np.interp(passed + rate * self.times, along, points[:, 0 if self.axis == 'x' else 1])
-        return fields['value'] + (way - way[0]), self._half_widths
-
-
-def _route(text: str) -> tuple[Floats, bool]:
-    """Return x, y and the seconds or else the metres from the start of a path; True for seconds."""
-    points, stamps = poses_of_line(text)
-    if not len(points) or not np.all(np.isfinite(points)):
-        raise ValueError('the path has no pose, or one that is not finite')
-    steps = np.diff(stamps)
-    if np.any(steps != 0):
-        if np.any(steps <= 0):
-            raise ValueError('the stamps of the path do not increase, and are not all the same')
-        return np.column_stack([points, (stamps - stamps[0]) / SECOND_NS]), True
-    lengths = np.hypot(*np.diff(points, axis=0).T)
-    # A pose that repeats the one before it has no place of its own on the way.
-    kept = np.concatenate([[True], lengths > 0])
-    along = np.concatenate([[0.0], np.cumsum(lengths)])
-    return np.column_stack([points, along])[kept], False
-
-
-def _nearest(points: Floats, along: Floats, here: Floats) -> float:
-    """Return where the point of a path that is nearest to another one is along the path."""
-    ways, steps = np.diff(points, axis=0, append=points[-1:]), np.diff(along, append=along[-1:])
-    squares = (ways**2).sum(axis=1)
-    # A vehicle that waits has a pose twice, with two stamps.
-    parts = ((here - points) * ways).sum(axis=1) / np.where(squares > 0, squares, 1.0)
-    parts = parts.clip(0, 1)
-    index = int(np.argmin(np.hypot(*(points + parts[:, np.newaxis] * ways - here).T)))
-    return float(along[index] + parts[index] * steps[index])
+        rate = 1.0 if self._path.is_timed else abs(fields['speed'])
+        ways = self._path.follow(here, rate * self.times) - here
+        return fields['value'] + (ways.real if self.axis == 'x' else ways.imag), self._half_widths
 
 
 @dataclass(eq=False, kw_only=True)
