@@ -260,6 +260,7 @@ class _VocabularyReader:
         if feature.value_type not in {ValueType.FLOAT, ValueType.INT}:
             raise value.error(f'values of type {feature.value_type} have no forecast; remove it')
         stated = dict(value.entries('a mapping with by and horizons'))
+        is_unknown = RobotVocabulary((), self._features.values()).may_be_unknown(feature)
         horizons = next((each for key, each in stated.items() if key.text() == 'horizons'), None)
         for horizon in read_horizons(horizons) if horizons else ():
             for bound in ForecastBound:
@@ -269,7 +270,7 @@ class _VocabularyReader:
                     name=found.name,
                     below='',
                     value_type=ValueType.FLOAT,
-                    unknown=None,
+                    unknown=ANY_NUMBER if is_unknown else None,
                     uncertainty='',
                     description=f'The {_EXTREMES[bound]} {feature.name} that its forecast allows '
                     f'within {format_duration(horizon)}.',

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from dyknow_common import InlineText
 from dyknow_configuration import (
     RobotConfiguration,
@@ -86,6 +88,24 @@ def test_streams_and_their_meaning(tmp_path: Path) -> None:
 def test_the_files_of_a_robot_with_forecasts_are_read_again(tmp_path: Path) -> None:
     path = export(calibrated(tmp_path), tmp_path / 'files', 'robot')
     assert not find_faults(path).faults
+
+
+@pytest.mark.parametrize('stated', ['missing: unknown, range: [0, 1]', 'below: Level'])
+def test_bounds_are_unknown_where_their_feature_is(stated: str, tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    source = 'from: {topic: /odom, field: z}'
+    forecast = 'forecast: {by: constant_velocity, fields: {rate: v}, horizons: 1 s}'
+    path.write_text(
+        'features:\n  Level: {missing: unknown}\n'
+        f'  Height: {{{stated}, {source}, {forecast}}}\n  Width: {{{source}, {forecast}}}\n'
+    )
+    (ontology,) = read_robot(path).ontologies
+    assert isinstance(ontology, InlineText)
+    classes = ontology.text.split('</owl:Class>')
+    unknown = [each for each in classes if '<dyknow:unknown>-inf inf</dyknow:unknown>' in each]
+    names = ['Level', 'Height_low_1s', 'Height_high_1s']
+    assert len(unknown) == len(names)
+    assert all(f'"#{name}"' in each for name, each in zip(names, unknown, strict=True))
 
 
 def test_units_of_bounds_are_those_of_the_feature(tmp_path: Path) -> None:
