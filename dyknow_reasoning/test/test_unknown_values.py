@@ -104,7 +104,14 @@ def test_verdicts_are_those_of_all_completions(formula: Formula, trace: PartialT
 def test_verdicts_of_several_objects(formula: Formula, window: str, trace: PartialTrace) -> None:
     """They share `q`, and past operators over it."""
     body = re.sub(r'\bp\b', 'p[u]', str(formula))
-    check_completions(f'forall u in S: {window}({body})', trace)
+    text = f'forall u in S: {window}({body})'
+    check_completions(text, trace)
+    group = started(text, 'ab')
+    for number, (time, values) in enumerate(trace):
+        for result in group.progress(time, values):
+            if name := re.match('for u = ([ab])', result.explanation):
+                alone = started(f'{window}({body.replace("[u]", f"[{name[1]}]")})')
+                assert decided(alone, trace[: number + 1]), (text, trace, result.explanation)
 
 
 @given(formulas(), partial_traces((False, True), NAMES, 7))
@@ -416,6 +423,23 @@ def test_a_verdict_names_what_made_no_difference() -> None:
     group.progress(0, {'x': None})
     (result,) = group.progress(10**9, {'x': 2})
     assert result.explanation == 'it is true whatever x since 0.000 s was'
+
+
+@pytest.mark.parametrize(
+    ('otherwise', 'expected'),
+    [
+        ('always C[u] > 1', 'for u = b: C[b] = 0 at 1.000 s is not > 1'),
+        ('(P[u] and always C[u] > 1) or not P[u]', 'it is false whatever x since 0.000 s was'),
+    ],
+)
+def test_an_object_is_named_if_it_alone_makes_it_false(otherwise: str, expected: str) -> None:
+    """The second time, it is `b` if `x > 1`, and else `a`."""
+    body = f'(x > 1 and (P[u] or always C[u] > 1)) or (x <= 1 and ({otherwise}))'
+    group = started(f'forall u in S: {body}', 'ab')
+    state = {'x': None, 'P[a]': True, 'P[b]': False, 'C[a]': 5, 'C[b]': 5}
+    group.progress(0, state)
+    (result,) = group.progress(10**9, {**state, 'C[a]': 0, 'C[b]': 0})
+    assert result.explanation == expected
 
 
 def test_what_was_unknown_and_makes_no_difference_is_not_named() -> None:

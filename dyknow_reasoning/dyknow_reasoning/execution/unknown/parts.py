@@ -81,10 +81,10 @@ class FormulaPart:
         past = [each for register in self.registers.values() for each in register.atoms]
         past += [register.atom for register in self.registers.values()]
         atoms = [*_atoms_of(instances.values()), *past]
-        self.features = _features_of(atoms)
+        self.features = features_of(atoms)
         """The ground features that they depend on."""
         remembers = any(each.node.looks_back for each in instances.values())
-        self.past_features = _features_of(atoms if remembers else past)
+        self.past_features = features_of(atoms if remembers else past)
         """Those whose past they depend on."""
         self.has_past = remembers or bool(self.registers)
         """True if they depend on earlier states."""
@@ -103,7 +103,8 @@ class FormulaPart:
         return all(is_exact(each, self.kinds) for each in (atom, *inner))
 
 
-def _features_of(atoms: Iterable[Atom]) -> dict[str, None]:
+def features_of(atoms: Iterable[Atom]) -> dict[str, None]:
+    """Return the ground features that atoms read, in their order."""
     return {str(each): None for atom in atoms for each in fields(atom)}
 
 

@@ -138,10 +138,21 @@ class Possibilities:
         if is_single or len(self.found) > 1 or self.may_hold or self.may_fail:
             yield self
             return
-        for number, place in self.found[0].places.items():
-            part = self.part.of.part([number])
-            memories = {each: self.found[0].memories[each] for each in part.registers}
-            yield Possibilities(part, [Possibility({number: place}, memories)], {})
+        yield from map(self.of_one, self.found[0].places)
+
+    def of_one(self, number: int) -> Possibilities:
+        """Return the possibilities of one instance, of whose cases none has failed."""
+        part, found = self.part.of.part([number]), {}
+        left = [each for each in self.found if number in each.places]
+        for each in left:
+            memories = {field: each.memories[field] for field in part.registers}
+            one = Possibility({number: each.places[number]}, memories)
+            found[one.key] = one
+        may_hold = self.may_hold or len(left) < len(self.found)
+        is_single = len(found) + may_hold == 1
+        of_one = Possibilities(part, list(found.values()), {} if is_single else self.wants)
+        of_one.may_hold, of_one.reason = may_hold, '' if is_single else self.reason
+        return of_one
 
     def copy(self) -> Possibilities:
         """Return the same possibilities, to be progressed apart."""

@@ -7,6 +7,7 @@ nor false stays undecided for want of unknown values; because of alternatives, i
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import prod
@@ -27,14 +28,14 @@ from dyknow_reasoning.execution.automata.instance_states import (
 )
 from dyknow_reasoning.execution.automata.readers import quick_reader
 from dyknow_reasoning.execution.past.registers import PastRegister
-from dyknow_reasoning.execution.unknown.parts import FormulaPart, Instances
+from dyknow_reasoning.execution.unknown.parts import FormulaPart, Instances, features_of
 from dyknow_reasoning.execution.unknown.possibilities import Possibilities, Possibility
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
 from dyknow_reasoning.progression.instances import Instance, required_features
-from dyknow_reasoning.progression.nodes import Remembering
+from dyknow_reasoning.progression.nodes import Remembering, slots
 from dyknow_reasoning.progression.residual import holds_at_the_end, literal_formula
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.progression.unknown_features import (
@@ -269,24 +270,44 @@ class PossibleFormula:
     ) -> PossibleVerdict | InstanceVerdict:
         """Return the verdict of a part; with its moment if no unknown value had a part in it.
 
-        Of alternatives, it is the moment of one case: each of them leads to the verdict.
+        Of alternatives, it is the moment of one case: each of them leads to the verdict. If a part
+        is false, it is the verdict of an instance that alone is false in all cases, if one is.
         """
         holds, depends = part.verdict is True, part.part
+        is_joint = not holds and len(depends.instances) > 1
+        for after, one in self._false_alone(before, time, values) if is_joint else ():
+            return self._verdict(after, one, time, previous, values)
         values, wants = earliest(values), before.wants
-        is_known = depends.features.keys().isdisjoint(self._of.open_at(values))
-        if is_known and not depends.registers and (before.reason or not wants):
+        if not depends.registers and (before.reason or not wants):
+            opened = {*self._of.open_at(values)}
             for number, place in before.found[0].places.items():
                 instance, template = self._of.instances[number], self._of.templates[number]
                 state = InstanceState(instance, template, *place, {})
-                read = quick_reader(instance.atoms, instance.kinds, state.node.mask)
-                symbol = read(values)
+                mask = state.node.mask
+                if opened & features_of(instance.atoms[slot] for slot in slots(mask)).keys():
+                    continue
+                symbol = quick_reader(instance.atoms, instance.kinds, mask)(values)
                 move = template.automaton.move(state.location, symbol, (*state.times, time))
                 if move.target.verdict is holds:
                     since = time if previous is None else previous
                     moment = DecidingMoment(state, symbol, time, since)
                     return InstanceVerdict(instance, holds, moment)
         instance = min(depends.instances.values(), key=lambda each: each.order)
+        if is_joint:
+            instance = replace(instance, binding={})
         return PossibleVerdict(instance, holds, wants)
+
+    def _false_alone(
+        self, before: Possibilities, time: int, values: Values
+    ) -> Iterator[tuple[Possibilities, Possibilities]]:
+        """Yield each instance that alone is false in all cases, after and before a state."""
+        for number in () if before.may_fail else sorted(before.part.instances):
+            one = before.of_one(number)
+            after = one.copy()
+            with suppress(ReasoningError):  # Its values were not needed, and may be unusable.
+                after.step(time, values, self._of.open_at(values))
+            if after.verdict is False:
+                yield after, one
 
     def _join(self, name: str, features: Callable[[FormulaPart], Collection[str]]) -> None:
         """Join the parts that depend on an open feature, if they do not become too many."""
