@@ -92,15 +92,14 @@ def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
 
 
 def declared_types(lines: Iterable[str]) -> dict[str, ValueType]:
-    """Return the types of the columns that the first line of a trace declares.
+    """Return the types that the first line of a trace declares; `float` for the other columns.
 
     Raises:
         ReasoningError: for an invalid first line.
     """
     columns = _columns(next(_cells(csv.reader(lines, skipinitialspace=True, strict=True)), []))
-    return {
-        each.name: each.declared for each in columns if each.declared and each.name not in _UNITS
-    }
+    features = (each for each in columns if each.name not in _UNITS)
+    return {each.name: each.declared or ValueType.FLOAT for each in features}
 
 
 class _Column:

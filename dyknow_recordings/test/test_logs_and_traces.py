@@ -117,8 +117,8 @@ def test_a_log_without_messages(path: Path) -> None:
 def test_a_trace(tmp_path: Path) -> None:
     path = tmp_path / 'flight.csv'
     path.write_text(
-        'time_s: float, Power[uav1], mode: string, ready, spare: float\n'
-        '1, 3, a,,\n2, 4.5, b, true,\n3,,,,\n'
+        'time_s: float, Power[uav1], mode: string, ready, spare: string, empty\n'
+        '1, 3, a,,,\n2, 4.5, b, true,,\n3,,,,,\n'
     )
     with open_recording(path) as opened:
         assert opened.topics == (RecordedTopic('/trace', 'csv/row', 3, None),)
@@ -127,7 +127,8 @@ def test_a_trace(tmp_path: Path) -> None:
             'Power[uav1]': ValueType.FLOAT,
             'mode': ValueType.STRING,
             'ready': ValueType.BOOLEAN,
-            'spare': ValueType.FLOAT,  # It is declared, though all of its cells are empty.
+            'spare': ValueType.STRING,  # It is declared, though all of its cells are empty.
+            'empty': ValueType.FLOAT,
         }
         rows = list(in_order(opened.columns({'/trace': ['Power[uav1]', 'mode', 'ready']})))
         assert [row.values for row in rows] == [
