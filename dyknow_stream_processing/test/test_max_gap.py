@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from recorded_flow import Flow
+
+from dyknow_common import Value
 
 
 def test_a_gap_names_its_bound(flow: Flow) -> None:
@@ -38,6 +41,25 @@ def test_silence_is_reported_once_when_it_is_certain(flow: Flow) -> None:
     flow.push('/a', 100, 101, x=1)
     flow.advance(110)
     assert len(flow.violations) == 1
+
+
+@pytest.mark.parametrize(
+    ('later', 'message'),
+    [
+        ({'id': 2}, 'after the one valid at 0.000 s, no sample of /a satisfies id = 1 (the last'),
+        (None, 'no sample of /a after the one valid at 0.000 s; max_gap is 10 ms'),
+    ],
+)
+def test_samples_that_are_not_selected_are_no_silence(
+    later: Mapping[str, Value] | None, message: str, flow: Flow
+) -> None:
+    flow.create('select x from "/a" where id = 1 with max_gap = 10 ms, max_delay = 3 ms')
+    flow.push('/a', -1, 0, x=0, id=2)
+    flow.push('/a', 0, 1, x=0, id=1)
+    if later:
+        flow.push('/a', 1, 2, x=0, **later)
+    flow.advance(14)
+    assert message in str(flow.violations)
 
 
 def test_silence_of_a_stamped_stream_without_max_delay_is_no_gap(flow: Flow) -> None:

@@ -36,7 +36,7 @@ from dyknow_common import (
 from dyknow_stream_processing.dataflow.batches import Planned, Refusal, SampleBatch, refuse
 from dyknow_stream_processing.dataflow.operators import Operator, Wiring
 from dyknow_stream_processing.dataflow.scheduler import BEGINNING
-from dyknow_stream_processing.dataflow.selection import as_float, as_floats
+from dyknow_stream_processing.dataflow.selection import SelectOperator, as_float, as_floats
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
@@ -170,9 +170,22 @@ class DistanceOperator(Operator):
         if self._latest is not None:
             latest, self._latest = self._latest, None
             last = latest - self._longest
-            topic = f' of {self.sources[0].label}' if len(self.sources) == 1 else ''
-            message = f'no sample{topic} after the one valid at {round_time(last)}; {self._demand}'
+            since, topics = f'after the one valid at {round_time(last)}', self.sources
+            topic = f' of {topics[0].label}' if len(topics) == 1 else ''
+            reason = self._rejection()
+            message = f'{since}, {reason}' if reason else f'no sample{topic} {since}'
+            message = f'{message}; {self._demand}'
             self._violate(Fault(self._kind, latest, message, until - last, self._longest))
+
+    def _rejection(self) -> str:
+        """Return why the latest samples of a topic are not selected; empty if there are none."""
+        each: Operator = self
+        while len(each.inputs) == 1:
+            (source,) = each.inputs
+            if isinstance(each, SelectOperator) and source.emitted_at != each.emitted_at:
+                return each.obstacle(lambda operator: operator.sources[0].label)
+            each = source
+        return ''
 
     def _fault(self, valid_time: int, observed: int, allowed: int) -> Fault:
         message = (
