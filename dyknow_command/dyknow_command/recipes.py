@@ -88,7 +88,9 @@ def _add(options: argparse.Namespace, chosen: Iterable[Recipe]) -> int:
     names = dict(each.partition('=')[::2] for each in options.rename)
     text = read_text(path, 'configuration', ConfigurationError) if path.exists() else ''
     report: list[str] = []
-    for recipe in (each.renamed(names) for each in chosen):
+    # The first recipe that has a sort gives its objects: the one that needs the most.
+    renamed = (each.renamed(names) for each in chosen)
+    for recipe in sorted(renamed, key=_most_objects, reverse=True):
         result = add_recipe(path, text, recipe)
         text = result.text
         report.append(f'{path}: added {_named(result.added)}')
@@ -99,6 +101,10 @@ def _add(options: argparse.Namespace, chosen: Iterable[Recipe]) -> int:
         replace_text(path, text)
     print('\n'.join([*report, f'next: dyknow lint {path} --live']))  # noqa: T201
     return SUCCESS
+
+
+def _most_objects(recipe: Recipe) -> int:
+    return max((x.text.count(',') + 1 for x in recipe.parts if x.section == 'objects'), default=0)
 
 
 def _named(parts: Iterable[RobotPart]) -> str:

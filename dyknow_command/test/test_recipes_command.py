@@ -136,9 +136,9 @@ def test_several_recipes_are_added_or_none(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     path = tmp_path / 'robot.yaml'
-    code, shown, _ = run(capsys, 'tilt', 'separation', '--add', path)
+    code, shown, _ = run(capsys, 'tilt', 'separation', 'tilt', '--add', path)
     assert (code, shown, path.exists()) == (2, '', False)
-    code, shown, _ = run(capsys, 'separation', 'tilt', '--add', path)
+    code, shown, _ = run(capsys, 'tilt', 'separation', '--add', path)
     assert code == 0
     assert 'kept as in the file: objects Robot\n' in shown
     assert '  /{r}/imu/data (sensor_msgs/msg/Imu)\n' in shown
