@@ -62,7 +62,7 @@ class Calibration:
     alarms: tuple[AlarmRates, ...] = ()
 
     def is_short_of(self, coverage: float) -> bool:
-        """Return True if the held-out truths, or their lack, do not show that it was reached."""
+        """Return True if the held-out truths do not show that it was reached."""
         chance = _SIGMAS * math.sqrt(coverage * (1 - coverage) / max(self.held_out, 1))
         return not np.all(self.inside >= coverage - chance)
 
@@ -92,7 +92,7 @@ def add_calibrate_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--block',
-        type=duration_option,
+        type=_block,
         metavar='TIME',
         help='the length of a block of time (default: the last horizon of each forecast)',
     )
@@ -171,11 +171,11 @@ def _calibrated(
     scores = block_scores(errors, parities[0])
     try:
         widening = widening_of(scores, options.coverage)
+        inside, whole = _coverage(others, parities[1], widening)
     except RecordingError as error:
         raise RecordingError(f"the forecast of '{forecast.feature}': {error.message}") from None
     promise = Coverage(options.coverage, len(scores), block)
     found = replace(forecast, widening=widening, coverage=str(promise))
-    inside, whole = _coverage(others, parities[1], widening)
     unit = robot.units.get(forecast.feature, '')
     return Calibration(
         found,
@@ -194,7 +194,11 @@ def _calibrated(
 def _coverage(
     errors: Iterable[ForecastErrors], parity: int | None, widening: Sequence[float]
 ) -> tuple[Floats, float]:
-    """Return which part of the truths is inside, at each time, and at all times at once."""
+    """Return which part of the truths is inside, at each time, and at all times at once.
+
+    Raises:
+        RecordingError: without truths to test with.
+    """
     found = [np.zeros((0, len(widening)))]
     for each in errors:
         # An interval does not become smaller than its value.
@@ -202,12 +206,13 @@ def _coverage(
         inside = np.where(np.isnan(each.scores), np.nan, each.scores <= limits)
         found.append(inside[each.in_blocks(parity)])
     inside = np.concatenate(found)
-    known = ~np.isnan(inside)
-    counts = known.sum(axis=0)
-    parts = np.full(len(widening), np.nan)
-    np.divide(np.nansum(inside, axis=0), counts, out=parts, where=counts > 0)
-    complete = inside[known.all(axis=1)]
-    return parts, float(complete.all(axis=1).mean()) if len(complete) else math.nan
+    complete = inside[~np.isnan(inside).any(axis=1)]
+    if not len(complete):
+        raise RecordingError(
+            'no held-out forecast has truths at all of its times to test with; give other '
+            'recordings (--held-out), or other blocks (--block)'
+        )
+    return np.nanmean(inside, axis=0), float(complete.all(axis=1).mean())
 
 
 def _lines(calibration: Calibration) -> Iterator[str]:
@@ -233,6 +238,13 @@ def _lines(calibration: Calibration) -> Iterator[str]:
 
 def _rate(count: int, total: int) -> str:
     return f'{count} of {total}' + (f' ({count / total:.1%})' if total else '')
+
+
+def _block(text: str) -> int:
+    found = duration_option(text)
+    if not found:
+        raise argparse.ArgumentTypeError(f"'{text}' is no time above 0")
+    return found
 
 
 def _probability(text: str) -> float:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,8 @@ class ForecastErrors:
         half_widths: their half-widths; of shape (n, k).
         truths: the values that were recorded for these times, interpolated; NaN beyond the end and
             in gaps; of shape (n, k).
-        blocks: the number of the block of each message; of shape (n,).
+        blocks: the number of the block of each message, among those of its recording that have
+            messages; of shape (n,).
         refused: how often the unit refused its inputs, by the reason.
     """
 
@@ -83,7 +84,9 @@ class ForecastErrors:
     @property
     def scores(self) -> Floats:
         """By how much the half-width is too small; NaN without a forecast or a truth."""
-        found: Floats = np.abs(self.truths - self.forecasts) - self.half_widths
+        # Infinite values have no difference.
+        with np.errstate(invalid='ignore', over='ignore'):
+            found: Floats = np.abs(self.truths - self.forecasts) - self.half_widths
         return found
 
     def in_blocks(self, parity: int | None) -> NDArray[np.bool_]:
@@ -143,9 +146,15 @@ def forecast_errors(
     for path in paths:
         with open_recording(path, types) as recording:
             recorded = {each.name for each in recording.topics if each.message_count}
-            for source in forecast.sources:
-                if {*source.topics} <= recorded:
-                    yield _errors(forecast, block, recording, source)
+            errors = [
+                _errors(forecast, block, recording, source)
+                for source in forecast.sources
+                if {*source.topics} <= recorded
+            ]
+        # Every second number is held out: empty blocks must not count.
+        numbers = np.unique(np.concatenate([np.zeros(0, np.int64), *(e.blocks for e in errors)]))
+        for each in errors:
+            yield replace(each, blocks=np.searchsorted(numbers, each.blocks))
 
 
 def _errors(

@@ -203,11 +203,29 @@ def test_other_runs_than_those_measured_are_reported(
     assert 'covers less than 0.95 of the held-out truths' in capsys.readouterr().err
 
 
-def test_runs_that_are_too_short_to_test_with_show_nothing(tmp_path: Path) -> None:
+def test_runs_that_are_too_short_to_test_with_are_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     write_run(tmp_path / 'run.csv', 1)
     write_run(tmp_path / 'short.csv', 2, count=15)
     held_out = ('--held-out', str(tmp_path / 'short.csv'))
-    assert calibrated(tmp_path, str(tmp_path / 'run.csv'), *held_out) == 1
+    assert calibrated(tmp_path, str(tmp_path / 'run.csv'), *held_out) == 2
+    assert 'no held-out forecast has truths' in capsys.readouterr().err
+    assert not (tmp_path / 'tables.yaml').exists()
+
+
+def test_every_second_block_with_messages_is_held_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'run.csv'
+    write_run(path, 1)
+    path.write_text(path.read_text() + '60000,inf,0.0\n')
+    assert calibrated(tmp_path, str(path), '--block', '25 ms') in {0, 1}
+    output = capsys.readouterr().out
+    assert 'in 601 blocks, tested with 600 blocks' in output
+    assert 'nan' not in output
+    with pytest.raises(SystemExit):
+        calibrated(tmp_path, str(path), '--block', '0')
 
 
 def test_drift_is_a_note_of_a_check(tmp_path: Path) -> None:
