@@ -186,7 +186,10 @@ def test_a_malformed_ontology_is_not_loaded_at_all(tmp_path: Path) -> None:
         assert ontology.knowledge.subconcepts('Thing_b') == ('Thing_b',)
 
 
-@pytest.mark.parametrize('text', ['not an ontology', '<rdf:RDF', '<a></b>', '', '<html/>'])
+@pytest.mark.parametrize(
+    'text',
+    ['not an ontology', '<rdf:RDF', '<a></b>', '', '<html/>', '<http://a> a ' + '[ a ' * 5000],
+)
 def test_a_file_without_an_ontology(
     tmp_path: Path, text: str, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -257,10 +257,7 @@ class OntologyWork:
         They are read in this process, as no client waits for the node yet.
         """
         anywhere = Access(max_bytes=self._limits.access.max_bytes)
-        try:
-            return read_documents(path_or_iri, tuple(known), anywhere)
-        except RecursionError:
-            raise SemanticsError(f"'{path_or_iri}' nests too deeply; make it flatter") from None
+        return read_documents(path_or_iri, tuple(known), anywhere)
 
     async def read(self, request: Any, known: Iterable[str]) -> tuple[Document, ...]:
         """Return the document in an OntologyLoad request, or those at its path or address."""

@@ -136,8 +136,8 @@ def read_document(source: OntologySource, access: Access) -> Document:
         SemanticsError: if it is not an ontology, or too large.
     """
     world = owlready2.World()
-    text = normalise(source, _UNKNOWN)
     try:
+        text = normalise(source, _UNKNOWN)
         ontology = world.get_ontology(_UNKNOWN)
         iri = parse(ontology, text)
         access.check_statements(source.location, len(ontology.graph))
@@ -156,6 +156,8 @@ def read_document(source: OntologySource, access: Access) -> Document:
             len(ontology.graph),
             text.prefixes,
         )
+    except RecursionError:
+        raise unreadable(source.location, 'it nests too deeply; make it flatter') from None
     finally:
         world.close()
 
