@@ -10,7 +10,16 @@ from dataclasses import dataclass
 from decimal import Context, Decimal, Inexact, Overflow
 from typing import Any
 
-from dyknow_common import MAX_LINE, SECOND_NS, LanguageError, Value, ValueType, shortened, unknown
+from dyknow_common import (
+    MAX_LINE,
+    SECOND_NS,
+    LanguageError,
+    Value,
+    ValueType,
+    cached_by_text,
+    shortened,
+    unknown,
+)
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Feature, FieldReference
@@ -68,6 +77,7 @@ def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
     """
     rows = csv.reader(lines, skipinitialspace=True, strict=True)
     columns = _columns(next(_cells(rows), []))
+    clock = next(column for column in columns if column.name in _UNITS)
     previous: int | None = None
     for row in _cells(rows):
         line = f'line {rows.line_num}'
@@ -78,7 +88,6 @@ def read_trace(lines: Iterable[str]) -> Iterator[RecordedState]:
         for column, cell in zip(columns, row, strict=True):
             if cell:
                 values[column.name] = column.value(cell, line)
-        clock = next(column for column in columns if column.name in _UNITS)
         valid_time = values.pop(clock.name, None)
         if not isinstance(valid_time, int):
             raise ReasoningError(f"{line}, column '{clock.name}': the time is missing")
@@ -176,14 +185,16 @@ def _cells(rows: Any) -> Iterator[list[str]]:
 
 def _columns(header: Sequence[str]) -> list[_Column]:
     columns: list[_Column] = []
+    known: set[str] = set()
     names = [*header]
     names[:1] = [each.removeprefix('#').lstrip() for each in names[:1]]  # As numpy.savetxt has it.
     for text in names:
         column = _Column(text)
-        if column.name in {other.name for other in columns}:
+        if column.name in known:
             raise ReasoningError(
                 f"line 1: there are two columns '{shortened(column.name)}'; remove one"
             )
+        known.add(column.name)
         columns.append(column)
     if sum(column.name in _UNITS for column in columns) != 1:
         raise ReasoningError(
@@ -193,6 +204,7 @@ def _columns(header: Sequence[str]) -> list[_Column]:
     return columns
 
 
+@cached_by_text
 def _canonical(name: str) -> str:
     """Return the canonical text of a ground feature.
 

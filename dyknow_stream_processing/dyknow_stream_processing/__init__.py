@@ -17,7 +17,7 @@ from dyknow_stream_processing.dataflow.received import OVERTAKEN, ReceivedViolat
 from dyknow_stream_processing.errors import StreamError, unknown_stream
 from dyknow_stream_processing.language.built_in_sources import TF_STATIC, built_in_fields
 from dyknow_stream_processing.language.parsing import parse_specification
-from dyknow_stream_processing.language.required_fields import ALL, WHOLE
+from dyknow_stream_processing.language.required_fields import ALL, WHOLE, total_demand
 from dyknow_stream_processing.language.resolution import FreeNames, free_names, resolve
 from dyknow_stream_processing.language.sinks import made, specifications_by_sink
 from dyknow_stream_processing.language.specification import (
@@ -119,6 +119,7 @@ __all__ = [
     'rows_of',
     'specifications_by_sink',
     'subterms',
+    'total_demand',
     'unknown_stream',
     'value_reader',
 ]

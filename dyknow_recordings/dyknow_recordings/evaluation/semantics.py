@@ -35,9 +35,12 @@ class SemanticVocabulary(Vocabulary):
 
     def __init__(self, files: MonitoringFiles, topics: Mapping[str, TopicContent]) -> None:
         origins: dict[str, Origin] = {}
-        for path in files.annotations:
-            read = read_file(path, 'annotations', parse_annotations, SemanticsError)
-            origins = origins_of(path, read) | origins
+        found = [
+            (path, read_file(path, 'annotations', parse_annotations, SemanticsError))
+            for path in files.annotations
+        ]
+        for path, read in reversed(found):
+            origins |= origins_of(path, read)
         bridges = tuple(
             bridge
             for path in files.bridges

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from math import nan
 
 import numpy as np
@@ -63,6 +64,7 @@ from dyknow_stream_processing import (
     parse_specification,
     read_streams,
     subterms,
+    total_demand,
     unknown_stream,
 )
 
@@ -179,7 +181,8 @@ class RecordedStreams:
         terms = list(_terms_of_topics(sources, unknown, trial))
         self._optional = frozenset() if ALL in required else _optional_cells(terms) - required
         demand: dict[str, set[str]] = defaultdict(set)
-        for topic, fields in trial.sources().items():
+        read = (trial.sources(), total_demand(term for _, term in terms))
+        for topic, fields in chain.from_iterable(each.items() for each in read):
             demand[self.absolute(topic)] |= fields
         return {
             topic: self._recorded_fields(content.fields, demand[topic])
@@ -513,14 +516,16 @@ def _terms_of_topics(
     Those that select from streams read no more than these do.
     """
     of_topics = (source for source in sources if source.select is None)
-    for number, source in enumerate(of_topics):
+    name = 'a candidate'
+    for source in of_topics:
         specification = parse_specification(';\n'.join([*source.units, source.declaration]))
-        name = f'candidate {number}'
         try:
             trial.create(name, specification, NO_CONSTRAINTS)
         except DyKnowError:
             continue  # It is an error of the formulas that choose it.
         yield source.feature.partition('[')[0] in unknown, trial.term(name)
+        # A dataflow of thousands of streams is slow to extend.
+        trial.destroy(name)
 
 
 def _optional_cells(terms: Iterable[tuple[bool, Term]]) -> AbstractSet[str]:
