@@ -47,6 +47,11 @@ _LOOK_PERIOD_S: Final = 10
 _MAX_LOOKS: Final = 6
 """Looks in a row that find no worker, after which the cluster is given up."""
 
+_VERSION: Final = """[__import__('dyknow_recordings'), next((found.version
+    for name in ('dyknow', 'dyknow_recordings')
+    for found in __import__('importlib.metadata').metadata.distributions(name=name)), '')][1]"""
+"""The version of DyKnow: a text, as a worker without DyKnow shuts down at a function of ours."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordingJob:
@@ -257,9 +262,15 @@ def run_on_cluster(
 
     Raises:
         RecordingError: UNAVAILABLE, if Dask is not installed, the scheduler cannot be reached, or
-            it has no workers.
+            it has no workers, or one without this version of DyKnow.
     """
-    return _cluster_results(_connected(address), jobs, address)
+    client = _connected(address)
+    try:
+        _check_versions(client)
+    except BaseException:
+        client.close()
+        raise
+    return _cluster_results(client, jobs, address)
 
 
 def _connected(address: str) -> Client:
@@ -295,6 +306,18 @@ def _connected(address: str) -> Client:
             ExitCode.UNAVAILABLE,
         ) from None
     return client
+
+
+def _check_versions(client: Client) -> None:
+    """Check that each worker has this version of DyKnow."""
+    own = eval(_VERSION)  # noqa: S307 - our own text
+    for worker, found in client.run(eval, _VERSION, on_error='return').items():
+        if found != own:
+            lack = f'no DyKnow: {found}' if isinstance(found, Exception) else f'DyKnow {found}'
+            raise RecordingError(
+                f'the worker {worker} has {lack}; install DyKnow {own} there, as here, or stop it',
+                ExitCode.UNAVAILABLE,
+            )
 
 
 async def _probe(address: str) -> None:

@@ -45,13 +45,14 @@ class DaskCluster:
     folder: Path
     workers: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
-    def start_workers(self, number: int) -> None:
+    def start_workers(self, number: int, first_on_path: Path | None = None) -> None:
         """Start workers, of which one is awaited by whoever uses the cluster."""
         self.workers += [
             dask(
                 'worker',
                 *('--no-nanny', '--nthreads', '1', '--local-directory', str(self.folder)),
                 folder=self.folder,
+                first_on_path=first_on_path,
             )
             for _ in range(number)
         ]
@@ -63,12 +64,16 @@ class DaskCluster:
             worker.wait()
 
 
-def dask(program: str, *options: str, folder: Path) -> subprocess.Popen[bytes]:
+def dask(
+    program: str, *options: str, folder: Path, first_on_path: Path | None = None
+) -> subprocess.Popen[bytes]:
+    path = filter(None, (str(first_on_path or ''), os.environ.get('PYTHONPATH')))
     common = ('--host', '127.0.0.1', '--no-dashboard', '--scheduler-file', folder / 'scheduler')
     return subprocess.Popen(
         [sys.executable, '-m', f'distributed.cli.dask_{program}', *common, *options],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(path)},
     )
 
 
@@ -119,6 +124,31 @@ def test_a_worker_that_dies(
     found = names(out)
     assert found == [*((each, None) for each in recordings[:-1]), (recordings[-1], 'NOT_FOUND')]
     assert (out, process.returncode) == checked(*recordings)
+
+
+@pytest.mark.parametrize(
+    ('file', 'text', 'reason'),
+    [
+        ('dyknow_recordings.py', "raise ImportError('gone')", 'no DyKnow: gone'),
+        ('dyknow-9.dist-info/METADATA', 'Name: dyknow\nVersion: 9\n', 'DyKnow 9'),
+    ],
+)
+def test_a_worker_without_this_version_goes_on(
+    cluster: DaskCluster,
+    bags: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    file: str,
+    text: str,
+    reason: str,
+) -> None:
+    (tmp_path / file).parent.mkdir(exist_ok=True)
+    (tmp_path / file).write_text(text)
+    cluster.start_workers(1, tmp_path)
+    assert main([bags[0], '--json', '--cluster', cluster.address, *OPTIONS]) == 2
+    message = json.loads(capsys.readouterr().out)['error']['message']
+    assert re.fullmatch(f'the worker tcp://.* has {reason}; install DyKnow .*', message)
+    assert cluster.workers[0].poll() is None
 
 
 def test_all_workers_die(
