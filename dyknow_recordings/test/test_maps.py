@@ -20,7 +20,7 @@ from dyknow_recordings.reporting.judgement import Judgement
 from dyknow_recordings.reporting.pictures.files import PictureFiles
 from dyknow_recordings.reporting.pictures.maps import map_features, map_image
 from dyknow_recordings.reporting.pictures.timeline import Span
-from dyknow_space import Region, geometry_of
+from dyknow_space import WGS84, Region, geometry_of
 
 HOLE = 'POLYGON ((0 0, 4 0, 4 4, 0 4, 0 0), (1 1, 2 1, 2 2, 1 2, 1 1))'
 DOCK = Region('dock', ('Zone',), 'map', geometry_of(HOLE))
@@ -98,6 +98,25 @@ def test_a_map_for_other_tools() -> None:
     assert found[0]['geometry']['coordinates'][1][0] == [1, 1], 'the hole'
     assert found[3]['geometry']['coordinates'] == [3, 2]
     assert [*map_features(replace(report, map=None))] == []
+
+
+@pytest.mark.parametrize(
+    ('x', 'lines'),
+    [
+        ([179.0, 180.0], [[[179, 0], [180, 1]]]),
+        ([179.0, -179.0], [[[179, 0], [180, 0.5]], [[-180, 0.5], [-179, 1]]]),
+        (
+            [-180.0, 180.0, -177.0],
+            [[[-180, 0], [-180, 0]], [[180, 0], [180, 1], [180, 1]], [[-180, 1], [-177, 2]]],
+        ),
+    ],
+)
+def test_tracks_are_cut_at_180_degrees(x: list[float], lines: object) -> None:
+    track = np.arange(len(x)), np.array(x), np.arange(len(x), dtype=np.float64)
+    report = RecordingReport('bag', at(0), at(1), (), map=RecordedMap(WGS84, (), {'r1': track}))
+    (found,) = map_features(report)
+    kind, coordinates = found['geometry']['type'], found['geometry']['coordinates']
+    assert ([coordinates] if kind == 'LineString' else coordinates) == lines
 
 
 def test_the_file_for_other_tools(tmp_path: Path) -> None:

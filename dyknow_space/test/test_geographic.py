@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from shapely import MultiPolygon, box
 
 from dyknow_space import (
     WGS84,
@@ -128,11 +129,32 @@ def test_columns_with_altitudes_are_as_single_positions() -> None:
     assert found['low'].tolist() == pytest.approx([-20, 591, 30], abs=1)
 
 
+@given(st.floats(-500, 500), st.floats(-500, 500))
+def test_the_cut_of_a_region_at_180_degrees_is_no_boundary(east: float, north: float) -> None:
+    cut = MultiPolygon([box(179.999, -17.001, 180, -16.999), box(-180, -17.001, -179.998, -16.999)])
+    whole = rectangle(9.999, -17.001, 10.002, -16.999)
+    x, y = east * METRE, -17 + north * METRE
+    found = distance(f'{cut.wkt}; frame {WGS84}', (x + 180 if x < 0 else x - 180, y))
+    assert found == pytest.approx(distance(whole, (x + 10, y)), abs=1e-5)
+
+
+@given(st.floats(-0.003, 0.003), st.floats(-80, 80))
+def test_circles_and_buffers_over_180_degrees_are_cut(east: float, latitude: float) -> None:
+    centre = (180 + east if east <= 0 else east - 180), latitude
+    round_, place = circle(*centre, 500, WGS84), (centre[0], latitude + 600 * METRE)
+    for grown in (0, 10):
+        text = f'{buffer_of(round_, grown, WGS84).wkt}; frame {WGS84}'
+        assert distance(text, centre) == pytest.approx(-500 - grown, abs=0.1)
+        outside = distance(f'{circle(10, latitude, 500, WGS84).wkt}; frame {WGS84}', (10, place[1]))
+        assert distance(text, place) == pytest.approx(outside - grown, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ('ring', 'fault'),
     [
         ('(58 15, 58 190, 59 15, 58 15)', 'write longitudes of at most 180'),
         ('(179 0, 181 0, 181 1, 179 0)', 'cut a region at 180 degrees'),
+        ('(179 0, -179 0, -179 1, 179 0)', 'cut a region at 180 degrees'),
         ('(15 86, 15.1 86, 15.1 86.1, 15 86)', 'latitudes of at most 85 degrees'),
         ('(15 55, 16 55, 16 60, 15 55)', 'its distances would be wrong by 8%, more than 1%'),
     ],

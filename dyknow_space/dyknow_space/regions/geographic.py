@@ -53,8 +53,14 @@ class LocalPlane:
 
     @classmethod
     def of(cls, geometry: Any) -> Self:
-        """Return the plane at the centre of a geometry in degrees."""
+        """Return the plane at the centre of a geometry in degrees, perhaps cut at 180 degrees."""
         west, south, east, north = geometry.bounds
+        if east - west > _HALF_TURN:
+            sides = shapely().bounds(shapely().get_parts(geometry))[:, ::2]
+            sides = np.where(sides[:, :1] < 0, sides + 2 * _HALF_TURN, sides)
+            if np.ptp(sides) <= _HALF_TURN:
+                # Both sides of the cut are at the same x: there is no rounding with whole degrees.
+                west = east = float(round((sides.min() + sides.max()) / 2))
         return cls((west + east) / 2, (south + north) / 2)
 
     @property
@@ -74,17 +80,28 @@ class LocalPlane:
         return x * east, (latitudes - self.latitude) * north
 
     def projected(self, geometry: Any) -> Any:
-        """Return a geometry in metres, given one in degrees."""
-        return shapely().transform(
+        """Return a geometry in metres, given one in degrees; join it if it is cut at 180."""
+        west, _, east, _ = geometry.bounds
+        found = shapely().transform(
             geometry, lambda points: np.column_stack(self.coordinates(*points.T))
         )
+        return shapely().union_all(found) if east - west > _HALF_TURN else found
 
     def in_degrees(self, geometry: Any) -> Any:
-        """Return a geometry in degrees, given one in metres."""
+        """Return a geometry in degrees, given one in metres; cut it at 180."""
         origin = self.longitude, self.latitude
-        return shapely().transform(
+        found = shapely().transform(
             geometry, lambda points: points / self.metres_of_degree + np.array(origin)
         )
+        west, _, east, _ = found.bounds
+        if max(-west, east) <= _HALF_TURN:
+            return found
+        earth = shapely().box(-_HALF_TURN, -90, _HALF_TURN, 90)
+        turned = (
+            shapely().transform(found, lambda points, turn=turn: np.add(points, (turn, 0)))
+            for turn in (-2 * _HALF_TURN, 0, 2 * _HALF_TURN)
+        )
+        return shapely().union_all([shapely().intersection(each, earth) for each in turned])
 
 
 def check_degrees(geometry: Any) -> None:
@@ -94,11 +111,13 @@ def check_degrees(geometry: Any) -> None:
         SpaceError: if it is not.
     """
     west, south, east, north = geometry.bounds
-    if max(-west, east) > _HALF_TURN or max(-south, north) > MAX_LATITUDE:
+    # Written across 180 degrees, from 179 to -179, a polygon would be its complement.
+    widest = max(each.bounds[2] - each.bounds[0] for each in shapely().get_parts(geometry))
+    if max(-west, east, widest) > _HALF_TURN or max(-south, north) > MAX_LATITUDE:
         raise SpaceError(
             f'the region reaches from {west} to {east} and from {south} to {north} degrees; write '
             f'longitudes of at most 180 before latitudes of at most {MAX_LATITUDE:g} degrees, and '
-            'cut a region at 180 degrees'
+            'cut a region at 180 degrees; no part may be wider than that'
         )
     latitude = max(abs(south), abs(north))
     error = math.radians(north - south) / 2 * math.tan(math.radians(latitude))

@@ -11,6 +11,7 @@ from operator import itemgetter
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dyknow_recordings.evaluation.recorded_map import MAX_POINTS, RecordedMap, Track
 from dyknow_recordings.evaluation.results import Episode, FormulaReport, Outcome, RecordingReport
@@ -100,12 +101,27 @@ def map_features(report: RecordingReport) -> Iterator[dict[str, Any]]:
         yield _feature(shapely().geometry.mapping(each.geometry), report, {**about, **when})
     for name, (times, x, y) in tracks.items():
         if len(times) > 1:
-            line = {'type': 'LineString', 'coordinates': np.column_stack((x, y)).tolist()}
+            line = _line(np.column_stack((x, y)), found.frame)
             yield _feature(line, report, {'kind': 'track', 'name': name, 'frame': found.frame})
     for formula in report.formulas:
         for place, text in _failures(tracks, formula, whole):
             point = {'type': 'Point', 'coordinates': place}
             yield _feature(point, report, {'kind': 'failure', 'name': text, 'frame': found.frame})
+
+
+def _line(points: NDArray[np.float64], frame: str) -> dict[str, Any]:
+    """Return a track; in degrees, cut at 180 (RFC 7946, section 3.1.9)."""
+    cuts = np.flatnonzero(np.abs(np.diff(points[:, 0])) > 180) + 1  # noqa: PLR2004
+    if frame != WGS84 or not len(cuts):
+        return {'type': 'LineString', 'coordinates': points.tolist()}
+    before, after = points[cuts - 1].T, points[cuts].T
+    way = 360 - np.abs(after[0] - before[0])
+    part = (180 - np.abs(before[0])) / np.where(way > 0, way, 1)
+    side, at = np.copysign(180, before[0]), before[1] + part * (after[1] - before[1])
+    ends = np.column_stack([side, at, -side, at]).reshape(-1, 2)
+    joined = np.insert(points, np.repeat(cuts, 2), ends, axis=0)
+    parts = np.split(joined, cuts + 2 * np.arange(len(cuts)) + 1)
+    return {'type': 'MultiLineString', 'coordinates': [each.tolist() for each in parts]}
 
 
 def _shapes(found: RecordedMap, formulas: Sequence[FormulaReport], whole: Span) -> Iterator[_Shape]:
