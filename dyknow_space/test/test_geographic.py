@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import MultiPolygon, box
 
 from dyknow_space import (
     WGS84,
@@ -21,6 +20,7 @@ from dyknow_space import (
     buffer_of,
     circle,
     geometry_of,
+    shapely,
 )
 
 Place = tuple[float, float]
@@ -131,7 +131,8 @@ def test_columns_with_altitudes_are_as_single_positions() -> None:
 
 @given(st.floats(-500, 500), st.floats(-500, 500))
 def test_the_cut_of_a_region_at_180_degrees_is_no_boundary(east: float, north: float) -> None:
-    cut = MultiPolygon([box(179.999, -17.001, 180, -16.999), box(-180, -17.001, -179.998, -16.999)])
+    halves = (179.999, -17.001, 180, -16.999), (-180, -17.001, -179.998, -16.999)
+    cut = shapely().MultiPolygon([shapely().box(*each) for each in halves])
     whole = rectangle(9.999, -17.001, 10.002, -16.999)
     x, y = east * METRE, -17 + north * METRE
     found = distance(f'{cut.wkt}; frame {WGS84}', (x + 180 if x < 0 else x - 180, y))

@@ -252,9 +252,10 @@ class PlannedPath(_InThePlane):
 class Kalman(Forecast):
     """A Kalman filter of a value and its rate, which it estimates from the values alone.
 
-    The rate is changed by white noise (Bar-Shalom et al., Estimation with Applications to Tracking
-    and Navigation, 2001, section 6.3.2). The half-width holds 95 % of the *measured* values if
-    both standard deviations are right.
+    Each sample begins a new acceleration, which is white noise (Bar-Shalom et al., Estimation with
+    Applications to Tracking and Navigation, 2001, section 6.3.2). The half-width holds 95 % of the
+    *measured* values if both standard deviations are right and the next acceleration lasts for the
+    horizon. For one that changes within the horizon, it is too wide.
 
     Args:
         acceleration: the standard deviation of the change of the rate per second.
