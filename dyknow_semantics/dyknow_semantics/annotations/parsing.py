@@ -17,6 +17,7 @@ from dyknow_common import (
     StreamConstraints,
     TextPosition,
     builder,
+    cached_by_text,
     distinct_settings,
     field_name,
     text_value,
@@ -34,6 +35,7 @@ from dyknow_semantics.annotations.annotation import (
 )
 
 
+@cached_by_text
 def parse_annotations(text: str) -> tuple[Annotation, ...]:
     """Return the statements of an SSL text, which `;` separates.
 
