@@ -164,6 +164,9 @@ def test_a_destroyed_feature_leaves_nothing(world: Ontology) -> None:
         ('vehicles:with', ['UAV'], ((), '', ''), None, "'with' is a reserved word"),
         ('Höhe', [], (('Boat',), 'float', 'm'), None, 'ASCII letter'),
         ('My-Boat', ['Boat'], ((), '', ''), None, 'formulas could not name it; use ASCII'),
+        ('../Up', ['Boat'], ((), '', ''), None, 'neither a name nor an absolute IRI; leave out'),
+        ('1http://a/Up', ['Boat'], ((), '', ''), None, 'neither a name nor an absolute IRI'),
+        ('http://a b/Up', ['Boat'], ((), '', ''), None, 'neither a name nor an absolute IRI'),
     ],
 )
 def test_refused_concepts(
@@ -182,10 +185,11 @@ def test_refused_concepts(
 
 
 def test_reserved_words_are_no_names_of_instances(world: Ontology) -> None:
-    for name in ('true', 'in', 'Zürich'):
-        with pytest.raises(SemanticsError, match=r'reserved word|ASCII'):
+    for name in ('true', 'in', 'Zürich', '../up', '//host/up'):
+        with pytest.raises(SemanticsError, match=r'reserved word|ASCII|absolute IRI'):
             world.create_instance(name, ['Boat'])
-    world.create_instance('boat-2.1', ['Boat'])
+    for name in ('boat-2.1', 'https://example.org/fleet#boat9'):
+        world.create_instance(name, ['Boat'])
 
 
 @pytest.mark.parametrize('form', ['', 'turtle'])

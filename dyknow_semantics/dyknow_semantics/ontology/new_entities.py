@@ -24,6 +24,9 @@ from dyknow_semantics.ontology.vocabulary import FEATURE, NULLARY_FEATURE, OBJEC
 
 _CONCEPT: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 _INSTANCE: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_.-]*')
+_IRI: Final = re.compile(r'[A-Za-z][A-Za-z0-9+.-]*:[^\s\x00-\x1f\x7f-\x9f<>"{}|\\^`]*')
+"""An absolute IRI: its scheme as in RFC 3987, and none of the characters that no IRI has."""
+
 _MAX_CONCEPTS: Final = 100
 """The number of parents of a concept, of its argument sorts, and of concepts of an instance."""
 
@@ -40,12 +43,18 @@ def new_iri(name: str, knowledge: Knowledge, namespaces: Iterable[str], default:
         default: the namespace of a short name.
 
     Raises:
-        SemanticsError: if the name exists, its prefix is unknown, or it is reserved.
+        SemanticsError: if the name exists, its prefix is unknown, or it is reserved; or for an IRI
+            that is not absolute: reasoners would take it for another entity.
     """
     check_name(name, SemanticsError, f"'{shortened(name)}'")
     if name in knowledge.concept_names or name in knowledge.instance_names:
         raise SemanticsError(f"'{name}' already exists", ExitCode.ALREADY_EXISTS)
     if '/' in name:
+        if not _IRI.fullmatch(name):
+            raise SemanticsError(
+                f"'{shortened(name)}' is neither a name nor an absolute IRI; leave out each /, "
+                'or write an IRI such as https://example.org/fleet#boat1'
+            )
         namespace, local = split_iri(name)
     else:
         namespace = default
