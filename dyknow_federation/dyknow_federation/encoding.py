@@ -1,6 +1,6 @@
 """The bytes of packets: the values of the fields of messages in order, as their types say.
 
-    packet     the version, and if the rest is compressed; the number of the run; messages
+    packet     the version, and if the rest is compressed; the number of the run; messages; CRC-32
     message    its kind, its fields
     int        7 bits a byte, the least ones first (LEB128); the sign is the last bit (zigzag)
     Time       the difference to the time before it in the packet, as an int
@@ -9,7 +9,7 @@
     tuple      its length, then its items
     Content    its type, then the value
 
-Neither names of fields nor types are told, so a packet of one sample has about 30 bytes. Nothing of
+Neither names of fields nor types are told, so a packet of one sample has about 35 bytes. Nothing of
 a peer is trusted: `decode` checks the size before it reads, and each length and range.
 """
 
@@ -24,7 +24,7 @@ from typing import Any, Final, get_args, get_origin, get_type_hints
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import Content, Message, Packet, Time
 
-VERSION: Final = 5
+VERSION: Final = 6
 """The version of the protocol; peers of different versions refuse each other, and say so."""
 
 MAX_PACKET: Final = 1024 * 1024
@@ -35,6 +35,9 @@ MAX_MESSAGES: Final = 20
 
 MAX_LENGTH: Final = 10_000
 """The number of bytes of a text in a message, and of the items of a list."""
+
+_CHECKSUM: Final = 4
+"""The number of bytes of the checksum, without which an altered value would be believed."""
 
 _COMPRESSED: Final = 0x80
 _COMPRESSES: Final = 256
@@ -67,14 +70,19 @@ def encode(packet: Packet) -> bytes:
         writer.data.append(_MESSAGES.index(type(each)))
         writer.write(type(each), each)
     plain = bytes(writer.data)
-    if len(plain) >= MAX_PACKET:
+    if len(plain) >= MAX_PACKET - _CHECKSUM:
         raise FederationError(
             f'{type(packet.messages[0]).__name__} has {len(plain)} bytes, more than {MAX_PACKET}; '
             'share less'
         )
     if len(plain) >= _COMPRESSES and len(found := zlib.compress(plain)) < len(plain):
-        return bytes([VERSION | _COMPRESSED]) + found
-    return bytes([VERSION]) + plain
+        return with_checksum(bytes([VERSION | _COMPRESSED]) + found)
+    return with_checksum(bytes([VERSION]) + plain)
+
+
+def with_checksum(data: bytes) -> bytes:
+    """Return the bytes of a packet with the checksum at the end, which tells if it is altered."""
+    return data + zlib.crc32(data).to_bytes(_CHECKSUM)
 
 
 def decode(data: bytes) -> Packet:
@@ -90,7 +98,10 @@ def decode(data: bytes) -> Packet:
             f'it is of version {version} of the protocol, not {VERSION}; install the same version '
             'of DyKnow on both'
         )
-    reader = _Reader(_decompressed(data[1:]) if data[0] & _COMPRESSED else data[1:])
+    content = data[1:-_CHECKSUM]
+    if data != with_checksum(data[:-_CHECKSUM]):
+        raise FederationError('its checksum is wrong: it was altered or cut off')
+    reader = _Reader(_decompressed(content) if data[0] & _COMPRESSED else content)
     incarnation, messages = reader.read(int), list[Message]()
     while not reader.is_at_end and len(messages) <= MAX_MESSAGES:
         messages.append(reader.read(_MESSAGES[reader.below(len(_MESSAGES))]))

@@ -75,6 +75,7 @@ class RemotePeer:
         heard_at: when it was last heard.
         received: the number of bytes that have come from it.
         lost: the number of its samples that cannot be had any more.
+        late: the number of packets of its former runs, which are dropped.
         fault: why a message of it was refused last.
 
     Args:
@@ -94,7 +95,7 @@ class RemotePeer:
         self.shares = messages.Shares(0)
         self.is_present = self.is_stale = False
         self.departure = self.fault = ''
-        self.received = self.lost = 0
+        self.received = self.lost = self.late = 0
         self.heard_at = self._needed_at = at
         self.send = send
         self._settings = settings
@@ -122,9 +123,16 @@ class RemotePeer:
         return min(self.heard_at + limit, self._probe_at, *due, *waits)
 
     def hear(self, incarnation: int, at: int) -> list[Event] | None:
-        """Take a sign of life; return None if it is a late one of a former run."""
+        """Take a sign of life; return None if it is a late one of a former run.
+
+        A former run is the present one again once that is stale: an altered packet named it.
+        """
         if incarnation in self._former:
-            return None
+            if at - self.heard_at < self._settings.peer_timeout // _STALE:
+                self.late += 1
+                self.fault = f'{self.late} packets of a former run of the peer are dropped'
+                return None
+            self._former.remove(incarnation)
         is_new = incarnation != self._incarnation
         found = self._restart(incarnation) if is_new else []
         if is_new or not self.is_present or self.is_stale:

@@ -6,8 +6,11 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import count
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, Value
 from dyknow_configuration import RequestedFederation
@@ -52,6 +55,7 @@ class Net:
         self.peers: dict[str, Peer] = {}
         self.events: dict[str, list[Event]] = {name: [] for name in names}
         self.drops: Callable[[Packet], bool] = lambda _: False
+        self.alters: Callable[[bytes], bytes] = lambda data: data
         self._on_the_way: list[tuple[int, str, str, bytes]] = []
         for number, name in enumerate(names, 1):
             self.start(name, number)
@@ -80,7 +84,8 @@ class Net:
         for receiver, packet in packets:
             for other in self.peers:
                 if other != name and receiver in {'', other} and not self.drops(packet):
-                    self._on_the_way.append((self.now + MS, other, name, encode(packet)))
+                    data = self.alters(encode(packet))
+                    self._on_the_way.append((self.now + MS, other, name, data))
 
     def take(self, name: str, kind: type[Event]) -> list[Event]:
         """The events of a kind so far; all events are forgotten."""
@@ -338,6 +343,42 @@ def test_a_restart_loses_what_was_not_sent() -> None:
     # A late packet of the former run changes nothing.
     late = encode(Packet(1, (Samples(1, 2, (1,), (5.0,)),)))
     assert net.peers['b'].receive(late, net.time('b'), 'a') == ([], [])
+
+
+@given(st.integers(0, 30), st.floats(0, 1, exclude_max=True), st.integers(1, 255))
+@settings(max_examples=30)
+def test_after_an_altered_packet_all_goes_on(number: int, part: float, difference: int) -> None:
+    net = sharing()
+    numbers = count()
+
+    def alters(data: bytes) -> bytes:
+        place = int(part * len(data))
+        is_altered = next(numbers) == number
+        altered = data[:place] + bytes([data[place] ^ difference]) + data[place + 1 :]
+        return altered if is_altered else data
+
+    net.alters = alters
+    for value in range(8):
+        net.publish('a', value)
+        net.run(0.5)
+    net.peers['a'].share([], [LEVEL, SharedFeature('S', (), 's', 'float')], net.time('a'))
+    net.run(4)
+    net.assert_known(99)
+    assert len(net.peers['b'].remotes['a'].shares.features) == 2
+
+
+def test_a_run_that_was_never_there_does_not_stay() -> None:
+    net = sharing()
+    net.publish('a', 1)
+    net.settle()
+    net.send('b', 'a', Hello(1))  # Of run 7.
+    net.run(1)
+    remote = net.peers['b'].remotes['a']
+    assert remote.late > 0
+    assert remote.fault == f'{remote.late} packets of a former run of the peer are dropped'
+    net.run(5)
+    assert not remote.is_stale
+    net.assert_known(2)
 
 
 def test_a_restart_is_told_while_the_clock_is_not_known() -> None:

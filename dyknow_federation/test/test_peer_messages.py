@@ -11,7 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_federation.encoding import MAX_LENGTH, MAX_MESSAGES, MAX_PACKET, VERSION, decode, encode
+from dyknow_federation.encoding import (
+    MAX_LENGTH,
+    MAX_MESSAGES,
+    MAX_PACKET,
+    VERSION,
+    decode,
+    encode,
+    with_checksum,
+)
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import (
     MAX_BATCH,
@@ -81,10 +89,13 @@ def test_what_crosses_often_is_short() -> None:
 
 
 def packet(content: bytes) -> bytes:
-    return bytes([VERSION, 2]) + content
+    return with_checksum(bytes([VERSION, 2]) + content)
 
 
-COMPRESSED = bytes([VERSION | 0x80])
+def compressed(content: bytes) -> bytes:
+    return with_checksum(bytes([VERSION | 0x80]) + content)
+
+
 LONG = b'\xff' * 9 + b'\x02'
 """An integer of more than 64 bits."""
 
@@ -95,18 +106,19 @@ def of(kind: type, content: bytes) -> bytes:
 
 BAD = {
     'nothing': (b'', '0 bytes'),
-    'no run': (bytes([VERSION]), 'cut off'),
+    'no run': (with_checksum(bytes([VERSION])), 'cut off'),
     'no message': (packet(b''), '0 messages'),
     'many messages': (
         encode(Packet(1, (Hello(1),) * (MAX_MESSAGES + 1))),
         f'{MAX_MESSAGES + 1} messages',
     ),
-    'bad compression': (COMPRESSED + b'abc', 'decompressed'),
-    'compression that is cut off': (COMPRESSED + zlib.compress(b' ' * 5000)[:10], 'cut off'),
-    'a bomb': (COMPRESSED + zlib.compress(b' ' * (MAX_PACKET + 1)), 'more than'),
+    'bad compression': (compressed(b'abc'), 'decompressed'),
+    'compression that is cut off': (compressed(zlib.compress(b' ' * 5000)[:10]), 'cut off'),
+    'a bomb': (compressed(zlib.compress(b' ' * (MAX_PACKET + 1))), 'more than'),
     'large': (bytes([VERSION]) * (MAX_PACKET + 1), f'send 1 to {MAX_PACKET}'),
     'unknown message': (packet(b'\xff'), '255 is not less than'),
-    'a message that is cut off': (encode(Packet(1, (Hello(300),)))[:-1], 'cut off'),
+    'a packet that is cut off': (encode(Packet(1, (Hello(300),)))[:-1], 'checksum is wrong'),
+    'a message that is cut off': (of(Hello, b'\xff'), 'cut off'),
     'a long text': (encode(Packet(1, (Release('x' * (MAX_LENGTH + 1)),))), 'a length of 10001'),
     'a text of negative length': (of(Release, b'\x01'), 'a length of -1'),
     'a text that is none': (of(Release, b'\x02\xff'), 'no UTF-8'),
@@ -157,13 +169,13 @@ def test_another_version_is_named() -> None:
 
 @given(st.sampled_from(EXAMPLES), st.data())
 def test_changed_packets_are_decoded_or_refused(message: Message, data: st.DataObject) -> None:
-    encoded = bytearray(encode(Packet(1, (message,))))
+    encoded = bytearray(encode(Packet(1, (message,)))[:-4])
     for _ in range(data.draw(st.integers(1, 3))):
         index = data.draw(st.integers(0, len(encoded) - 1))
         length = data.draw(st.integers(0, 2))
         encoded[index : index + length] = data.draw(st.binary(max_size=3))
     try:
-        found = decode(bytes(encoded))
+        found = decode(with_checksum(bytes(encoded)))
     except FederationError:
         return
     assert decode(encode(found)) == found or 'nan' in str(found)
@@ -172,7 +184,7 @@ def test_changed_packets_are_decoded_or_refused(message: Message, data: st.DataO
 @given(st.binary(max_size=100))
 def test_bytes_are_decoded_or_refused(data: bytes) -> None:
     with contextlib.suppress(FederationError):
-        decode(bytes([VERSION]) + data)
+        decode(with_checksum(bytes([VERSION]) + data))
 
 
 def test_a_packet_that_is_too_large_is_not_sent() -> None:
