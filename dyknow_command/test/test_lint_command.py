@@ -184,6 +184,23 @@ def test_correct_files(files: list[Path], checked: str, capsys: pytest.CaptureFi
     assert (code, shown) == (0, f'{", ".join(map(str, files))}: {checked}nothing to mend\n')
 
 
+def test_short_names_of_two_ontologies(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ('one', 'two'):
+        text = f'<http://{name}.org/{name}#u> a <http://{name}.org/{name}#{name.title()}> .\n'
+        text += (
+            f'<http://{name}.org/{name}#{name.title()}> a <http://www.w3.org/2002/07/owl#Class> .'
+        )
+        Path(f'{name}.ttl').write_text(text, encoding='utf-8')
+    code, shown = lint(capsys, 'one.ttl', 'two.ttl')
+    assert code == 0
+    assert shown.startswith(
+        "one.ttl: warning: the instance 'u' is ambiguous; it is one of one:u, two:u; formulas have"
+    )
+
+
 def test_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(LINTED)
     code, shown = lint(capsys, 'formulas.txt', '--json')

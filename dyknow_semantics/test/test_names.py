@@ -28,6 +28,7 @@ def test_the_shortest_unambiguous_name_is_returned(names: Names) -> None:
     assert names.name(UAV) == 'UAV'
     assert names.name(ALTITUDE) == 'vehicles:Altitude'
     assert names.name(OTHER_ALTITUDE) == 'maps:Altitude'
+    assert names.ambiguities() == {'Altitude': AMBIGUOUS}
 
 
 def test_an_iri_is_returned_if_prefixes_are_ambiguous_too() -> None:
@@ -36,7 +37,10 @@ def test_an_iri_is_returned_if_prefixes_are_ambiguous_too() -> None:
     assert [names.name(iri) for iri in iris] == iris
 
 
-AMBIGUOUS = "the concept 'Altitude' is ambiguous; it is one of maps:Altitude, vehicles:Altitude"
+AMBIGUOUS = (
+    "the concept 'Altitude' is ambiguous; it is one of maps:Altitude, vehicles:Altitude; "
+    'formulas have no prefixes: to name it there, rename it in all ontologies but one'
+)
 MISSPELT = "unknown concept 'UAVs'; did you mean 'UAV'?"
 UNKNOWN = "unknown concept 'Battery'; there are: UAV, maps:Altitude, vehicles:Altitude"
 
