@@ -71,9 +71,21 @@ uav:Altitude a owl:Class ; rdfs:subClassOf dyknow:Feature ;
 """
 
 
+UNDECLARED = OWL_XML.replace(
+    '<Declaration><Class abbreviatedIRI="uav:Altitude"/></Declaration>', ''
+)
+UNDECLARED = UNDECLARED.replace('abbreviatedIRI="uav:Altitude"', f'IRI="{IRI}#Altitude"')
+
+
 @pytest.mark.parametrize(
     ('name', 'text'),
-    [('a.owl', RDF_XML), ('a.owl', OWL_XML), ('a.ttl', TURTLE), ('a.owl', TURTLE)],
+    [
+        ('a.owl', RDF_XML),
+        ('a.owl', OWL_XML),
+        ('a.owl', UNDECLARED),
+        ('a.ttl', TURTLE),
+        ('a.owl', TURTLE),
+    ],
 )
 def test_serialisations_are_equivalent(tmp_path: Path, name: str, text: str) -> None:
     (tmp_path / name).write_text(text)

@@ -6,12 +6,13 @@ owlready2 reads RDF/XML, OWL/XML and N-Triples. rdflib translates all else to N-
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from typing import Any, Final, Literal
 from xml.etree.ElementTree import ParseError, iterparse
 from xml.sax import SAXParseException
+from xml.sax.saxutils import quoteattr
 
 from rdflib import Graph
 from rdflib.exceptions import ParserError
@@ -20,7 +21,7 @@ from rdflib.plugins.parsers.ntriples import NTGraphSink, W3CNTriplesParser
 
 from dyknow_semantics.errors import SemanticsError
 from dyknow_semantics.ontology.documents.sources import OntologySource
-from dyknow_semantics.ontology.vocabulary import LANGUAGES, OWL, RDF
+from dyknow_semantics.ontology.vocabulary import LANGUAGES, OWL, RDF, UPPER_ONTOLOGY
 
 OwlreadyFormat = Literal['rdfxml', 'owlxml', 'ntriples']
 
@@ -98,9 +99,12 @@ def _recognised(source: OntologySource) -> str:
 def _normalise_xml(source: OntologySource) -> OntologyText:
     try:
         root, base, declarations = _xml_head(source.text)
+        form, text = _FORMAT_OF_ROOT.get(root), source.text
+        if form == 'owlxml':
+            text = _with_declarations(text, dict(declarations))
     except ParseError as error:
         raise unreadable(source.location, f'parsing error: {error}') from None
-    if root not in _FORMAT_OF_ROOT:
+    if form is None:
         raise unreadable(
             source.location,
             f'its root is {root}; write it as RDF/XML, OWL/XML, N-Triples or Turtle',
@@ -110,7 +114,7 @@ def _normalise_xml(source: OntologySource) -> OntologyText:
         # owlready2 keeps the fragment of a base: `#Wine` becomes `wine##Wine`.
         content = _translate(source, 'xml', base)
         return OntologyText(source.location, 'ntriples', content, prefixes)
-    return OntologyText(source.location, _FORMAT_OF_ROOT[root], source.text, prefixes)
+    return OntologyText(source.location, form, text, prefixes)
 
 
 def _xml_head(text: bytes) -> tuple[str, str, list[tuple[str, str]]]:
@@ -129,6 +133,34 @@ def _xml_head(text: bytes) -> tuple[str, str, list[tuple[str, str]]]:
         else:
             break
     return root, base, declared
+
+
+def _with_declarations(text: bytes, prefixes: Mapping[str, str]) -> bytes:
+    """Return a text in OWL/XML that declares its classes, for owlready2 ignores all others.
+
+    Those of OWL and of the ontology of DyKnow itself are declared elsewhere.
+    """
+    used: dict[tuple[str, str], None] = {}
+    declared: set[tuple[str, str]] = set()
+    is_declaration = False
+    for _, element in iterparse(BytesIO(text), ('start',)):  # noqa: S314 - as in `_xml_head`
+        name = next(iter(element.items()), ('', ''))
+        if element.tag != f'{{{OWL}}}Class':
+            is_declaration = element.tag == f'{{{OWL}}}Declaration'
+        elif is_declaration:
+            declared.add(name)
+        else:
+            prefix, _, local = name[1].partition(':')
+            iri = f'{prefixes.get(prefix, OWL)}{local}' if name[0] != 'IRI' else name[1]
+            if not iri.startswith((OWL, UPPER_ONTOLOGY)):
+                used[name] = None
+    found = ''.join(
+        f'<Declaration xmlns="{OWL}"><Class {attribute}={quoteattr(name)}/></Declaration>'
+        for attribute, name in used
+        if (attribute, name) not in declared
+    )
+    head, end, tail = text.rpartition(b'</')
+    return head + found.encode('ascii', 'xmlcharrefreplace') + end + tail
 
 
 def _translate(source: OntologySource, rdflib_format: Literal['turtle', 'xml'], base: str) -> bytes:
