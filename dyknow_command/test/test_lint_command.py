@@ -94,8 +94,9 @@ def test_objects_may_come_from_peers(tmp_path: Path, capsys: pytest.CaptureFixtu
     path.write_text(STATION, encoding='utf-8')
     code, shown = lint(capsys, path)
     assert (code, 'objects: {Carrier: [object1, object2]} in robot.yaml' in shown) == (1, True)
-    path.write_text(f'{STATION}federation: {{name: station}}\n', encoding='utf-8')
-    assert lint(capsys, path) == (0, f'{path}: 1 formula, nothing to mend\n')
+    for text in (STATION, STATION.replace('> 0.2', '> 20 %')):
+        path.write_text(f'{text}federation: {{name: station}}\n', encoding='utf-8')
+        assert lint(capsys, path) == (0, f'{path}: 1 formula, nothing to mend\n')
     # What this host declares is known.
     features = 'features: {Range: {unit: m, from: {topic: /range, field: range}}}\n'
     wrong = STATION.replace('Charge[c] > 0.2', 'Range > 2 kg')
@@ -189,7 +190,8 @@ def test_short_names_of_two_ontologies(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ('one', 'two'):
-        text = f"""@prefix : <http://a.org/{name}#> . @prefix owl: <http://www.w3.org/2002/07/owl#> .
+        text = f"""@prefix : <http://a.org/{name}#> .
+            @prefix owl: <http://www.w3.org/2002/07/owl#> .
             <http://a.org/{name}> a owl:Ontology . :{name} a owl:Class . :u a :{name} ."""
         Path(f'{name}.ttl').write_text(text, encoding='utf-8')
     _, shown = lint(capsys, 'one.ttl', 'two.ttl')

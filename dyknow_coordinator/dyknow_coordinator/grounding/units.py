@@ -71,13 +71,14 @@ async def find_units(symbols: Iterable[Symbol], query: QueryFunction) -> dict[st
 
 
 def _check_names(names: Iterable[str], known: Sequence[str]) -> None:
-    """Check that names without a unit are no misspelled features."""
+    """Check that names without a unit are features of the ontology."""
     for name in names:
-        similar = get_close_matches(name, known, n=1)
-        if name not in known and similar:
+        if name not in known:
+            similar = get_close_matches(name, known, n=1)
+            stated = f'declare it, or state the unit, let {name}: UNIT in ...'
+            hint = f"did you mean '{similar[0]}'?" if similar else stated
             raise CoordinationError(
-                f"the unit of '{name}' is not known, as the ontology has no such feature; "
-                f"did you mean '{similar[0]}'?",
+                f"the unit of '{name}' is not known, as the ontology has no such feature; {hint}",
                 ExitCode.NOT_FOUND,
             )
 
