@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dyknow_command.observing import absolute_topic, add_duration_option, observe
-from dyknow_common import DyKnowError, ExitCode, round_duration
+from dyknow_common import DyKnowError, ExitCode, round_duration, visible
 from dyknow_common.executables import SUCCESS, describe
 from dyknow_configuration import (
     ObservedTopic,
@@ -36,7 +36,7 @@ def suggest(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(_document(topic, timing, proposed)))  # noqa: T201 - this is a command
     else:
-        print('\n'.join(_lines(topic, timing, proposed)))  # noqa: T201
+        print(visible('\n'.join(_lines(topic, timing, proposed))))  # noqa: T201
     return SUCCESS
 
 

@@ -36,6 +36,7 @@ from dyknow_common.errors import (
     printable,
     shortened,
     unknown,
+    visible,
 )
 from dyknow_common.field_builder import (
     FieldBuilder,
@@ -282,6 +283,7 @@ __all__ = [
     'unit_conversion',
     'unknown',
     'value_text',
+    'visible',
     'with_readable_times',
     'without_generated_text',
 ]

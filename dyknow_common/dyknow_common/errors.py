@@ -21,8 +21,13 @@ _LONGEST_NUMBER: Final = 15
 """Digits of a count that a message shows in full."""
 
 _LONG_QUOTATION: Final = re.compile(r"""(?<!\w)"[^"\n]{201,}"|(?<!\w)'[^'\n]{201,}'|\S{300,}""")
-_CONTROL: Final = re.compile('[\x00-\x1f\x7f-\x9f\ud800-\udfff]')
-"""Characters that change a terminal, or that no message of ROS holds."""
+_CONTROL: Final = re.compile(
+    '[\x00-\x1f\x7f-\x9f\xad\u0600-\u0605\u061c\u06dd\u070f\u0890\u0891\u08e2\u180e\u200b-\u200f'
+    '\u2028-\u202e\u2060-\u206f\ud800-\udfff\ufeff\ufff9-\ufffb\U000110bd\U000110cd'
+    '\U00013430-\U0001343f\U0001bca0-\U0001bca3\U0001d173-\U0001d17a\U000e0000-\U000e007f]'
+)
+"""Characters that change a terminal, are invisible (the categories Cc, Cf, Zl and Zp of Unicode),
+or that no message of ROS holds."""
 
 _CONTROL_IN_ERROR: Final = re.compile(rf'(?![\n\t]){_CONTROL.pattern}')
 
@@ -57,7 +62,17 @@ def shortened(text: object, most: int = _MAX_QUOTED) -> str:
 
 def printable(text: str) -> str:
     """Return a text that a message has, for people: with control characters as in JSON."""
-    return _CONTROL.sub(lambda found: f'\\u{ord(found[0]):04x}', text)
+    return _CONTROL.sub(_escaped, text)
+
+
+def _escaped(character: re.Match[str]) -> str:
+    code = character[0].encode('utf-16-be', 'surrogatepass').hex()
+    return ''.join(f'\\u{code[first : first + 4]}' for first in range(0, len(code), 4))
+
+
+def visible(text: str) -> str:
+    """Return a text of several lines without any other control characters."""
+    return _CONTROL_IN_ERROR.sub('\ufffd', text)
 
 
 def amount(count: int) -> str:
@@ -99,7 +114,7 @@ class DyKnowError(Exception):
 
     def __init__(self, message: str, code: ExitCode = ExitCode.INVALID_ARGUMENT) -> None:
         brief = _LONG_QUOTATION.sub(lambda quotation: shortened(quotation[0]), message)
-        super().__init__(_CONTROL_IN_ERROR.sub('\ufffd', brief))
+        super().__init__(visible(brief))
         self.code = code
 
     def __reduce__(self) -> tuple[Any, ...]:

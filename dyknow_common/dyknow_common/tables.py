@@ -21,6 +21,8 @@ from rich.panel import Panel
 from rich.table import Column, Table
 from rich.text import Text
 
+from dyknow_common.errors import visible
+
 Cell = str | Text
 
 _MIN_NAME = 8
@@ -57,12 +59,16 @@ class Terminal(Console):
             self.width = _PIPE_WIDTH
 
     def render(self, renderable: Any, options: Any = None) -> Iterable[Any]:
-        """Render something; only on a terminal, tables and panels fill the width."""
+        """Render something; only on a terminal, tables and panels fill the width.
+
+        No control character of a name or a message, as of a hostile recording, reaches a terminal.
+        """
         if isinstance(renderable, Table | Panel):
             renderable.expand = renderable.expand and self.is_terminal
             if self._is_free and renderable.box:
                 options = (options or self.options).update(width=_LOG_WIDTH)
-        return super().render(renderable, options)
+        for each in super().render(renderable, options):
+            yield each if each.control else each._replace(text=visible(each.text))
 
     def on_broken_pipe(self) -> None:
         """Let the command end as `run_main` says; rich would end it with 1, which means false."""
@@ -106,7 +112,7 @@ def framed_table(
     """
     table = Table(*columns, **options)
     for row in rows:
-        table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
+        table.add_row(*(cell if isinstance(cell, Text) else Text(visible(cell)) for cell in row))
     return table
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pickle
+import sys
+import unicodedata
 
 import pytest
 
-from dyknow_common import NOWHERE, DyKnowError, ExitCode, LanguageError
+from dyknow_common import NOWHERE, DyKnowError, ExitCode, LanguageError, printable
 
 
 @pytest.mark.parametrize(
@@ -27,6 +29,16 @@ def test_messages_quote_little(quoted: str) -> None:
 
 def test_messages_have_no_control_characters() -> None:
     assert DyKnowError('a\x1b[31m\r\x9bb:\n\t^').message == 'a\ufffd[31m\ufffd\ufffdb:\n\t^'
+
+
+def test_no_invisible_character_is_shown() -> None:
+    hidden = {'Cc', 'Cf', 'Cs', 'Zl', 'Zp'}
+    for each in map(chr, range(sys.maxunicode + 1)):
+        category = unicodedata.category(each)
+        if category != 'Cn':  # Of a later version of Unicode.
+            assert (printable(each) != each) is (category in hidden), hex(ord(each))
+    assert printable('a\u202eb\U000e0041') == r'a\u202eb\udb40\udc41'
+    assert DyKnowError('a\u200bb').message == 'a\ufffdb'
 
 
 def test_messages_of_many_words_stay_whole() -> None:

@@ -35,3 +35,11 @@ def test_a_long_word_of_a_wide_column_is_shown_in_full() -> None:
     Terminal(file=output, width=30).print(table)
     shown = ''.join(line.split('│')[2].strip() for line in output.getvalue().splitlines()[3:-1])
     assert shown == word
+
+
+def test_no_control_character_of_a_cell_is_printed() -> None:
+    output = io.StringIO()
+    rows = [['/a\x1b[31m\u202eb\u200b', 'two\nlines']]
+    Terminal(file=output).print(ReportTable([fixed('topic'), wide('why')], rows))
+    assert '/a\ufffd[31m\ufffdb\ufffd' in output.getvalue()
+    assert len(output.getvalue().splitlines()) == 3
