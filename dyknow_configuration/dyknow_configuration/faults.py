@@ -152,8 +152,8 @@ def _remove_within(section: str, value: yaml.Node, place: tuple[int, int]) -> se
             if section == 'objects' and isinstance(entry, yaml.SequenceNode):
                 at_fault = [each for each in entry.value if _is_in(each, place)]
                 entry.value = [each for each in entry.value if each not in at_fault]
-                if at_fault:
-                    return _names(*at_fault)
+                if at_fault:  # A sort without objects is a consequence, too.
+                    return _names(*at_fault, *[key] * (not entry.value))
             del value.value[index]
             names = _names(key, entry) if section == 'objects' else {key.value}
             return names if section in _DECLARATIONS else set()

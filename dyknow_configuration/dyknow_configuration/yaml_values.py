@@ -266,7 +266,8 @@ class YamlValue:
         """Return the file that this names, which must exist; `hint` ends the error."""
         path = self.file()
         if not path.is_file():
-            raise self.error(f'there is no file {path}{hint}')
+            fault = f'{path} is no regular file' if path.exists() else f'there is no file {path}'
+            raise self.error(f'{fault}{hint}')
         return path
 
     def number(self) -> float:

@@ -76,6 +76,15 @@ def test_the_first_fault_is_that_of_reading(path: Path) -> None:
     assert len({*messages}) == len(messages)
 
 
+def test_a_sort_is_missing_if_all_of_its_objects_are_at_fault(tmp_path: Path) -> None:
+    path = tmp_path / 'robot.yaml'
+    path.write_text('objects: {Switch: [on, off], Rover: [no, rover1]}')
+    found = find_faults(path)
+    assert len(found.faults) == 3
+    assert found.is_consequence("the sort 'Switch' has no objects")
+    assert not found.is_consequence("the sort 'Rover' has no objects")
+
+
 def test_a_correct_file_has_no_fault(tmp_path: Path) -> None:
     path = tmp_path / 'robot.yaml'
     path.write_text('objects: {Rover: [rover1]}\n')
