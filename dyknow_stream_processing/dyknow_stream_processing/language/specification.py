@@ -37,6 +37,7 @@ LANGUAGE: Final = Language(
         'QUANTITY': 'a number or a duration',
         '_ANOTHER': "','",
         'BUILT_IN': 'a name',
+        'STREAM_NAME': 'a name other than select, merge and sync',
         'MESSAGE_TYPE': 'a message type, such as std_msgs/msg/Float64',
     },
 )
