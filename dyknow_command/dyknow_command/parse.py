@@ -49,12 +49,12 @@ def add_parse_options(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=parse)
     describe(
         parser,
-        'Check a text and print its canonical form. Nothing has to run.',
+        'Check the syntax of a text and print its canonical form. Nothing has to run.',
         (
             "dyknow parse 'always Power[uav1] < 150 until[0, 5 s] InAir(uav1)'",
             """dyknow parse --language stream 'select ranges[0] as ahead from "/scan"'""",
         ),
-        '0 if the text is correct, 2 if it is not',
+        '0 if the syntax is correct, 2 if it is not',
     )
     parser.add_argument('text', help='a formula, or a text in another language')
     parser.add_argument(
