@@ -185,21 +185,6 @@ def test_correct_files(files: list[Path], checked: str, capsys: pytest.CaptureFi
     assert (code, shown) == (0, f'{", ".join(map(str, files))}: {checked}nothing to mend\n')
 
 
-def test_short_names_of_two_ontologies(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ('one', 'two'):
-        text = f"""@prefix : <http://a.org/{name}#> .
-            @prefix owl: <http://www.w3.org/2002/07/owl#> .
-            <http://a.org/{name}> a owl:Ontology . :{name} a owl:Class . :u a :{name} ."""
-        Path(f'{name}.ttl').write_text(text, encoding='utf-8')
-    _, shown = lint(capsys, 'one.ttl', 'two.ttl')
-    assert shown.startswith(
-        "one.ttl: warning: the instance 'u' is ambiguous; it is one of one:u, two:u; formulas have"
-    )
-
-
 def test_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(LINTED)
     code, shown = lint(capsys, 'formulas.txt', '--json')

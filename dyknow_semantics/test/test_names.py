@@ -28,7 +28,6 @@ def test_the_shortest_unambiguous_name_is_returned(names: Names) -> None:
     assert names.name(UAV) == 'UAV'
     assert names.name(ALTITUDE) == 'vehicles:Altitude'
     assert names.name(OTHER_ALTITUDE) == 'maps:Altitude'
-    assert names.ambiguities() == {'Altitude': AMBIGUOUS}
 
 
 def test_an_iri_is_returned_if_prefixes_are_ambiguous_too() -> None:

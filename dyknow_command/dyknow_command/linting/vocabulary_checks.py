@@ -99,7 +99,6 @@ class VocabularyChecks:
             if vocabulary.knowledge is not None:
                 yield from self._annotation_findings(vocabulary.knowledge.stated)
                 yield from self._bridge_findings(vocabulary.knowledge.stated)
-                yield from self._name_findings(vocabulary.knowledge)
             if inputs.has_robot or inputs.files.ontologies:
                 yield from self._formula_findings(vocabulary)
             else:
@@ -134,11 +133,6 @@ class VocabularyChecks:
                     bridge_triple(bridge, knowledge)
                 except LanguageError as error:
                     yield error_at(self._inputs.place_of(source), error)
-
-    def _name_findings(self, knowledge: Knowledge) -> Iterator[Finding]:
-        for names in (knowledge.concept_names, knowledge.instance_names):
-            for name, text in names.ambiguities().items():
-                yield warning_at(self._place('objects', name), text)
 
     def _formula_findings(self, vocabulary: Vocabulary) -> Iterator[Finding]:
         streams = RecordedStreams(self._contents, self._inputs.files.streams)

@@ -124,7 +124,11 @@ class Names:
         """
         iris = self._iris.get(name, ())
         if len(iris) > 1:
-            raise SemanticsError(self._ambiguity(name))
+            candidates = listed(sorted(map(self.name, iris)))
+            raise SemanticsError(
+                f"the {self._kind} '{shortened(name)}' is ambiguous; it is one of {candidates}; "
+                'formulas have no prefixes: to name it there, rename it in all ontologies but one'
+            )
         if not iris:
             known = {each: self.name(iri) for each, same in self._iris.items() for iri in same}
             hint = suggestion(name, known)
@@ -135,18 +139,6 @@ class Names:
     def name(self, iri: str) -> str:
         """Return the shortest unambiguous name of an entity."""
         return next(name for name in self._names_of(iri) if len(self._iris[name]) == 1)
-
-    def ambiguities(self) -> dict[str, str]:
-        """Return the messages about the short names that several entities share."""
-        names = (name for name in self._iris if ':' not in name and len(self._iris[name]) > 1)
-        return {name: self._ambiguity(name) for name in sorted(names)}
-
-    def _ambiguity(self, name: str) -> str:
-        candidates = listed(sorted(map(self.name, self._iris[name])))
-        return (
-            f"the {self._kind} '{shortened(name)}' is ambiguous; it is one of {candidates}; "
-            'formulas have no prefixes: to name it there, rename it in all ontologies but one'
-        )
 
     def _names_of(self, iri: str) -> Iterator[str]:
         namespace, local = split_iri(iri)
