@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import count
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dyknow_common import NANOSECONDS, SECOND_NS, Alternatives, Value
@@ -346,6 +346,7 @@ def test_a_restart_loses_what_was_not_sent() -> None:
 
 
 @given(st.integers(0, 30), st.floats(0, 1, exclude_max=True), st.integers(1, 255))
+@example(8, 0.625, 8)
 @settings(max_examples=30)
 def test_after_an_altered_packet_all_goes_on(number: int, part: float, difference: int) -> None:
     net = sharing()
