@@ -143,22 +143,25 @@ def _with_declarations(text: bytes, prefixes: Mapping[str, str]) -> bytes:
     used: dict[tuple[str, str], None] = {}
     declared: set[tuple[str, str]] = set()
     is_declaration = False
-    for _, element in iterparse(BytesIO(text), ('start',)):  # noqa: S314 - as in `_xml_head`
-        name = next(iter(element.items()), ('', ''))
+    for event, element in iterparse(BytesIO(text), ('start', 'end')):  # noqa: S314 - see _xml_head
+        if event == 'end':
+            element.clear()  # So the memory for large files stays small.
+            continue
+        names = [each for each in element.items() if each[0] in {'IRI', 'abbreviatedIRI'}]
         if element.tag != f'{{{OWL}}}Class':
             is_declaration = element.tag == f'{{{OWL}}}Declaration'
         elif is_declaration:
-            declared.add(name)
+            declared.update(names)
         else:
-            prefix, _, local = name[1].partition(':')
-            iri = f'{prefixes.get(prefix, OWL)}{local}' if name[0] != 'IRI' else name[1]
-            if not iri.startswith((OWL, UPPER_ONTOLOGY)):
-                used[name] = None
-    found = ''.join(
-        f'<Declaration xmlns="{OWL}"><Class {attribute}={quoteattr(name)}/></Declaration>'
-        for attribute, name in used
-        if (attribute, name) not in declared
-    )
+            used |= dict.fromkeys(names)
+    found = ''
+    for attribute, name in used:
+        prefix, _, local = name.partition(':')
+        iri = name if attribute == 'IRI' else f'{prefixes.get(prefix, OWL)}{local}'
+        if (attribute, name) not in declared and not iri.startswith((OWL, UPPER_ONTOLOGY)):
+            found += (
+                f'<Declaration xmlns="{OWL}"><Class {attribute}={quoteattr(name)}/></Declaration>'
+            )
     head, end, tail = text.rpartition(b'</')
     return head + found.encode('ascii', 'xmlcharrefreplace') + end + tail
 
