@@ -67,6 +67,7 @@ class View:
             'always (XYDist[uav2, uav1] > 10)',
             EvaluationPhase.RUNNING,
             started=self.reporter.now() + 3600 * 10**9,
+            latest_valid_time=self.reporter.now() + 3600 * 10**9,
             groundings=(SymbolGrounding('XYDist[uav2, uav1]', Grounding.SEMANTIC, 's'),),
         )
 

@@ -39,6 +39,7 @@ SEPARATION = EvaluationStatus(
     'forall x in UAV: ((x != uav1) -> (always (XYDist[x, uav1] > 10)))',
     EvaluationPhase.RUNNING,
     started=NOW - SECOND,
+    latest_valid_time=NOW,
     groundings=grounded('XYDist[uav2, uav1]', 'XYDist[uav3, uav1]'),
 )
 CEILING = EvaluationStatus(
@@ -46,6 +47,7 @@ CEILING = EvaluationStatus(
     'forall u in UAV: (always (Altitude[u] < 30))',
     EvaluationPhase.RUNNING,
     started=NOW - SECOND,
+    latest_valid_time=NOW,
     groundings=grounded('Altitude[uav1]', 'Altitude[uav2]', 'Altitude[uav3]'),
 )
 
@@ -69,7 +71,8 @@ def test_a_line_between_each_pair() -> None:
     [
         ({'presumably_false': True}, Level.WARN),
         ({'phase': EvaluationPhase.INTERRUPTED}, Level.WARN),
-        ({'started': NOW - 60 * SECOND}, Level.WARN),
+        ({'latest_valid_time': NOW - 60 * SECOND}, Level.WARN),
+        ({'latest_valid_time': None}, Level.WARN),
         ({'phase': EvaluationPhase.ENDED, 'verdict': Verdict.TRUE}, Level.OK),
         ({'phase': EvaluationPhase.ENDED, 'verdict': Verdict.FALSE}, Level.ERROR),
         (
