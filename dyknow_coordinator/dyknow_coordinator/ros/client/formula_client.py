@@ -200,7 +200,7 @@ class FormulaClient:
         margin: bool = False,
         wait: float = 5.0,
     ) -> Answer:
-        """Evaluate a formula from now on; the calling thread waits, whether the node is spun or not.
+        """Evaluate a formula from now on; the thread waits, whether the node is spun or not.
 
         Raises:
             RuntimeError: in a callback of a single-threaded executor, which would be blocked;
