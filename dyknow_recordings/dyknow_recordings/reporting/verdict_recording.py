@@ -131,6 +131,7 @@ def _changes_of(
         EvaluationPhase.RUNNING,
         report.start_time,
         groundings=formula.groundings,
+        latest_valid_time=report.start_time if formula.states else None,
     )
     yield StatusChange(report.start_time, index, running)
     ended = [
