@@ -76,8 +76,8 @@ IF_UNKNOWN: Final = '; if that is an unknown value, '
 """The words before the mend in the message about a value that is not a number."""
 
 _NOT_A_NUMBER: Final = (
-    f'holds nan, not a number{IF_UNKNOWN}{{}} in robot.yaml, or add '
-    "'--missing unknown' to dyknow check"
+    f'holds nan, not a number{IF_UNKNOWN}{{}} in robot.yaml, or check the recording with '
+    "'--missing unknown'"
 )
 
 MAX_GENERATED: Final = 256
