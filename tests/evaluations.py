@@ -23,7 +23,8 @@ from system import LIMIT, POLL, Client, System
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 COORDINATOR = 'stream_reasoning_coordinator'
 
-BATTERY_TIMING = 'max_delay = 1 s, sample_period = 200 ms, sample_period_deviation = 50 ms'
+BATTERY_PERIOD = 'sample_period = 200 ms, sample_period_deviation = 50 ms'
+BATTERY_TIMING = f'max_delay = 1 s, {BATTERY_PERIOD}'
 """The constraints on the fleet's batteries."""
 
 
@@ -211,7 +212,9 @@ class Spares:
         )
         self._annotated.remove(name)
 
-    def power(self, name: str, vehicle: str, of: str, timing: str = '') -> None:
+    def power(
+        self, name: str, vehicle: str, of: str, timing: str = '', battery: str = BATTERY_TIMING
+    ) -> None:
         """Has the power of a vehicle made of the battery of another.
 
         Args:
@@ -219,12 +222,13 @@ class Spares:
             vehicle: whose battery is read.
             of: whose power it is.
             timing: what the annotation promises.
+            battery: the constraints of the battery that is read.
         """
         self.make(
             name,
             'compunit power: float electrical_power((voltage: float, current: float));'
             f'stream {name}_battery = select voltage, current from "/{vehicle}/battery" '
-            f'with {BATTERY_TIMING};'
+            f'with {battery};'
             f'sink electrical_power({name}_battery)',
         )
         self.annotate(name, f'Power[{of}] = power' + (f' with {timing}' if timing else ''))

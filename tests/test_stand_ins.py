@@ -16,7 +16,7 @@ from dyknow_interfaces.srv import CancelEvaluation, EvaluateFormula
 from std_msgs.msg import Float64
 
 from dyknow_bringup.processes.composition import NODES
-from evaluations import COORDINATOR, Evaluations, Spares
+from evaluations import BATTERY_PERIOD, COORDINATOR, Evaluations, Spares
 from services import nanoseconds
 from system import POLL, SOON_NOTICED, SPARES, Batteries, SharedSystem, System
 
@@ -122,7 +122,8 @@ def ask_beside_standby(
 ) -> list[Any]:
     """Ask formulas over the power of uav1, whose states have a standby."""
     evaluations.wait_for_nothing()  # The streams of a former test would be taken for these.
-    spares.power(SPARE, 'spare1', of='uav1')
+    # A standby that is late for a moment, on a busy machine, would not be used.
+    spares.power(SPARE, 'spare1', of='uav1', battery=f'max_delay = 20 s, {BATTERY_PERIOD}')
     answers = [system.ask(each, timeout=20.0) for each in formulas]
     evaluations.wait_for_state(len(answers))
     wait_for_standby(system, set())
