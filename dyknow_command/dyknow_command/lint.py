@@ -150,11 +150,9 @@ def _trigger_findings(inputs: LintInputs, *, is_live: bool) -> Iterator[Finding]
 def _guard_findings(inputs: LintInputs) -> Iterator[Finding]:
     """Yield the faults of guards; of their types and fields, where ROS is."""
     for guard in inputs.guards:
-        streams = {stream for formula in guard.formulas for stream in formula.streams}
-        for stream in sorted(streams - {guard.input}):
-            if absolute_topic(stream) == absolute_topic(guard.input):
-                text = f"a formula names the input as '{stream}'; write '{guard.input}'"
-                yield warning_at(inputs.placed(guard.place), f"the guard '{guard.name}': {text}")
+        for _, stream in guard.other_names_of_input(absolute_topic):
+            text = f"a formula names the input as '{stream}'; write '{guard.input}'"
+            yield warning_at(inputs.placed(guard.place), f"the guard '{guard.name}': {text}")
     guards = [each for each in inputs.guards if each.message_type]
     if not guards:
         return

@@ -5,25 +5,15 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-from importlib.metadata import PackageNotFoundError, version
 
-from dyknow_common.executables import SUCCESS, describe
+from dyknow_common.executables import SUCCESS, describe, installed_version
 
 
 def version_text() -> str:
     """Return the version of DyKnow, of Python, and of ROS where there is one."""
     ros = os.environ.get('ROS_DISTRO', '')
-    return f'dyknow {_own_version()} (Python {platform.python_version()}{ros and f", ROS 2 {ros}"})'
-
-
-def _own_version() -> str:
-    # The wheel without ROS, or the package of the workspace.
-    for distribution in ('dyknow', 'dyknow_command'):
-        try:
-            return version(distribution)
-        except PackageNotFoundError:
-            continue
-    return 'of a source folder'
+    own, python = installed_version(), platform.python_version()
+    return f'dyknow {own} (Python {python}{ros and f", ROS 2 {ros}"})'
 
 
 def print_version(_: argparse.Namespace) -> int:

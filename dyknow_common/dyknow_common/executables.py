@@ -56,6 +56,17 @@ if __name__ == '__main__':
 """
 
 
+def installed_version() -> str:
+    """Return the version of the wheel without ROS, or of the packages of the workspace."""
+    # It takes 20 ms, which most commands need not wait for.
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
+
+    for distribution in ('dyknow', 'dyknow_common'):
+        with suppress(PackageNotFoundError):
+            return version(distribution)
+    return 'of a source folder'
+
+
 def script_template(nodes: Collection[str] = ()) -> str:
     """Return the text of executables, for `ScriptWriter.template` of setuptools.
 

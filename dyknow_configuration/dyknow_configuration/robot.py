@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import product
@@ -109,6 +109,19 @@ class RequestedGuard:
     latch: bool = False
     timeout: int = 300 * NANOSECONDS['ms']
     place: str = ''
+
+    def other_names_of_input(self, resolve: Callable[[str], str]) -> Iterator[tuple[str, str]]:
+        """Yield each formula that names the input otherwise, with that name.
+
+        It would read what has not passed yet.
+
+        Args:
+            resolve: returns the absolute name of a topic.
+        """
+        for formula in self.formulas:
+            for stream in sorted(formula.streams - {self.input}):
+                if resolve(stream) == resolve(self.input):
+                    yield formula.name, stream
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 from dyknow_common import DyKnowError, ExitCode
 from dyknow_common.errors import error_text
+from dyknow_common.executables import installed_version
 from dyknow_common.worker_pool import WorkerPool
 from dyknow_configuration import NO_MAP, RequestedFormula, RobotMap, TextSource, TopicExpectation
 from dyknow_recordings.black_boxes import BlackBoxContent, suffix_report
@@ -47,9 +48,10 @@ _LOOK_PERIOD_S: Final = 10
 _MAX_LOOKS: Final = 6
 """Looks in a row that find no worker, after which the cluster is given up."""
 
-_VERSION: Final = """[__import__('dyknow_recordings'), next((found.version
-    for name in ('dyknow', 'dyknow_recordings')
-    for found in __import__('importlib.metadata').metadata.distributions(name=name)), '')][1]"""
+_VERSION: Final = (
+    "__import__('dyknow_recordings') and "
+    "__import__('dyknow_common.executables').executables.installed_version()"
+)
 """The version of DyKnow: a text, as a worker without DyKnow shuts down at a function of ours."""
 
 
@@ -310,7 +312,7 @@ def _connected(address: str) -> Client:
 
 def _check_versions(client: Client) -> None:
     """Check that each worker has this version of DyKnow."""
-    own = eval(_VERSION)  # noqa: S307 - our own text
+    own = installed_version()
     for worker, found in client.run(eval, _VERSION, on_error='return').items():
         if found != own:
             lack = f'no DyKnow: {found}' if isinstance(found, Exception) else f'DyKnow {found}'

@@ -165,7 +165,8 @@ class AttachedMonitor(MonitorNode):
         """When the evaluations of the formulas began, by name, nanoseconds."""
         self._decided: set[str] = set()
         self._has_report = False
-        RemoteNode(self, self.coordinator).on_lost.append(lambda: self._disconnect(NOT_RUNNING))
+        coordinator = RemoteNode(self, self.coordinator)
+        coordinator.on_lost.append(lambda: self._disconnect(self.formulas, NOT_RUNNING))
         self.create_report_subscription(
             EvaluationStatusArray, f'{self.coordinator}/evaluations', self._on_evaluations
         )
@@ -198,11 +199,11 @@ class AttachedMonitor(MonitorNode):
             if status is not None:
                 self._follow_evaluation(monitored, status)
             else:
-                self._disconnect(NOT_MONITORED, monitored)
+                self._disconnect([monitored], NOT_MONITORED)
 
-    def _disconnect(self, reason: str, *formulas: MonitoredFormula) -> None:
-        """Note that formulas without a verdict, or all of them, are not evaluated any more."""
-        for each in formulas or self.formulas:
+    def _disconnect(self, formulas: Sequence[MonitoredFormula], reason: str) -> None:
+        """Note that formulas are not evaluated any more, if they have no verdict."""
+        for each in formulas:
             if each.name not in self._decided:
                 each.outcome, each.known_at = NOT_CONNECTED, None
                 self.explain(each, reason)

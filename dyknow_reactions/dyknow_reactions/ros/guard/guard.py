@@ -117,18 +117,16 @@ class GuardNode(DyKnowNode):
         )
 
     def _check_references(self) -> None:
-        """Refuse another name of the input in a formula: it would read what has not passed yet."""
-        topic = self.resolve_topic_name(self._guard.input)
-        for name, each in (
-            (formula.name, stream)
-            for formula in self._guard.formulas
-            for stream in formula.streams - {self._guard.input}
-        ):
-            if not topic_fault(self, each) and self.resolve_topic_name(each) == topic:
-                raise ReactionError(
-                    f"{self._guard.place}: the formula '{name}' names the input as '{each}'; "
-                    f"write '{self._guard.input}'"
-                )
+        """Refuse another name of the input in a formula."""
+
+        def resolved(name: str) -> str:
+            return name if topic_fault(self, name) else str(self.resolve_topic_name(name))
+
+        for name, each in self._guard.other_names_of_input(resolved):
+            raise ReactionError(
+                f"{self._guard.place}: the formula '{name}' names the input as '{each}'; "
+                f"write '{self._guard.input}'"
+            )
 
     def _watch_formulas(self) -> None:
         services = StateServices(self, FormulaClient(self), RemoteNode(self, 'ontology_manager'))
