@@ -361,6 +361,14 @@ def test_what_other_tools_write_is_corrected(text: str, mistake: str, meant: str
             'rate("/a", -2 s).hz > 1',
             'write tf("map", "base_link").yaw, action("/dock").name or rate("/scan", 2 s).hz',
         ),
+        (
+            'x < squareroot(2)',
+            "'squareroot' is no function, and the arguments of a feature are names of objects",
+        ),
+        (
+            'x < foo(y, 2)',
+            "'foo' is no function, and the arguments of a feature are names of objects",
+        ),
         ('|x| > 1', "write an absolute value as 'abs(x)'"),
         ('always p and |x - y| > 1', "write an absolute value as 'abs(x)'"),
         ('always p | q | r', "did you mean 'or' instead of '|'?"),
@@ -386,7 +394,7 @@ def test_advice_on_what_other_languages_write(text: str, advice: str) -> None:
 
 
 @pytest.mark.parametrize(
-    'text', ['x > 1.5.2', 'a and > 5', 'x > .', 'a b', 'then > 5 5', 'x > 1 -> -> y']
+    'text', ['x > 1.5.2', 'a and > 5', 'x > .', 'a b', 'then > 5 5', 'x > 1 -> -> y', 'min(3 4)']
 )
 def test_no_advice_where_none_is_known(text: str) -> None:
     with pytest.raises(LanguageError) as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dyknow_common import FORMULA_WORDS, NANOSECONDS, Language
+from dyknow_common import FORMULA_WORDS, NANOSECONDS, SOURCE_FIELDS, Language
 
 _OPERATOR = 'an operator'
 _FORMULA = 'a formula'
@@ -89,6 +89,10 @@ _ADVICE: Final = {
     ),
     r'\b(?:tf|action|rate)\s*\(\s*"[^()]*': (
         'write tf("map", "base_link").yaw, action("/dock").name or rate("/scan", 2 s).hz'
+    ),
+    rf'\b(?!(?:{"|".join((*FORMULA_WORDS, *SOURCE_FIELDS))})\b)([A-Za-z]\w*)\s*\('
+    r'(?:[^()]*,)?\s*-?[0-9](?=[\w.]*\s*[-+*/,)<=>])': (
+        r"'\1' is no function, and the arguments of a feature are names of objects"
     ),
     rf'{_BEFORE_OPERAND}U\b': ("'U' is the operator 'until': rename the sort or feature"),
 }
