@@ -109,6 +109,7 @@ def _forked() -> Iterator[None]:
         ('dyknow', 'the following arguments are required: VERB'),
         ('dyknow up --store /dev/null/x', 'dyknow: /dev/null/x: Not a directory'),
         ('dyknow up --ontology /nowhere.owl', 'dyknow: ontologies: there is no file /nowhere.owl'),
+        ('dyknow up --ontology /dev/zero', 'dyknow: ontologies: /dev/zero is no regular file'),
         ('dyknow up --streams nope.streams', 'streams: there is no file /'),
         ('dyknow up --namespace "a b"', 'must not contain characters'),
         ('dyknow up --params-file nope.yaml', 'params_file: there is no file /'),

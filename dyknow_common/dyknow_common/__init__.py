@@ -125,6 +125,7 @@ from dyknow_common.symbol import (
 from dyknow_common.text_files import (
     MAX_LINE,
     InlineText,
+    file_fault,
     open_text,
     read_file,
     read_regular,
@@ -249,6 +250,7 @@ __all__ = [
     'field_name',
     'field_text',
     'field_type',
+    'file_fault',
     'format_duration',
     'format_time',
     'joined_field',

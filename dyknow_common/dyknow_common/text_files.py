@@ -87,6 +87,13 @@ def read_text(path: Path | InlineText, content: str, error_class: type[DyKnowErr
         return read.decode('utf-8-sig').replace('\r\n', '\n').replace('\r', '\n')
 
 
+def file_fault(path: Path) -> str:
+    """Return why a path names no file with a content; an empty text if it does."""
+    if path.is_file():
+        return ''
+    return f'{path} is no regular file' if path.exists() else f'there is no file {path}'
+
+
 def read_regular(path: Path, max_bytes: int) -> bytes:
     """Return the content of a file, or its beginning: one byte more than a number of bytes.
 

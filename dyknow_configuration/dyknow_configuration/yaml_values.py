@@ -29,6 +29,7 @@ from dyknow_common import (
     MAX_CHARACTERS,
     DyKnowError,
     TextPosition,
+    file_fault,
     parse_duration,
     position_at,
     read_text,
@@ -265,8 +266,7 @@ class YamlValue:
     def existing_file(self, hint: str = '') -> Path:
         """Return the file that this names, which must exist; `hint` ends the error."""
         path = self.file()
-        if not path.is_file():
-            fault = f'{path} is no regular file' if path.exists() else f'there is no file {path}'
+        if fault := file_fault(path):
             raise self.error(f'{fault}{hint}')
         return path
 

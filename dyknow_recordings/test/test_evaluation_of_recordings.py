@@ -260,7 +260,7 @@ def test_numbers_are_converted_to_the_unit_of_their_feature(files: MonitoringFil
         ('always Power[r1] < 2 m', """'2 "m"' is in m, which does not convert to W"""),
         ('always "/main".p < 2 W', """'"/main".p' is a field of a stream, which states no unit"""),
         ('always main.power < 2 W', "'main.power' is a field of a stream, which states no unit"),
-        ('always main < 2 W', 'no such feature; declare it, or state the unit, let main: UNIT in'),
+        ('always main < 2 W', 'describes this feature; declare it, or state the unit, let main: UNIT in'),
     ],
 )
 def test_numbers_that_do_not_convert(formula: str, message: str, files: MonitoringFiles) -> None:
@@ -275,7 +275,7 @@ def test_a_misspelled_feature_is_not_one_without_a_unit(files: MonitoringFiles) 
     error = in_watts('always Powr[r1] < 2 W', files).error
     assert error is not None
     assert error.message == (
-        "the unit of 'Powr' is not known, as the ontology has no such feature; "
+        "the unit of 'Powr' is not known, as no ontology describes this feature; "
         "did you mean 'Power'?"
     )
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from dyknow_bringup.errors import BringupError
-from dyknow_common import ExitCode
+from dyknow_common import ExitCode, file_fault
 from dyknow_configuration import PACKAGES, ParameterValue
 
 ENGINE: Final = 'stream_processing_engine'
@@ -110,8 +110,8 @@ class SystemConfiguration:
         files['params_file'] = () if self.params_file is None else (self.params_file,)
         for kind, paths in files.items():
             for path in paths:
-                if not path.is_file():
-                    raise BringupError(f'{kind}: there is no file {path}', ExitCode.NOT_FOUND)
+                if fault := file_fault(path):
+                    raise BringupError(f'{kind}: {fault}', ExitCode.NOT_FOUND)
         if not 1 <= self.engines <= MAX_ENGINES:
             raise BringupError(
                 f'{self.engines} is no number of stream processing engines; use 1 to {MAX_ENGINES}'

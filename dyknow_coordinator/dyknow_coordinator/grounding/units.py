@@ -78,7 +78,7 @@ def _check_names(names: Iterable[str], known: Sequence[str]) -> None:
             stated = f'declare it, or state the unit, let {name}: UNIT in ...'
             hint = f"did you mean '{similar[0]}'?" if similar else stated
             raise CoordinationError(
-                f"the unit of '{name}' is not known, as the ontology has no such feature; {hint}",
+                f"the unit of '{name}' is not known, as no ontology describes this feature; {hint}",
                 ExitCode.NOT_FOUND,
             )
 
