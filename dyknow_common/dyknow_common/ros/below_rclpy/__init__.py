@@ -3,7 +3,7 @@
 | module | reason | holds for | otherwise |
 |---|---|---|---|
 | `executor` | a message costs the same in a large node | an rclpy with its parts | its executor |
-| `senders` | nodes believe the owner of a topic alone | rmw, rcutils of Jazzy | they believe all |
+| `senders` | nodes believe the owner of a topic alone | Fast DDS of Jazzy | they believe all |
 | `direct_topics` | nodes of a process share objects | where senders are known | the middleware |
 | `discovery` | processes find each other at once | Fast DDS 2 | within 3 s |
 | `c_library` | a process that hangs ends | glibc of 64 bits | it ends only if Python can run |

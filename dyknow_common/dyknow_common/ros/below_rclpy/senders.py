@@ -27,6 +27,7 @@ from typing import Any, ClassVar, Final
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from rclpy.utilities import get_rmw_implementation_identifier
 
 from dyknow_common.ros.below_rclpy.versions import has_versions, is_on
 
@@ -38,6 +39,8 @@ SENDER: Final = 'sender'
 
 _VERSIONS: Final = {'rcl': '9.2', 'rcutils': '6.7', 'rmw': '7.3'}
 """ROS 2 Jazzy. With other sizes of the structures below, C would write past their ends."""
+
+_MIDDLEWARE: Final = 'rmw_fastrtps_cpp'
 
 _OK: Final = 0
 _NOTHING_TO_TAKE: Final = 401
@@ -112,7 +115,8 @@ class _Takers(local):
 
     def __init__(self) -> None:
         self.taker: _Taker | None = None
-        if is_on() and has_versions(_VERSIONS):
+        is_known = get_rmw_implementation_identifier() == _MIDDLEWARE and has_versions(_VERSIONS)
+        if is_on() and is_known:
             with suppress(OSError, AttributeError):  # Another build of ROS.
                 self.taker = _Taker()
 
