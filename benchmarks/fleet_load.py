@@ -1,6 +1,6 @@
 """The processor time of one DyKnow for a fleet: its knee in robots and messages a second.
 
-python benchmarks/fleet_load.py [--json] [--robots 1 3 10] [--seconds 15]
+python benchmarks/fleet_load.py [--json] [--quick] [--robots 1 3 10] [--seconds 15]
 
 Each robot publishes an odometry at 100 Hz and a scan of 360 ranges at 10 Hz. Three formulas read
 the speed and the nearest obstacle of each robot. A row has the share of one core that each process
@@ -12,35 +12,26 @@ last: the knee.
 
 from __future__ import annotations
 
-import argparse
-import json
 import select
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import rclpy
 from dyknow_interfaces.srv import EvaluateFormula
 from nav_msgs.msg import Odometry
-from processes import (
-    Client,
-    costs,
-    percentile,
-    use_private_domain,
-    wait_for_line,
-    worker,
-)
+from parts import measure
+from processes import Client, costs, percentile, use_private_domain, wait_for_line, worker
 from rclpy.serialization import serialize_message
 from running_system import EVALUATE, running_formulas, timed
 from sensor_msgs.msg import LaserScan
 from workers import FLEET_QUALITY
 
-from dyknow_bringup.resources import executable_path
+from commands import command, running
 from dyknow_common import SECOND_NS
 
 PROGRAM = Path(__file__)
@@ -119,21 +110,6 @@ def stamped(message: bytearray) -> bytes:
     return bytes(message)
 
 
-@contextmanager
-def dyknow(robots: int) -> Iterator[int]:
-    """Run DyKnow for a fleet, and yield the process id of its command."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, 'robot.yaml')
-        path.write_text(robot_file(robots), encoding='utf-8')
-        program = str(executable_path('dyknow_command', 'dyknow'))
-        line = [program, 'up', str(path), '--no-monitor', '--logs', f'{folder}/logs']
-        with subprocess.Popen(line) as up:
-            try:
-                yield up.pid
-            finally:
-                up.terminate()
-
-
 def row(robots: int, seconds: float) -> dict[str, Any]:
     """Measure one size of the fleet."""
     with ExitStack() as stack:
@@ -145,9 +121,12 @@ def row(robots: int, seconds: float) -> dict[str, Any]:
             wait_for_line(bare)
             client.wait(2.0)
             baseline = costs({'bare': bare.pid}, client.wait, seconds)['bare']['share']
-        up = stack.enter_context(dyknow(robots))
+        path = Path(stack.enter_context(tempfile.TemporaryDirectory()), 'robot.yaml')
+        path.write_text(robot_file(robots), encoding='utf-8')
+        line = command('dyknow', 'up', str(path), '--no-monitor', '--logs', f'{path.parent}/logs')
+        up = stack.enter_context(running(line, {}))
         futures = ask_all(client, robots)
-        found = costs({str(each): each for each in children(up)}, client.wait, seconds).values()
+        found = costs({str(each): each for each in children(up.pid)}, client.wait, seconds).values()
         delays = [
             alarm(client, fleet, CALM + 1.0 + number, each)
             for number, each in enumerate(futures[len(FORMULAS) :])
@@ -196,26 +175,18 @@ def children(process: int) -> list[int]:
     return found
 
 
-def main() -> None:
-    """Measure and print."""
-    if sys.argv[1:2] == ['publish']:
-        publish(int(sys.argv[2]))
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--json', action='store_true', help='print one JSON object')
-    parser.add_argument('--robots', type=int, nargs='+', default=[1, 3, 10, 20, 40])
-    parser.add_argument('--seconds', type=float, default=15.0)
-    arguments = parser.parse_args()
-    use_private_domain()
-    rows = []
-    for robots in arguments.robots:
-        rows.append(row(robots, arguments.seconds))
-        if not arguments.json:
-            print(rows[-1], flush=True)
+def fleet_load(*, robots: list[int], seconds: float, quick: bool) -> list[dict[str, Any]]:
+    """Measure fleets of growing size, until one is beyond the knee."""
+    rows: list[dict[str, Any]] = []
+    for number in robots:
+        rows.append(row(number, seconds / 5 if quick else seconds))
         if rows[-1]['alarm_max_ms'] > MAX_DELAY_MS or rows[-1]['errors']:
             break
-    if arguments.json:
-        print(json.dumps({'fleet_load': rows}))
+    return rows
 
 
 if __name__ == '__main__':
-    main()
+    if sys.argv[1:2] == ['publish']:
+        publish(int(sys.argv[2]))
+    use_private_domain()
+    measure(__doc__, fleet_load, robots=[1, 3, 10, 20, 40], seconds=15.0)

@@ -15,7 +15,9 @@ EXIT_TIMEOUT_S = 20.0
 
 
 def measure(
-    description: str | None, *functions: Callable[..., Any], **options: float | str | Path
+    description: str | None,
+    *functions: Callable[..., Any],
+    **options: float | str | Path | list[int],
 ) -> None:
     """Measure the parts chosen on the command line, and print their results.
 
@@ -23,7 +25,8 @@ def measure(
         description: of the benchmark.
         functions: its parts; each has the parameter `quick` and one for each further option, and
             returns a row or a list of rows.
-        options: further options of the command line, with their defaults.
+        options: further options of the command line, with their defaults; one whose default is a
+            list takes several numbers.
     """
     parts = {each.__name__: each for each in functions}
     parser = argparse.ArgumentParser(description=description)
@@ -31,8 +34,11 @@ def measure(
     parser.add_argument('--only', choices=parts, action='append')
     parser.add_argument('--quick', action='store_true', help='shorter and less exact')
     for name, default in options.items():
+        how: dict[str, Any] = {'type': type(default)}
+        if isinstance(default, list):
+            how = {'type': int, 'nargs': '+'}
         help_ = f'(default: {default or "none"})'
-        parser.add_argument(f'--{name}', type=type(default), default=default, help=help_)
+        parser.add_argument(f'--{name}', default=default, help=help_, **how)
     arguments = parser.parse_args()
     given = {name: getattr(arguments, name) for name in ('quick', *options)}
     found = {name: parts[name](**given) for name in arguments.only or parts}
