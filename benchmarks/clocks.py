@@ -169,7 +169,7 @@ def judged_round(
     publisher.start()
     for name, text in streams.items():
         client.create(name, text, MANAGER)
-    system.wait(begin / 1e9 + ASKED_AFTER_S - time.time())
+    client.wait(begin / 1e9 + ASKED_AFTER_S - time.time())
     asked = [each.question(chance) for each in episodes for _ in range(QUESTIONS)]
     for each in asked:
         _send(system, each)
@@ -230,7 +230,7 @@ def main() -> None:
             judged += judged_round(system, len(judged), chance, states_gaps=states_gaps)
             found = report_of(judged)
             print(found['judgements'], file=sys.stderr, flush=True)
-        codes = system.stop()
+        codes = system.launcher.stop_all()
     found['exit_codes'] = codes
     print_report(found, as_json=arguments.json)
     raise SystemExit(bool(found['faults']))

@@ -19,8 +19,9 @@ from processes import (
     Client,
     proportional_memory,
     summary,
+    tell,
     use_private_domain,
-    wait_for_line,
+    wait_until_begun,
     worker,
 )
 from running_system import AT_ONCE, RunningSystem, ask, timed
@@ -63,7 +64,7 @@ def grounding(*, quick: bool) -> Any:
             assert decided > begun - SECOND_NS // 10, (decided - begun, answer)
             delays.append(ended[0] - begun)
             # Start evaluations at random times between two messages.
-            system.wait(chance.uniform(0.05, 0.1))
+            system.client.wait(chance.uniform(0.05, 0.1))
     return {'first_us': round(delays[0] / 1e3), **summary(delays[1:])}
 
 
@@ -128,10 +129,9 @@ def _start_to_first_verdict_s(composition: bool) -> float:  # noqa: FBT001
 def _bare_delays(topic: str, number: int, roles: Iterable[Callable[..., None]]) -> list[int]:
     with ExitStack() as stack:
         for role in roles:
-            wait_for_line(stack.enter_context(worker(role.__name__)))
+            wait_until_begun(stack.enter_context(worker(role.__name__)))
         fleet = stack.enter_context(robots.fleet(20.0, 'uav1'))
-        client = Client()
-        stack.callback(client.close)
+        client = stack.enter_context(Client())
         decide = _decider(client, fleet, topic)
 
         def asked() -> Any:
@@ -141,7 +141,7 @@ def _bare_delays(topic: str, number: int, roles: Iterable[Callable[..., None]]) 
 
         found = asked()
         while not found.done():  # The nodes may not have discovered each other yet.
-            robots.command(fleet, 'send', topic, HIGH)
+            tell(fleet, 'send', topic, HIGH)
             client.wait(0.2)
         return [decide(asked()) for _ in range(number)]
 
@@ -153,7 +153,7 @@ def _decider(client: Client, fleet: Any, topic: str) -> Callable[[Any], int]:
         ended = timed(future)
         client.wait(chance.uniform(0.0, 0.05))
         assert not future.done(), future.result()
-        sent = int(robots.command(fleet, 'send', topic, HIGH))
+        sent = int(tell(fleet, 'send', topic, HIGH))
         client.spin_until(lambda: bool(ended), 'the answer')
         answer = future.result()
         assert answer.verdict == FormulaResult.FALSE, answer
@@ -207,9 +207,9 @@ def deaths(*, quick: bool) -> Any:
         remote = RemoteNode(NodeAdapter(system.client.node), VICTIM)
         for _ in range(3 if quick else 10):
             system.client.spin_until(lambda: remote.alive, 'the node')
-            system.wait(1.0)
+            system.client.wait(1.0)
             begun = time.monotonic()
-            system.kill(VICTIM)
+            system.launcher.kill(VICTIM)
             system.client.spin_until(lambda: not remote.alive, 'its death')
             found.append(round(time.monotonic() - begun, 2))
             system.start(VICTIM)
@@ -221,11 +221,6 @@ def deaths(*, quick: bool) -> Any:
     }
 
 
-def main() -> None:
-    """Measure and print."""
+if __name__ == '__main__':
     use_private_domain()
     measure(__doc__, grounding, verdict, composition, standby, deaths)
-
-
-if __name__ == '__main__':
-    main()

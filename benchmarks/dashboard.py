@@ -25,7 +25,7 @@ from typing import Any
 import rclpy
 from dyknow_interfaces.msg import Sample as SampleMessage
 from parts import measure
-from processes import costs, use_private_domain, wait_for_line, worker
+from processes import costs, use_private_domain, wait_until_begun, worker
 from tornado.websocket import websocket_connect
 
 from commands import command
@@ -161,7 +161,7 @@ def publish() -> None:
     for node in PublishedSystem().nodes:
         executor.add_node(node)
         node.announce()
-    print('ready', flush=True)
+    print('begun', flush=True)
     executor.spin()
 
 
@@ -191,7 +191,7 @@ def page(*, quick: bool) -> list[dict[str, Any]]:
         subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as dashboard,
     ):
         try:
-            wait_for_line(publisher)
+            wait_until_begun(publisher)
             assert dashboard.stdout is not None
             address = dashboard.stdout.readline().split()[1]
             processes = {'dashboard': dashboard.pid, 'idle': idle.pid}

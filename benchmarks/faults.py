@@ -115,7 +115,7 @@ class Faults:
     def _kill(self) -> None:
         node = self._fail('killed')
         if node:
-            self.system.kill(node)
+            self.system.launcher.kill(node)
 
             def restart() -> None:
                 self.system.start(node)

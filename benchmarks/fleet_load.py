@@ -25,7 +25,7 @@ import rclpy
 from dyknow_interfaces.srv import EvaluateFormula
 from nav_msgs.msg import Odometry
 from parts import measure
-from processes import Client, costs, percentile, use_private_domain, wait_for_line, worker
+from processes import Client, costs, percentile, tell, use_private_domain, wait_until_begun, worker
 from rclpy.serialization import serialize_message
 from running_system import EVALUATE, running_formulas, timed
 from sensor_msgs.msg import LaserScan
@@ -114,11 +114,10 @@ def row(robots: int, seconds: float) -> dict[str, Any]:
     """Measure one size of the fleet."""
     with ExitStack() as stack:
         fleet = stack.enter_context(worker('publish', robots, program=PROGRAM))
-        wait_for_line(fleet)
-        client = Client()
-        stack.callback(client.close)
+        wait_until_begun(fleet)
+        client = stack.enter_context(Client())
         with worker('fleet_reader', '--number', robots) as bare:
-            wait_for_line(bare)
+            wait_until_begun(bare)
             client.wait(2.0)
             baseline = costs({'bare': bare.pid}, client.wait, seconds)['bare']['share']
         path = Path(stack.enter_context(tempfile.TemporaryDirectory()), 'robot.yaml')
@@ -157,13 +156,11 @@ def ask_all(client: Client, robots: int) -> list[Any]:
 
 def alarm(client: Client, fleet: subprocess.Popen[str], speed: float, answer: Any) -> float:
     """Return the milliseconds from a message with a speed to the answer of a formula."""
-    if fleet.stdin is None or fleet.stdout is None:
-        raise RuntimeError('the fleet has no pipes')
     client.wait(ALARM_PERIOD_S)
     found = timed(answer)
-    print(speed, file=fleet.stdin, flush=True)
+    sent = int(tell(fleet, speed))
     client.spin_until(lambda: bool(found), 'an alarm', ANSWER_LIMIT_S)
-    return (found[0] - int(fleet.stdout.readline())) / 1e6
+    return (found[0] - sent) / 1e6
 
 
 def children(process: int) -> list[int]:

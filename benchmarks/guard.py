@@ -21,7 +21,7 @@ import statistics
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,20 +35,13 @@ from processes import (
     avoid_shared_memory,
     percentile,
     use_private_domain,
-    wait_for_line,
+    wait_until_begun,
     worker,
 )
 from std_msgs.msg import Float64
 from workers import STOP_DISTANCE_M
 
 from commands import command, running
-from dyknow_bringup.processes.composition import composed
-from dyknow_bringup.processes.launcher import Launcher
-from dyknow_bringup.processes.processes import (
-    SystemConfiguration,
-    dyknow_processes,
-    watching_processes,
-)
 from dyknow_common.ros import LATCHED
 from guarded_rover import GuardedDrive, write_guarded_robot
 
@@ -64,22 +57,24 @@ guards:
 """
 PERIOD_S = 0.02
 LEVEL = 1.0
-COMPOSITIONS = {'processes': False, 'one_process': True}
+COMPOSITIONS: dict[str, tuple[str, ...]] = {'processes': ('--processes',), 'one_process': ()}
 CLEAR_M = 3.0
 CLOSEST_M = 0.3
 """The distance that the formula `distance` of the example demands."""
 
 
 @contextmanager
-def bare_relay_and_client() -> Iterator[Client]:
-    """Run the bare node in a process of its own, and yield a client."""
-    with worker('raw_relay') as bare:
-        wait_for_line(bare)
-        client = Client()
-        try:
+def running_guard(write: Callable[[Path], Path], options: Sequence[str]) -> Iterator[Client]:
+    """Run DyKnow with a guard, and the bare node; yield a client.
+
+    Args:
+        write: writes the robot.yaml to a folder.
+        options: of `dyknow up`.
+    """
+    with tempfile.TemporaryDirectory() as folder, worker('raw_relay') as bare, Client() as client:
+        wait_until_begun(bare)
+        with running(command('dyknow', 'up', str(write(Path(folder))), *options), {}):
             yield client
-        finally:
-            client.close()
 
 
 def summary(milliseconds: Sequence[float]) -> dict[str, float]:
@@ -93,19 +88,18 @@ def summary(milliseconds: Sequence[float]) -> dict[str, float]:
 def passing(*, quick: bool) -> dict[str, Any]:
     """Measure messages that pass a guard, and those that pass the bare relay."""
     found = {}
-    for name, composition in COMPOSITIONS.items():
-        with tempfile.TemporaryDirectory() as folder, bare_relay_and_client() as client:
-            robot = Path(folder, 'robot.yaml')
-            robot.write_text(ROBOT, encoding='utf-8')
-            configuration = SystemConfiguration(guards={'base_guard': robot})
-            nodes = dyknow_processes(configuration)
-            with Launcher(Path(folder)) as launcher:
-                launcher.start_all(composed(nodes, {}) if composition else nodes)
-                launcher.start_all(watching_processes(configuration))
-                guard, bare = map(summary, _delays(client, 100 if quick else 1000))
+    for name, options in COMPOSITIONS.items():
+        with running_guard(_write_robot, options) as client:
+            guard, bare = map(summary, _delays(client, 100 if quick else 1000))
         ratio = round(guard['median_ms'] / bare['median_ms'], 2)
         found[name] = {'passing': guard, 'bare_relay': bare, 'ratio': ratio}
     return found
+
+
+def _write_robot(folder: Path) -> Path:
+    path = folder / 'robot.yaml'
+    path.write_text(ROBOT, encoding='utf-8')
+    return path
 
 
 def _delays(client: Client, messages: int) -> list[list[float]]:
@@ -142,12 +136,9 @@ def _delays(client: Client, messages: int) -> list[list[float]]:
 def rover(*, quick: bool) -> dict[str, Any]:
     """Measure approaches of a rover to obstacles."""
     found = {}
-    for name, composition in COMPOSITIONS.items():
-        options = () if composition else ('--processes',)
-        with tempfile.TemporaryDirectory() as folder, bare_relay_and_client() as client:
-            robot = write_guarded_robot(Path(folder))
-            with running(command('dyknow', 'up', str(robot), *options), {}):
-                found[name] = _approaches(client, 5 if quick else 100)
+    for name, options in COMPOSITIONS.items():
+        with running_guard(write_guarded_robot, options) as client:
+            found[name] = _approaches(client, 5 if quick else 100)
     return found
 
 
@@ -191,8 +182,8 @@ def _approaches(client: Client, count: int) -> dict[str, Any]:
 def closing(*, quick: bool) -> dict[str, Any]:
     """Measure each way of closing."""
     return {
-        name: _closing(2 if quick else 20, composition=composition)
-        for name, composition in COMPOSITIONS.items()
+        name: _closing(2 if quick else 20, composition=not options)
+        for name, options in COMPOSITIONS.items()
     }
 
 

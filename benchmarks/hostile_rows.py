@@ -30,8 +30,6 @@ from dyknow_interfaces.srv import (
 )
 from hostile_client import ANSWER_TIMEOUT_S, NODES, REQUESTS, HostileClient
 from random_messages import interface, random_bytes, random_message
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import ListParameters, SetParameters
 from rclpy.action import ActionClient
 from sensor_msgs.msg import BatteryState
 
@@ -115,20 +113,6 @@ def killed_client(client: HostileClient) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def parameters(client: HostileClient) -> None:
-    """Set parameters of running nodes, `use_sim_time` among them."""
-    for node in NODES:
-        listed = client.call(ListParameters, f'{node}/list_parameters')
-        names = {*(listed.result.names if listed else ()), 'use_sim_time', 'hostile', ''}
-        for name in sorted(names):
-            value = random_message(ParameterValue, client.chance, 2)
-            value.type = client.chance.randrange(ParameterType.PARAMETER_STRING_ARRAY + 1)
-            if name == 'use_sim_time':
-                value = ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=True)
-            parameter = Parameter(name=name, value=value)
-            client.ask(SetParameters, f'{node}/set_parameters', parameters=[parameter])
-
-
 def forged_messages(client: HostileClient) -> None:
     """Publish random messages and bytes that are no messages on all internal topics."""
     for topic, (name, *_) in client.node.get_topic_names_and_types():
@@ -162,12 +146,6 @@ def objects_of_a_crowd_cubed(client: HostileClient) -> None:
     formula = f'{quantifiers} always XYDist[a, b] > Power[c]'
     for _ in range(20):
         client.call(EvaluateFormula, EVALUATE, formula=formula)
-
-
-def abandoned_groups(client: HostileClient) -> None:
-    """Create formula groups that nobody evaluates."""
-    for _ in range(100):
-        _group(client, 'always p')
 
 
 def _group(client: HostileClient, formula: str) -> int | None:
@@ -235,8 +213,8 @@ ROWS: dict[str, Callable[[HostileClient], None]] = {
     **{
         each.__name__: each
         for each in (
-            random_requests, random_goals, flood, killed_client, parameters, forged_messages,
-            malformed_source, objects_of_a_crowd_cubed, abandoned_groups,
+            random_requests, random_goals, flood, killed_client, forged_messages,
+            malformed_source, objects_of_a_crowd_cubed,
         )
     },
     **{

@@ -254,11 +254,6 @@ def _wait(system: RunningSystem, condition: Callable[[], bool]) -> None:
     )
 
 
-def main() -> None:
-    """Measure and print."""
+if __name__ == '__main__':
     use_private_domain()
     measure(__doc__, evaluations, formulas, annotations)
-
-
-if __name__ == '__main__':
-    main()

@@ -45,7 +45,7 @@ class Lives:
         if now < self._next:
             return
         self._next = now + SAMPLE_PERIOD_S
-        for ended in self.system.ended():
+        for ended in self.system.launcher.ended():
             self.deaths.append(f'{ended}: {ended.last_lines[-600:]}')
             self.system.start(ended.name)
         for name, pid in self.system.pids.items():
@@ -54,7 +54,7 @@ class Lives:
                 self._samples.setdefault((name, pid), []).append((now, memory, files))
                 if memory > MAX_MEMORY_MB:
                     self.deaths.append(f'{name} was killed: it had {memory:.0f} MB')
-                    self.system.kill(name)
+                    self.system.launcher.kill(name)
                     self.system.start(name)
 
     def report(self) -> dict[str, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""The command line of a benchmark that has several parts, and reports of others."""
+"""The command line of a benchmark that has several parts; reports, and costs, of others."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from time import process_time
 from typing import Any, NoReturn
 
 EXIT_TIMEOUT_S = 20.0
@@ -58,6 +59,16 @@ def print_report(found: Mapping[str, Any], *, as_json: bool) -> None:
         return
     for name, value in found.items():
         print(f'{name}: {value}', flush=True)
+
+
+def processor_times(run: Callable[[], object], repetitions: int) -> list[float]:
+    """Return the processor time of each of some calls, in seconds."""
+    times = []
+    for _ in range(repetitions):
+        begin = process_time()
+        run()
+        times.append(process_time() - begin)
+    return times
 
 
 def ask_peers(python: str, task: str, **arguments: Any) -> dict[str, Any]:

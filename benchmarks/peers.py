@@ -12,8 +12,9 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle, islice
 from statistics import median
-from time import process_time
 from typing import Any
+
+from parts import processor_times
 
 PERIOD_S = 0.1
 RTAMT_STATES = 2000
@@ -88,7 +89,8 @@ def response(values: Sequence[float]) -> dict[str, Any]:
 
     def run(violated: Callable[[Sequence[float]], bool]) -> dict[str, Any]:
         found = [violated(clean), violated(bad)]
-        return {'violated': found, 'us': cost(lambda: violated(values)) / len(values) * 1e6}
+        cost = median(processor_times(lambda: violated(values), REPETITIONS))
+        return {'violated': found, 'us': cost / len(values) * 1e6}
 
     return {name: attempted(lambda: run(each)) for name, each in tools.items()}  # noqa: B023
 
@@ -103,10 +105,12 @@ def margins(
         'mstlo with bounds': (lambda: mstlo_margin(mstlo, 'Rosi', values), states),
         'RTAMT': (lambda: rtamt_margin(rtamt, horizon, fewer), RTAMT_STATES),
     }
-    return {
-        name: attempted(lambda: {'margin': run(), 'us': cost(run) / count * 1e6})  # noqa: B023
-        for name, (run, count) in tools.items()
-    }
+
+    def measured(run: Callable[[], float], count: int) -> dict[str, Any]:
+        cost = median(processor_times(run, REPETITIONS))
+        return {'margin': run(), 'us': cost / count * 1e6}
+
+    return {name: attempted(lambda: measured(*each)) for name, each in tools.items()}  # noqa: B023
 
 
 def recorded(tool: str, formulas: Sequence[str], signals: str, period_s: float) -> dict[str, Any]:
@@ -119,7 +123,7 @@ def recorded(tool: str, formulas: Sequence[str], signals: str, period_s: float) 
         evaluate = {'sentil': sentil_offline, 'rtamt': rtamt_offline}[tool](
             formulas, values, period_s
         )
-        return {'verdicts': evaluate(), 'seconds': cost(evaluate, min)}
+        return {'verdicts': evaluate(), 'seconds': min(processor_times(evaluate, REPETITIONS))}
 
     return attempted(run)
 
@@ -154,16 +158,6 @@ def rtamt_offline(
     lists = {name: column.tolist() for name, column in signals.items()}
     lists['time'] = list(range(len(next(iter(lists.values())))))
     return lambda: [made.evaluate(lists)[0][1] > 0 for made in specifications]
-
-
-def cost(run: Callable[[], object], of: Callable[[list[float]], float] = median) -> float:
-    """Return the seconds of processor time of some runs: the median, or the least."""
-    costs = []
-    for _ in range(REPETITIONS):
-        begin = process_time()
-        run()
-        costs.append(process_time() - begin)
-    return of(costs)
 
 
 def attempted(run: Callable[[], dict[str, Any]]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from dyknow_interfaces.msg import StreamStatusArray
 from dyknow_interfaces.srv import StreamCreateFromSpec
@@ -28,9 +28,9 @@ import system
 from domains import reserve_domain
 
 WORKERS = Path(__file__).with_name('workers.py')
-PACKAGE = 'dyknow_stream_processing'
 ENGINE = 'stream_processing_engine'
 MANAGER = 'stream_manager'
+EXIT_LIMIT_S = 10.0
 
 
 def use_private_domain() -> None:
@@ -65,10 +65,21 @@ def worker(*arguments: object, program: Path = WORKERS) -> Iterator[subprocess.P
             process.kill()
 
 
-def wait_for_line(process: subprocess.Popen[str]) -> None:
-    """Wait until a worker prints that it has started."""
-    if process.stdout is None or not process.stdout.readline():
+def wait_until_begun(process: subprocess.Popen[str]) -> None:
+    """Wait until a worker prints that it has begun; the middleware may print lines before."""
+    if process.stdout is None or 'begun\n' not in process.stdout:
         raise RuntimeError('a worker ended before it started')
+
+
+def tell(process: subprocess.Popen[str], *words: object) -> str:
+    """Send a line to a worker and return its answer."""
+    if process.stdin is None or process.stdout is None:
+        raise RuntimeError('the worker has no pipes')
+    print(*words, file=process.stdin, flush=True)
+    answer = process.stdout.readline()
+    if not answer:
+        raise RuntimeError(f'a worker has ended, with exit code {process.wait(EXIT_LIMIT_S)}')
+    return answer.strip()
 
 
 def result_of(process: subprocess.Popen[str]) -> Any:
@@ -78,10 +89,16 @@ def result_of(process: subprocess.Popen[str]) -> Any:
 
 
 class Client(system.Client):
-    """The client of the tests, in the domain of this process."""
+    """The client of the tests, in the domain of this process; a context manager that closes it."""
 
     def __init__(self) -> None:
         super().__init__({'ROS_DOMAIN_ID': os.environ['ROS_DOMAIN_ID']})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def create(self, name: str, specification: str, node: str = ENGINE) -> str:
         """Create a stream and return its topic."""
@@ -128,17 +145,14 @@ class StreamCounts:
 
 
 @contextmanager
-def nodes(*executables: str) -> Iterator[tuple[Client, dict[str, int]]]:
-    """Run nodes for streams and a client; yield the client and the process ids."""
-    client = Client()
-    try:
-        with tempfile.TemporaryDirectory() as folder, Launcher(Path(folder)) as launcher:
-            yield (
-                client,
-                {name: launcher.start(Process(PACKAGE, name, {})).pid for name in executables},
-            )
-    finally:
-        client.close()
+def engine() -> Iterator[tuple[Client, int]]:
+    """Run a stream processing engine and a client; yield the client and the process id."""
+    with (
+        Client() as client,
+        tempfile.TemporaryDirectory() as folder,
+        Launcher(Path(folder)) as launcher,
+    ):
+        yield client, launcher.start(Process('dyknow_stream_processing', ENGINE, {})).pid
 
 
 def processor_time(process: int) -> float:

@@ -22,11 +22,11 @@ from itertools import cycle, islice
 from multiprocessing import get_context
 from os import getloadavg
 from pathlib import Path
-from time import monotonic, perf_counter, process_time
+from time import monotonic, perf_counter
 from typing import Any
 from unittest import mock
 
-from parts import measure
+from parts import measure, processor_times
 from recording_files import TOPICS, WANTED, recording
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
@@ -157,12 +157,7 @@ def check_equality_of_checks(path: Path) -> None:
 
 def cost(function: Any, *arguments: Any) -> float:
     """Return the processor time of a call, in seconds: the least of some."""
-    times = []
-    for _ in range(REPETITIONS):
-        start = process_time()
-        function(*arguments)
-        times.append(process_time() - start)
-    return min(times)
+    return min(processor_times(lambda: function(*arguments), REPETITIONS))
 
 
 def checks(*, folder: Path, quick: bool) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from processes import wait_for_line, worker
+from processes import EXIT_LIMIT_S, wait_until_begun, worker
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
@@ -43,8 +43,6 @@ ROBOT = 'robot'
 
 CALM = 1.0
 """The initial level."""
-
-STOP_TIMEOUT_S = 10.0
 
 
 class Fleet:
@@ -133,29 +131,17 @@ class Fleet:
         return answer
 
 
-def command(fleet: subprocess.Popen[str], *words: object) -> str:
-    """Send a command to a fleet and return its answer."""
-    if fleet.stdin is None or fleet.stdout is None:
-        raise RuntimeError('the fleet has no pipes')
-    fleet.stdin.write(' '.join(map(str, words)) + '\n')
-    fleet.stdin.flush()
-    answer = fleet.stdout.readline()
-    if not answer:
-        raise RuntimeError(f'the fleet has ended, with exit code {fleet.wait(STOP_TIMEOUT_S)}')
-    return answer.strip()
-
-
 @contextmanager
 def fleet(rate: float, *names: str) -> Iterator[subprocess.Popen[str]]:
     """Run a fleet; its end is orderly, as a killed one may leave a lock in shared memory."""
     with worker(rate, *names, program=Path(__file__)) as process:
-        wait_for_line(process)
+        wait_until_begun(process)
         try:
             yield process
         finally:
             if process.stdin is not None:
                 process.stdin.close()
-            process.wait(STOP_TIMEOUT_S)
+            process.wait(EXIT_LIMIT_S)
 
 
 def main() -> None:

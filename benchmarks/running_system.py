@@ -13,12 +13,12 @@ from typing import Any, Self
 
 from dyknow_interfaces.msg import FormulaProgress, FormulaResult
 from dyknow_interfaces.srv import EvaluateFormula, ListStreams
-from processes import ENGINE, MANAGER, Client, costs
+from processes import ENGINE, MANAGER, Client, costs, tell
 from rclpy.task import Future
 
 import robots
 from dyknow_bringup.processes.composition import composed
-from dyknow_bringup.processes.launcher import EndedProcess, Launcher
+from dyknow_bringup.processes.launcher import Launcher
 from dyknow_bringup.processes.processes import SystemConfiguration, dyknow_processes
 from dyknow_bringup.processes.robot import fleet_configuration
 from dyknow_bringup.simulation.vehicle import vehicle_names
@@ -38,7 +38,7 @@ WARM_UP_LIMIT_S = 60.0
 class RunningSystem:
     """The nodes, a fleet and a client; a context manager that stops them.
 
-    Its `folder` has the files of the configuration.
+    Its `folder` has the files of the configuration, its `launcher` the nodes.
 
     Args:
         batteries: the number for each vehicle.
@@ -80,15 +80,14 @@ class RunningSystem:
 
     def __enter__(self) -> Self:
         self.folder = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
-        self.client = Client()
-        self._stack.callback(self.client.close)
+        self.client = self._stack.enter_context(Client())
         self.fleet = self._stack.enter_context(robots.fleet(self._rate, *self.batteries))
         nodes = dyknow_processes(self._configuration())
         self._processes = {
             each.name: each
             for each in (composed(nodes, os.environ) if self._composition else nodes)
         }
-        self._launcher = self._stack.enter_context(Launcher(self._logs or self.folder))
+        self.launcher = self._stack.enter_context(Launcher(self._logs or self.folder))
         self.started_at = time.monotonic()
         for node in self._processes:
             self.start(node)
@@ -135,19 +134,7 @@ class RunningSystem:
 
     def start(self, node: str) -> None:
         """Start a node."""
-        self.pids[node] = self._launcher.start(self._processes[node]).pid
-
-    def kill(self, node: str) -> None:
-        """Kill a node."""
-        self._launcher.kill(node)
-
-    def ended(self) -> tuple[EndedProcess, ...]:
-        """Return the nodes that have ended by themselves."""
-        return self._launcher.ended()
-
-    def stop(self) -> dict[str, int]:
-        """Stop all nodes and return their exit codes."""
-        return self._launcher.stop_all()
+        self.pids[node] = self.launcher.start(self._processes[node]).pid
 
     @property
     def batteries(self) -> list[str]:
@@ -161,7 +148,7 @@ class RunningSystem:
 
     def command(self, *words: object) -> str:
         """Send a command to the fleet and return its answer."""
-        return robots.command(self.fleet, *words)
+        return tell(self.fleet, *words)
 
     def high_levels(self) -> dict[str, list[int]]:
         """Return the stamps of the high levels of each vehicle, of any of its batteries."""
@@ -199,13 +186,9 @@ class RunningSystem:
         self.client.spin_until(lambda: len(self.running) > known, 'a state', 60.0)
         return future
 
-    def wait(self, seconds: float) -> None:
-        """Run callbacks for a time."""
-        self.client.wait(seconds)
-
     def costs(self, seconds: float) -> dict[str, dict[str, float]]:
         """Return the share of a core and the memory in MB of each node over a time."""
-        return costs(self.pids, self.wait, seconds)
+        return costs(self.pids, self.client.wait, seconds)
 
 
 def running_formulas(client: Client) -> set[tuple[int, int]]:

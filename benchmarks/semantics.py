@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from dyknow_interfaces.srv import FindAllMatchingStreams
-from parts import measure
-from processes import Client, use_private_domain, wait_for_line, worker
+from parts import measure, processor_times
+from processes import Client, use_private_domain, wait_until_begun, worker
 from workers import EMPTY_SERVICE
 
 from dyknow_bringup.processes.launcher import Launcher
@@ -78,12 +78,7 @@ def annotations(specifications: int, relevant: int) -> dict[str, Annotation]:
 
 def milliseconds(function: Callable[[], object], repetitions: int) -> float:
     """Return the median processor time of a call."""
-    times = []
-    for _ in range(repetitions):
-        begun = time.thread_time()
-        function()
-        times.append(time.thread_time() - begun)
-    return round(statistics.median(times) * 1e3, 4)
+    return round(statistics.median(processor_times(function, repetitions)) * 1e3, 4)
 
 
 def scan(found: dict[str, Annotation]) -> list[tuple[str, str]]:
@@ -176,12 +171,9 @@ def service(*, quick: bool) -> Any:
             given = {'annotations': [str(ssl)]}
             launcher.start(Process(package, 'stream_semantics_manager', given))
             launcher.start(Process(package, 'semantic_matching_engine', {}))
-            wait_for_line(empty)
-            client = Client()
-            try:
+            wait_until_begun(empty)
+            with Client() as client:
                 return _round_trips(client, rounds)
-            finally:
-                client.close()
 
 
 def _round_trips(client: Client, rounds: int) -> dict[str, float]:

@@ -138,13 +138,13 @@ class Soak:
         while time.monotonic() < end:
             for each in self._steps:
                 each()
-            self._system.wait(STEP_S)
+            self._system.client.wait(STEP_S)
         self._faults.repair_all()
         last = time.monotonic() + LONGEST_S
         while time.monotonic() < last and not self._clients.is_answered:
             self._hostile.step()
             self._lives.step()
-            self._system.wait(STEP_S)
+            self._system.client.wait(STEP_S)
         return self._report()
 
     def _report(self) -> dict[str, Any]:
@@ -152,7 +152,7 @@ class Soak:
         left = self._left() if self._load.topics_fail else {}
         high = self._system.high_levels()
         begun = time.monotonic()
-        codes = self._system.stop()
+        codes = self._system.launcher.stop_all()
         stopped, nodes = time.monotonic() - begun, self._lives.report()
         growth = {name: each['growth_mb_per_minute'] or 0.0 for name, each in nodes.items()}
         return {

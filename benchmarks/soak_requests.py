@@ -243,7 +243,7 @@ class Clients:
             'all services',
         )
         self._looks = {} if may_fail else looks
-        system.wait(DISCOVERY_S)
+        client.wait(DISCOVERY_S)
 
     @property
     def is_answered(self) -> bool:

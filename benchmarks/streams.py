@@ -10,16 +10,15 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from parts import measure
+from parts import measure, processor_times
 from processes import (
-    ENGINE,
     StreamCounts,
-    nodes,
+    engine,
     processor_time,
     result_of,
     summary,
     use_private_domain,
-    wait_for_line,
+    wait_until_begun,
     worker,
 )
 from workers import FIELDS
@@ -86,11 +85,7 @@ def _row(
     rows = [(each.valid_time, dict(each.fields)) for each in made]
     assert rows == reference(inputs), f'{work}: differs from the reference'
     times = [_run(text, inputs, lambda _: None) for _ in range(REPETITIONS)]
-    baseline = []
-    for _ in range(REPETITIONS):
-        begun = time.process_time()
-        reference(inputs)
-        baseline.append(time.process_time() - begun)
+    baseline = processor_times(lambda: reference(inputs), REPETITIONS)
     return {
         'work': work,
         'us_per_input': round(statistics.median(times) / len(inputs) * 1e6, 2),
@@ -159,9 +154,9 @@ def relay(*, quick: bool) -> Any:
     used: dict[str, float] = {'engine': 0.0, 'bare': 0.0}
     with worker('publish', '--rate', 100):
         for _ in range(repetitions):
-            with nodes(ENGINE) as (client, processes):
+            with engine() as (client, process_id):
                 topic = client.create('relayed', RELAY_STREAM)
-                used['engine'] += _sink(topic, seconds, processes[ENGINE], delays['engine'])
+                used['engine'] += _sink(topic, seconds, process_id, delays['engine'])
             with worker('relay') as process:
                 used['bare'] += _sink('/relayed', seconds, process.pid, delays['bare'])
             with worker('bare', '--seconds', seconds) as process:
@@ -178,7 +173,7 @@ def _sink(topic: str, seconds: float, relay_process: int, delays: list[int]) -> 
     """Add the delays of a topic; return the processor time of the relay."""
     with worker('sink', '--topic', topic, '--seconds', seconds) as process:
         # The start of the relay costs more than its work.
-        wait_for_line(process)
+        wait_until_begun(process)
         begun = processor_time(relay_process)
         delays += result_of(process)['delays']
         return processor_time(relay_process) - begun
@@ -187,7 +182,7 @@ def _sink(topic: str, seconds: float, relay_process: int, delays: list[int]) -> 
 def load(*, quick: bool) -> Any:
     """Measure an engine with 200 streams over 50 topics at 20 Hz."""
     messages = 100 if quick else 400
-    with nodes(ENGINE) as (client, processes):
+    with engine() as (client, process_id):
         stream_counts = StreamCounts(client)
         for number in range(STREAMS):
             client.create(f's{number}', f'select {FIELDS} from "/odometry{number % TOPICS}"')
@@ -197,13 +192,13 @@ def load(*, quick: bool) -> Any:
             worker('matched', '--number', STREAMS) as matched,
             worker('sink', '--topic', '/dyknow/streams/s0', '--seconds', seconds - 2) as sink,
         ):
-            wait_for_line(matched)
-            begun = processor_time(processes[ENGINE])
+            wait_until_begun(matched)
+            begun = processor_time(process_id)
             with worker('publish', *arguments) as publisher:
                 sent = result_of(publisher)['sent']
             expected = sent * STREAMS // TOPICS
             client.spin_until(lambda: stream_counts.total >= expected, f'{expected} samples')
-            used = processor_time(processes[ENGINE]) - begun
+            used = processor_time(process_id) - begun
             delays = result_of(sink)['delays']
         return {
             'messages': sent,
@@ -215,11 +210,6 @@ def load(*, quick: bool) -> Any:
         }
 
 
-def main() -> None:
-    """Measure and print."""
+if __name__ == '__main__':
     use_private_domain()
     measure(__doc__, core, figure_6, relay, load)
-
-
-if __name__ == '__main__':
-    main()
