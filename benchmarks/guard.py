@@ -32,9 +32,8 @@ from guard_closings import Closing, closings
 from parts import measure
 from processes import (
     Client,
-    avoid_shared_memory,
     percentile,
-    use_private_domain,
+    use_private_domain_without_shared_memory,
     wait_until_begun,
     worker,
 )
@@ -204,6 +203,5 @@ def _closing(rounds: int, *, composition: bool) -> dict[str, Any]:
 
 
 if __name__ == '__main__':
-    use_private_domain()
-    avoid_shared_memory()
+    use_private_domain_without_shared_memory()
     measure(__doc__, passing, rover, closing)

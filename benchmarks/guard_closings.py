@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -54,51 +55,70 @@ def closings(rounds: int, *, composition: bool) -> Iterator[Closing]:
     Raises:
         AssertionError: if a command has passed while the guard was closed.
     """
-    if not composition:
-        yield from _jumps(rounds)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        if not composition:
+            with System(folder, use_sim_time=True) as system:
+                yield from _closings(system, folder, rounds, _jumps(Simulation(system)))
         with System(folder, composition=composition) as system:
             system.batteries.reset()
-            ways = list(_ways(system, composition=composition))
-            with guarded_base(system, folder, FORMULA, timeout=f'{TIMEOUT_MS} ms') as base:
-                _wait_until_settled(base, 'its start')
-                for _ in range(rounds):
-                    for way, event in ways:
-                        yield _times_of(base, way, event)
+            ways = _ways(system, composition=composition)
+            yield from _closings(system, folder, rounds, ways)
 
 
-def _ways(system: System, *, composition: bool) -> Iterator[tuple[str, Event]]:
+def _closings(
+    system: System, folder: Path, rounds: int, ways: Mapping[str, Event]
+) -> Iterator[Closing]:
+    with guarded_base(system, folder, FORMULA, timeout=f'{TIMEOUT_MS} ms') as base:
+        _wait_until_settled(base, 'its start')
+        for _ in range(rounds):
+            for way, event in ways.items():
+                yield _times_of(base, way, event)
+
+
+def _jumps(simulation: Simulation) -> dict[str, Event]:
+    """Return jumps of simulated time."""
+
+    @contextmanager
+    def jump(step: int) -> Iterator[None]:
+        simulation.jump(step)
+        yield
+
+    return {
+        'jump forwards': partial(jump, MINUTE_NS),
+        'jump backwards': partial(jump, -MINUTE_NS),
+    }
+
+
+def _ways(system: System, *, composition: bool) -> dict[str, Event]:
+    """Return changes of the batteries, and the ends of nodes."""
     batteries = system.batteries
 
     @contextmanager
-    def false() -> Iterator[None]:
+    def changed(change: Callable[[], object]) -> Iterator[None]:
+        change()
+        yield
+        batteries.reset()
+
+    def falsify() -> None:
         # The deciding sample comes at once, rather than after the rest of the period.
         batteries.silent |= set(system.vehicles)
         stamp = batteries.stamp + batteries.PERIOD
         for each in system.vehicles:
             batteries.publish(each, stamp, 200.0)
-        yield
-        batteries.reset()
 
-    @contextmanager
-    def violation() -> Iterator[None]:
+    def violate() -> None:
         batteries.publish('uav1', batteries.stamp + LATE_NS)
-        yield
-        batteries.reset()
 
-    @contextmanager
-    def silence() -> Iterator[None]:
-        batteries.silent.add('uav1')
-        yield
-        batteries.reset()
-
-    yield 'false', false
-    yield 'violation', violation
-    yield 'silence', silence
+    ways: dict[str, Event] = {
+        'false': partial(changed, falsify),
+        'violation': partial(changed, violate),
+        'silence': partial(changed, lambda: batteries.silent.add('uav1')),
+    }
     for node in (NODES,) if composition else (*WATCHED, ENGINE):
         for way, event in ('SIGSTOP', system.stopped), ('SIGKILL', system.killed):
-            yield f'{way} {node}', lambda event=event, node=node: _ended(system, event, node)  # type: ignore[misc]
+            ways[f'{way} {node}'] = partial(_ended, system, event, node)
+    return ways
 
 
 @contextmanager
@@ -108,24 +128,6 @@ def _ended(system: System, event: Any, node: str) -> Iterator[None]:
     system.client.wait_for_coordinator()
     system.client.spin_until(lambda: system.streams() >= system.fleet_streams, 'streams', pause=0.1)
     system.batteries.reset()
-
-
-def _jumps(rounds: int) -> Iterator[Closing]:
-    """Yield the times after jumps of simulated time."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        with System(folder, use_sim_time=True) as system:
-            simulation = Simulation(system)
-            with guarded_base(system, folder, FORMULA, timeout=f'{TIMEOUT_MS} ms') as base:
-                _wait_until_settled(base, 'its start')
-                for _ in range(rounds):
-                    for way, step in ('jump forwards', MINUTE_NS), ('jump backwards', -MINUTE_NS):
-
-                        def event(step: int = step) -> AbstractContextManager[None]:
-                            simulation.jump(step)
-                            return nullcontext()
-
-                        yield _times_of(base, way, event)
 
 
 def _times_of(base: GuardedBase, way: str, event: Event) -> Closing:

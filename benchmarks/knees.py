@@ -70,24 +70,17 @@ def evaluations(*, quick: bool) -> Any:
 
 def formulas(*, quick: bool) -> Any:
     """Grow a formula group of the reasoning engine, over the states of the fleet."""
-    sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
     with RunningSystem(VEHICLES, RATE) as system:
         system.warm_up()
         group = _make_group(system)
 
-        def requests(numbers: range) -> list[dict[str, Any]]:
-            return [
-                {
-                    'formula_group_id': group,
-                    'formula_name': f'formula {each}',
-                    'formula': f'always Power[uav{1 + each % VEHICLES}] < {100 + each}',
-                }
-                for each in numbers
-            ]
+        def fields(number: int) -> dict[str, Any]:
+            formula = f'always Power[uav{1 + number % VEHICLES}] < {100 + number}'
+            name = f'formula {number}'
+            return {'formula_group_id': group, 'formula_name': name, 'formula': formula}
 
         service = f'{REASONER}/formula_group_add_formula'
-        grow = _by_requests(system, FormulaGroupAddFormula, service, requests)
-        return _grown(system, sizes, grow, quick=quick)
+        return _grown_by_requests(system, FormulaGroupAddFormula, service, fields, quick=quick)
 
 
 def _make_group(system: RunningSystem) -> int:
@@ -122,24 +115,53 @@ def _make_group(system: RunningSystem) -> int:
 
 def annotations(*, quick: bool) -> Any:
     """Grow the annotations of streams."""
-    sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
     with RunningSystem(VEHICLES, RATE) as system:
         system.warm_up()
 
-        def requests(numbers: range) -> list[dict[str, Any]]:
-            return [
-                {
-                    'ssl_statement': ''.join(
-                        f'stream knee{each} contains Altitude[uav1] = x;\n'
-                        for each in range(first, first + ANNOTATIONS_OF_A_TEXT)
-                    )
-                }
-                for first in numbers[::ANNOTATIONS_OF_A_TEXT]
-            ]
+        def fields(first: int) -> dict[str, Any]:
+            numbers = range(first, first + ANNOTATIONS_OF_A_TEXT)
+            texts = (f'stream knee{each} contains Altitude[uav1] = x;\n' for each in numbers)
+            return {'ssl_statement': ''.join(texts)}
 
         service = 'stream_semantics_manager/add_semantic_specification'
-        grow = _by_requests(system, AddSemanticSpecification, service, requests)
-        return _grown(system, sizes, grow, quick=quick)
+        return _grown_by_requests(
+            system, AddSemanticSpecification, service, fields, ANNOTATIONS_OF_A_TEXT, quick=quick
+        )
+
+
+def _grown_by_requests(
+    system: RunningSystem,
+    kind: Any,
+    service: str,
+    fields: Callable[[int], dict[str, Any]],
+    step: int = 1,
+    *,
+    quick: bool,
+) -> list[dict[str, Any]]:
+    """Return a row for each size of a resource that requests make larger.
+
+    Args:
+        system: has the resource.
+        kind: of the service.
+        service: its name.
+        fields: returns those of the request for the resource's part with a number.
+        step: by which a request makes the resource larger.
+        quick: True for small sizes.
+    """
+    sizes = (200, 500) if quick else (1000, 3000, 10_000, 30_000, 100_000)
+    size = 0
+
+    def grow(number: int) -> dict[str, int]:
+        nonlocal size
+        waiting, size = range(size, number, step), number
+        futures: list[Future] = []
+        for place in range(0, len(waiting), AT_ONCE_REQUESTS):
+            part = waiting[place : place + AT_ONCE_REQUESTS]
+            futures += [system.client.request(kind, service, **fields(each)) for each in part]
+            _wait(system, lambda: all(each.done() for each in futures))  # noqa: B023
+        return _outcomes(futures)
+
+    return _grown(system, sizes, grow, quick=quick)
 
 
 def _grown(
@@ -203,32 +225,6 @@ def _load(system: RunningSystem, seconds: float) -> dict[str, Any]:
         'most_busy': [busiest, costs[busiest]['share']],
         'most_memory': [largest, costs[largest]['memory_mb']],
     }
-
-
-def _by_requests(
-    system: RunningSystem,
-    kind: Any,
-    service: str,
-    requests: Callable[[range], list[dict[str, Any]]],
-) -> Callable[[int], dict[str, int]]:
-    """Return a function that makes a resource as large as its argument by requests.
-
-    `requests` returns their fields for some numbers of the resource.
-    """
-    size = 0
-
-    def grow(number: int) -> dict[str, int]:
-        nonlocal size
-        waiting = requests(range(size, number))
-        size = number
-        futures: list[Future] = []
-        for place in range(0, len(waiting), AT_ONCE_REQUESTS):
-            part = waiting[place : place + AT_ONCE_REQUESTS]
-            futures += [system.client.request(kind, service, **each) for each in part]
-            _wait(system, lambda: all(each.done() for each in futures))  # noqa: B023
-        return _outcomes(futures)
-
-    return grow
 
 
 def _outcomes(futures: Iterable[Future]) -> dict[str, int]:

@@ -39,14 +39,12 @@ def use_private_domain() -> None:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 
 
-def avoid_shared_memory() -> None:
-    """Let processes use UDP only: one that is killed may leave locks for which the others wait.
+def use_private_domain_without_shared_memory() -> None:
+    """Isolate this process and its children, of which some are killed.
 
-    With the discovery range LOCALHOST, rmw_fastrtps always adds shared memory, whatever
-    FASTDDS_BUILTIN_TRANSPORTS says.
+    One that is killed may leave locks in shared memory, for which the others wait.
     """
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(system.LOOPBACK)
+    os.environ.update(system.private_environment())
 
 
 @contextmanager

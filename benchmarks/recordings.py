@@ -73,7 +73,13 @@ TEMPLATES = (
 """Formulas over all topics, over one and over two topics, with a place for a threshold."""
 
 RECORDINGS = 8
-CHECK = 'import sys; from dyknow_command import main; sys.exit(main())'
+CHECK = (
+    sys.executable,
+    '-c',
+    'import sys; from dyknow_command import main; sys.exit(main())',
+    'check',
+)
+"""The beginning of the command line of a check."""
 
 
 def check_equality(path: Path) -> None:
@@ -212,10 +218,10 @@ def memory(*, folder: Path, quick: bool) -> dict[str, Any]:
 def first_line(*, folder: Path, **_: Any) -> dict[str, Any]:
     """Measure the time from the start of `dyknow check` to its first line."""
     path = recording(folder, CHECKED_MESSAGES)
-    command = [sys.executable, '-c', CHECK, 'check', str(path)]
+    formula = TEMPLATES[0].format(n=50, **NAMES)
     return {
-        'topics_s': _time_of_line([*command, '--topics']),
-        'check_s': _time_of_line([*command, '--formula', TEMPLATES[0].format(n=50, **NAMES)]),
+        'topics_s': _time_of_line([*CHECK, str(path), '--topics']),
+        'check_s': _time_of_line([*CHECK, str(path), '--formula', formula]),
     }
 
 
@@ -238,14 +244,8 @@ def time_of_children() -> float:
 
 def command(count: int, path: Path, jobs: int) -> list[str]:
     """Return the command that checks a number of equal recordings."""
-    words = [sys.executable, '-c', CHECK, 'check', *[str(path)] * count]
-    return [
-        *words,
-        '--json',
-        '--jobs',
-        str(jobs),
-        *(f'--formula={each.text}' for each in formulas(6)),
-    ]
+    options = [f'--formula={each.text}' for each in formulas(6)]
+    return [*CHECK, *[str(path)] * count, '--json', f'--jobs={jobs}', *options]
 
 
 def run(commands: Sequence[Sequence[str]]) -> tuple[float, float, set[tuple[str, int]]]:

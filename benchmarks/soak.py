@@ -37,7 +37,7 @@ from hostile_processes import HostileProcesses
 from hostile_rows import ROWS
 from lives import Lives
 from parts import end, print_report
-from processes import avoid_shared_memory, use_private_domain
+from processes import use_private_domain_without_shared_memory
 from running_system import COORDINATOR, REASONER, RunningSystem
 from soak_requests import DEFECTS, LONGEST_S, Clients
 from stream_load import StreamLoad
@@ -219,8 +219,7 @@ def defects(found: Mapping[str, Any]) -> list[str]:
 def main() -> None:
     """Run and print; the exit code is 1 if a requirement is not met."""
     arguments = _arguments()
-    use_private_domain()
-    avoid_shared_memory()
+    use_private_domain_without_shared_memory()
     rows = arguments.rows or LOADS[arguments.load].rows
     broken = False
     for some in [[each] for each in rows] if arguments.each else [rows]:
