@@ -6,6 +6,7 @@ import sys
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from running_system import outcome_of
 
 from dyknow_common import SECOND_NS, round_time
 from dyknow_common.ros import time_to_nanoseconds
-from dyknow_reasoning import Formula, parse_formula
+from dyknow_reasoning import parse_formula
 
 MAX_LEAD_NS = 100 * MS
 MAX_DELAY_NS = SECOND_NS
@@ -41,35 +42,22 @@ ALLOWED, NOT_ALLOWED = 'error, allowed', 'error, not allowed'
 JUDGEMENTS = (RIGHT, RIGHT_BY_OFFSET, WRONG, ALLOWED, NOT_ALLOWED)
 
 
-class Trace:
-    """The states of some topics, at the times of their messages.
+States = list[tuple[int, dict[str, int]]]
+
+
+def states_of(topics: Mapping[str, Sequence[Message]], time_of: Callable[[Message], int]) -> States:
+    """Return the states of some topics, each with its time, at the times of their messages.
 
     Args:
         topics: the messages of each topic, by the name of its level in the formula.
         time_of: returns the time from which on a message counts.
     """
-
-    def __init__(
-        self, topics: Mapping[str, Sequence[Message]], time_of: Callable[[Message], int]
-    ) -> None:
-        times = {name: [time_of(each) for each in found] for name, found in topics.items()}
-        begin = max(each[0] for each in times.values())
-        self.times = sorted({at for each in times.values() for at in each if at >= begin})
-
-        def state(at: int) -> dict[str, Any]:
-            return {
-                name: found[bisect_right(times[name], at) - 1].level
-                for name, found in topics.items()
-            }
-
-        self._states = [(at, state(at)) for at in self.times]
-
-    def value(self, formula: Formula, begin: int, end: int) -> bool | None:
-        """Return the value of a formula at the state `begin`, given the states before `end`.
-
-        None: it depends on later states.
-        """
-        return holds(formula, self._states[:end], begin)
+    times = {name: [time_of(each) for each in found] for name, found in topics.items()}
+    begin = max(each[0] for each in times.values())
+    return [
+        (at, {name: topics[name][bisect_right(times[name], at) - 1].level for name in topics})
+        for at in sorted({at for each in times.values() for at in each if at >= begin})
+    ]
 
 
 @dataclass
@@ -80,7 +68,7 @@ class Question:
         text: of the formula.
         topics: by the names of their levels in the formula.
         begin: no state of the formula is earlier.
-        max_delay: that the streams of stamped messages state; None: the default.
+        limit: the time by which a stamped message may come after its stamp.
         asked: the time of the question.
         episode: its description.
     """
@@ -88,7 +76,7 @@ class Question:
     text: str
     topics: Mapping[str, Topic]
     begin: int
-    max_delay: int | None
+    limit: int
     asked: int
     episode: str
     answered: int = 0
@@ -103,11 +91,6 @@ class Question:
     def decided_at(self) -> int:
         """The valid time of the deciding state."""
         return time_to_nanoseconds(self.answer.decided_at)
-
-    @property
-    def limit(self) -> int:
-        """The time by which a stamped message may come after its stamp."""
-        return MAX_DELAY_NS if self.max_delay is None else self.max_delay
 
 
 class Judge:
@@ -182,18 +165,17 @@ class Judge:
             lambda each: each.stamp or each.begun,
             lambda each: each.stamp or each.ended,
         ):
-            trace = Trace(self._messages, time_of)
-            begin = bisect_left(trace.times, question.begin)
-            end = bisect_right(trace.times, question.decided_at)
-            if begin < end and trace.value(self._formula, begin, end) is verdict:
+            states = states_of(self._messages, time_of)
+            begin = bisect_left(states, question.begin, key=itemgetter(0))
+            end = bisect_right(states, question.decided_at, key=itemgetter(0))
+            if begin < end and holds(self._formula, states[:end], begin) is verdict:
                 return True
         return False
 
     def _agrees_with_life(self, verdict: bool) -> bool:  # noqa: FBT001
         """Return True if the formula has this verdict by the true times."""
         question = self._question
-        trace = Trace(self._messages, lambda each: each.true or each.begun)
-        begin = bisect_left(trace.times, question.begin - TOLERANCE_NS)
-        end = bisect_right(trace.times, question.begin + TOLERANCE_NS)
-        last = len(trace.times)
-        return any(trace.value(self._formula, each, last) is verdict for each in range(begin, end))
+        states = states_of(self._messages, lambda each: each.true or each.begun)
+        begin = bisect_left(states, question.begin - TOLERANCE_NS, key=itemgetter(0))
+        end = bisect_right(states, question.begin + TOLERANCE_NS, key=itemgetter(0))
+        return any(holds(self._formula, states, each) is verdict for each in range(begin, end))

@@ -41,7 +41,6 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 from clock_judgement import (
     JUDGEMENTS,
     MAX_DELAY_NS,
@@ -56,7 +55,7 @@ from dyknow_interfaces.msg import StreamConstraints
 from dyknow_interfaces.srv import EvaluateFormula, StreamDestroy
 from parts import print_report
 from processes import MANAGER, use_private_domain
-from running_system import EVALUATE, RunningSystem
+from running_system import RunningSystem
 
 from dyknow_common.ros import nanoseconds_to_time
 
@@ -134,8 +133,8 @@ class Episode:
         text = chance.choice(SHAPES).format(*levels)
         now = time.time_ns()
         begin = now + chance.randint(*BEGIN_MS) * MS
-        max_delay = self.max_delay_ms * MS if is_stated else None
-        return Question(text, levels, begin, max_delay, now, self.description)
+        limit = self.max_delay_ms * MS if is_stated else MAX_DELAY_NS
+        return Question(text, levels, begin, limit, now, self.description)
 
 
 def _clock(chance: random.Random) -> Clock:
@@ -186,13 +185,11 @@ def _send(system: RunningSystem, question: Question) -> None:
     def end(done: Any) -> None:
         question.answered, question.answer = time.time_ns(), done.result()
 
-    system.client.request(
-        EvaluateFormula,
-        EVALUATE,
-        formula=question.text,
+    system.ask(
+        question.text,
+        TIMEOUT_S,
         grounding=EvaluateFormula.Request.SYNTACTIC,
         constraints=StreamConstraints(start_time=[nanoseconds_to_time(question.begin)]),
-        timeout=Duration(sec=TIMEOUT_S),
     ).add_done_callback(end)
 
 

@@ -18,6 +18,7 @@ from parts import measure
 from processes import (
     Client,
     proportional_memory,
+    ratios,
     summary,
     tell,
     use_private_domain,
@@ -84,9 +85,8 @@ def verdict(*, quick: bool) -> Any:
             ('one_process', 'bare_one_process', (all_in_one,)),
         ):
             rows[name][bare] = summary(_bare_delays(topic, number, roles))
-            for figure in ('median', 'p99'):
-                ratio = rows[name][nodes][f'{figure}_us'] / rows[name][bare][f'{figure}_us']
-                rows[name][f'{nodes}_{figure}_ratio'] = round(ratio, 2)
+            for ratio, value in ratios(rows[name][nodes], rows[name][bare]).items():
+                rows[name][f'{nodes}_{ratio}'] = value
     return rows
 
 

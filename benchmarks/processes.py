@@ -11,7 +11,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -108,37 +107,24 @@ class Client(system.Client):
         return str(answer.stream_topic)
 
 
-@dataclass(frozen=True, slots=True)
 class SampleCounts:
-    """Samples that a stream emitted, and those that it dropped and counted."""
-
-    emitted: int
-    dropped: int
-
-    @property
-    def total(self) -> int:
-        """The samples that the stream received."""
-        return self.emitted + self.dropped
-
-
-class StreamCounts:
-    """The latest counts of all streams that an engine reports, by name."""
+    """The latest counts of samples of all streams that an engine reports, by stream."""
 
     def __init__(self, client: Client) -> None:
-        self.streams: dict[str, SampleCounts] = {}
+        self.emitted: dict[str, int] = {}
+        self.dropped: dict[str, int] = {}
         client.node.create_subscription(
             StreamStatusArray, f'{ENGINE}/streams', self._on_report, LATCHED
         )
 
-    @property
-    def total(self) -> int:
-        """The samples that all streams received."""
-        return sum(each.total for each in self.streams.values())
+    def received(self) -> int:
+        """Return the samples that all streams received: each was emitted or dropped."""
+        return sum(self.emitted.values()) + sum(self.dropped.values())
 
     def _on_report(self, report: Any) -> None:
-        self.streams = {
-            each.name: SampleCounts(each.samples, sum(drop.count for drop in each.drops))
-            for each in report.streams
+        self.emitted = {each.name: each.samples for each in report.streams}
+        self.dropped = {
+            each.name: sum(drop.count for drop in each.drops) for each in report.streams
         }
 
 
@@ -227,4 +213,12 @@ def summary(nanoseconds: Sequence[int]) -> dict[str, float]:
         'median_us': round(statistics.median(nanoseconds) / 1e3, 1),
         'p99_us': round(percentile(nanoseconds, 99) / 1e3, 1),
         'count': len(nanoseconds),
+    }
+
+
+def ratios(found: Mapping[str, float], baseline: Mapping[str, float]) -> dict[str, float]:
+    """Return the ratios of two summaries."""
+    return {
+        f'{name}_ratio': round(found[f'{name}_us'] / baseline[f'{name}_us'], 2)
+        for name in ('median', 'p99')
     }

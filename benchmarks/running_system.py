@@ -158,9 +158,9 @@ class RunningSystem:
             for vehicle, names in self.sources.items()
         }
 
-    def ask(self, formula: str, timeout: float = 600.0) -> Future:
+    def ask(self, formula: str, timeout: float = 600.0, **fields: Any) -> Future:
         """Send a formula to the coordinator and return the future of the answer."""
-        return ask(self.client, EVALUATE, formula, timeout)
+        return ask(self.client, EVALUATE, formula, timeout, **fields)
 
     def warm_up(self) -> None:
         """Ask for a verdict until there is one: nodes that discover each other lose requests."""
@@ -213,10 +213,10 @@ def outcome_of(answer: Any) -> str:
     return verdicts.get(answer.verdict, 'undecided')
 
 
-def ask(client: Client, service: str, formula: str, timeout: float) -> Future:
+def ask(client: Client, service: str, formula: str, timeout: float, **fields: Any) -> Future:
     """Call a service with a formula and return the future of the answer."""
-    fields = {'formula': formula, 'timeout': nanoseconds_to_duration(round(timeout * 1e9))}
-    return client.request(EvaluateFormula, service, **fields)
+    limit = nanoseconds_to_duration(round(timeout * 1e9))
+    return client.request(EvaluateFormula, service, formula=formula, timeout=limit, **fields)
 
 
 def timed(future: Future, clock: Callable[[], int] = time.time_ns) -> list[int]:

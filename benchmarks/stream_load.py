@@ -8,7 +8,7 @@ from itertools import count
 from typing import Any
 
 from dyknow_interfaces.srv import StreamDestroy
-from processes import MANAGER, StreamCounts, result_of, worker
+from processes import MANAGER, SampleCounts, result_of, worker
 from running_system import RunningSystem
 from workers import FIELDS
 
@@ -41,7 +41,7 @@ class StreamLoad:
     def __init__(self, system: RunningSystem, seconds: float, stack: ExitStack) -> None:
         self._messages = round(seconds * RATE)
         self._client = system.client
-        self._counts = StreamCounts(system.client)
+        self._counts = SampleCounts(system.client)
         self._numbers = count()
         self._next = 0.0
         self._alive: list[str] = []
@@ -71,18 +71,18 @@ class StreamLoad:
         assert result_of(self._publisher)['sent'] == self._messages * TOPICS
         names = [f'{name}{topic}' for name in LASTING for topic in range(TOPICS)]
 
-        def lost() -> int:
-            return sum(self._messages - self._counts.streams[name].total for name in names)
+        def counted() -> list[int]:
+            found = (self._counts.emitted, self._counts.dropped)
+            return [sum(each.get(name, 0) for name in names) for each in found]
 
+        expected = self._messages * len(names)
         with suppress(AssertionError):
-            self._client.spin_until(
-                lambda: bool(self._counts.streams) and not lost(), 'all samples'
-            )
-        counts = [self._counts.streams[name] for name in names]
+            self._client.spin_until(lambda: sum(counted()) == expected, 'all samples')
+        emitted, dropped = counted()
         return {
             'messages': self._messages * TOPICS,
             'streams_created': next(self._numbers),
-            'samples_out': sum(each.emitted for each in counts),
-            'dropped': sum(each.dropped for each in counts),
-            'samples_lost': lost(),
+            'samples_out': emitted,
+            'dropped': dropped,
+            'samples_lost': expected - emitted - dropped,
         }

@@ -12,9 +12,10 @@ from typing import Any
 
 from parts import measure, processor_times
 from processes import (
-    StreamCounts,
+    SampleCounts,
     engine,
     processor_time,
+    ratios,
     result_of,
     summary,
     use_private_domain,
@@ -128,23 +129,17 @@ def _reference_sync(inputs: Sequence[Input]) -> Rows:
 def figure_6(*, quick: bool) -> Any:
     """Measure the delays of n StreamProxies, and of n bare subscriptions, to a topic at 100 Hz."""
     seconds, repetitions = (2.0, 1) if quick else (4.0, 3)
-    rows = []
+    rows: list[dict[str, Any]] = []
     with worker('publish', '--rate', 100):
         for number in (1, 2, 4, 8, 16, 32):
             delays: dict[str, list[int]] = {'proxy': [], 'bare': []}
             for kind in [*delays] * repetitions:
                 with worker(kind, '--number', number, '--seconds', seconds) as process:
                     delays[kind] += result_of(process)['delays']
-            rows.append(_compared(number, {kind: summary(each) for kind, each in delays.items()}))
+            found = {kind: summary(each) for kind, each in delays.items()}
+            compared = ratios(found['proxy'], found['bare'])
+            rows.append({'subscriptions': number, **found, **compared})
     return rows
-
-
-def _compared(number: int, found: dict[str, dict[str, float]]) -> dict[str, Any]:
-    ratios = {
-        f'{name}_ratio': round(found['proxy'][f'{name}_us'] / found['bare'][f'{name}_us'], 2)
-        for name in ('median', 'p99')
-    }
-    return {'subscriptions': number, **found, **ratios}
 
 
 def relay(*, quick: bool) -> Any:
@@ -183,7 +178,7 @@ def load(*, quick: bool) -> Any:
     """Measure an engine with 200 streams over 50 topics at 20 Hz."""
     messages = 100 if quick else 400
     with engine() as (client, process_id):
-        stream_counts = StreamCounts(client)
+        counts = SampleCounts(client)
         for number in range(STREAMS):
             client.create(f's{number}', f'select {FIELDS} from "/odometry{number % TOPICS}"')
         arguments = ('--number', TOPICS, '--rate', LOAD_RATE, '--messages', messages)
@@ -197,14 +192,14 @@ def load(*, quick: bool) -> Any:
             with worker('publish', *arguments) as publisher:
                 sent = result_of(publisher)['sent']
             expected = sent * STREAMS // TOPICS
-            client.spin_until(lambda: stream_counts.total >= expected, f'{expected} samples')
+            client.spin_until(lambda: counts.received() >= expected, f'{expected} samples')
             used = processor_time(process_id) - begun
             delays = result_of(sink)['delays']
         return {
             'messages': sent,
             'samples_expected': expected,
-            'samples_out': sum(each.emitted for each in stream_counts.streams.values()),
-            'dropped': sum(each.dropped for each in stream_counts.streams.values()),
+            'samples_out': sum(counts.emitted.values()),
+            'dropped': sum(counts.dropped.values()),
             'engine_processor_share': round(used / seconds, 2),
             'delay': summary(delays),
         }
