@@ -11,6 +11,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 from dyknow_interfaces.msg import FormulaResult
@@ -94,7 +95,7 @@ def _verdict_delays(number: int, *, composition: bool) -> dict[str, list[int]]:
     with RunningSystem(1, 20.0, progress_period=0.2, composition=composition) as system:
         found = {}
         for name, (topic, formula) in LEVELS.items():
-            decide = _decider(system.client, system.fleet, topic)
+            decide = partial(_decide, system.client, system.fleet, topic)
             found[name] = [decide(system.ask_running(formula)) for _ in range(number)]
         return found
 
@@ -132,7 +133,6 @@ def _bare_delays(topic: str, number: int, roles: Iterable[Callable[..., None]]) 
             wait_until_begun(stack.enter_context(worker(role.__name__)))
         fleet = stack.enter_context(robots.fleet(20.0, 'uav1'))
         client = stack.enter_context(Client())
-        decide = _decider(client, fleet, topic)
 
         def asked() -> Any:
             future = ask(client, EVALUATE_SERVICE, 'any', 60.0)
@@ -143,25 +143,21 @@ def _bare_delays(topic: str, number: int, roles: Iterable[Callable[..., None]]) 
         while not found.done():  # The nodes may not have discovered each other yet.
             tell(fleet, 'send', topic, HIGH)
             client.wait(0.2)
-        return [decide(asked()) for _ in range(number)]
+        return [_decide(client, fleet, topic, asked()) for _ in range(number)]
 
 
-def _decider(client: Client, fleet: Any, topic: str) -> Callable[[Any], int]:
-    """Return a function that publishes the deciding sample and returns the delay in nanoseconds."""
-
-    def decide(future: Any) -> int:
-        ended = timed(future)
-        client.wait(chance.uniform(0.0, 0.05))
-        assert not future.done(), future.result()
-        sent = int(tell(fleet, 'send', topic, HIGH))
-        client.spin_until(lambda: bool(ended), 'the answer')
-        answer = future.result()
-        assert answer.verdict == FormulaResult.FALSE, answer
-        decided = time_to_nanoseconds(answer.decided_at)
-        assert sent <= decided <= ended[0], (sent, decided, answer)
-        return ended[0] - sent
-
-    return decide
+def _decide(client: Client, fleet: Any, topic: str, future: Any) -> int:
+    """Publish the sample that decides a formula, and return the delay of its answer, ns."""
+    ended = timed(future)
+    client.wait(chance.uniform(0.0, 0.05))
+    assert not future.done(), future.result()
+    sent = int(tell(fleet, 'send', topic, HIGH))
+    client.spin_until(lambda: bool(ended), 'the answer')
+    answer = future.result()
+    assert answer.verdict == FormulaResult.FALSE, answer
+    decided = time_to_nanoseconds(answer.decided_at)
+    assert sent <= decided <= ended[0], (sent, decided, answer)
+    return ended[0] - sent
 
 
 def standby(*, quick: bool) -> Any:

@@ -96,13 +96,8 @@ class HostileClient:
     def call(self, kind: Any, service: str, **fields: Any) -> Any:
         """Send a request and return its answer, None if there is none in time."""
         future = self.ask(kind, service, **fields)
-        if future is None:
-            return None
-        if not self.spin_until(future.done, ANSWER_TIMEOUT_S):
-            self._open.discard(future)
-            self.count('unanswered')
-            return None
-        return future.result()
+        self.wait_for_answers()
+        return future.result() if future is not None and future.done() else None
 
     def spin_until(self, condition: Callable[[], bool], limit: float) -> bool:
         """Run callbacks until a condition holds, and return True if it does in time."""
