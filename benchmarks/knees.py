@@ -197,24 +197,19 @@ def _grown(
 
 def _load(system: RunningSystem, seconds: float) -> dict[str, Any]:
     """Return the costs of the nodes over a time, and the latencies of another client."""
-    begun: list[int] = []
-    futures: list[Future] = []
-    ended: list[list[int]] = []
+    probes: list[tuple[int, Future, list[int]]] = []
 
     def probe() -> None:
-        begun.append(time.time_ns())
-        futures.append(system.ask(AT_ONCE))
-        ended.append(timed(futures[-1]))
+        begun, future = time.time_ns(), system.ask(AT_ONCE)
+        probes.append((begun, future, timed(future)))
 
     timer = system.client.node.create_timer(PROBE_PERIOD_S, probe)
     costs = system.costs(seconds)
     system.client.node.destroy_timer(timer)
-    _wait(system, lambda: all(ended))
+    _wait(system, lambda: all(ended for *_, ended in probes))
     now = time.time_ns()
-    delays = [
-        (found[0] if found else now) - first for first, found in zip(begun, ended, strict=True)
-    ]
-    outcomes = _outcomes(futures)
+    delays = [(ended[0] if ended else now) - begun for begun, _, ended in probes]
+    outcomes = _outcomes(future for _, future, _ in probes)
     outcomes.pop('verdict', None)
     busiest = max(costs, key=lambda name: costs[name]['share'])
     largest = max(costs, key=lambda name: costs[name]['memory_mb'])

@@ -1,8 +1,8 @@
 """Costs of other tools for temporal logic, each in the environment that has them.
 
-progression.py, nested_margins.py and recording_peers.py start this script there (`ask_peers`). It
-reads a task as JSON from the standard input: the name of one of TASKS, and its arguments; it prints
-what each tool finds: an `error`, or its cost with its results, which the caller compares.
+progression.py and recording_peers.py start this script there (`ask_peers`). It reads a task as JSON
+from the standard input: the name of one of TASKS, and its arguments; it prints what each tool
+finds: an `error`, or its cost with its results, which the caller compares.
 """
 
 from __future__ import annotations
