@@ -54,6 +54,13 @@ def test_other_versions_are_not_mirrored(expected: str, monkeypatch: pytest.Monk
     assert senders._Takers().taker is None
 
 
+def test_identifiers_of_other_middlewares_are_not_those_of_the_graph(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(senders, 'get_rmw_implementation_identifier', lambda: 'rmw_cyclonedds_cpp')
+    assert senders._Takers().taker is None
+
+
 def test_a_package_that_is_not_installed_has_no_version() -> None:
     assert not versions.has_versions({'no_such_package': '1.0'})
 

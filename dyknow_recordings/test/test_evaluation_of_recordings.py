@@ -260,7 +260,10 @@ def test_numbers_are_converted_to_the_unit_of_their_feature(files: MonitoringFil
         ('always Power[r1] < 2 m', """'2 "m"' is in m, which does not convert to W"""),
         ('always "/main".p < 2 W', """'"/main".p' is a field of a stream, which states no unit"""),
         ('always main.power < 2 W', "'main.power' is a field of a stream, which states no unit"),
-        ('always main < 2 W', 'describes this feature; declare it, or state the unit, let main: UNIT in'),
+        (
+            'always main < 2 W',
+            'describes this feature; declare it, or state the unit, let main: UNIT in',
+        ),
     ],
 )
 def test_numbers_that_do_not_convert(formula: str, message: str, files: MonitoringFiles) -> None:

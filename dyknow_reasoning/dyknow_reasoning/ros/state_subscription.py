@@ -21,6 +21,7 @@ from dyknow_reasoning.state_line import Breach, ReadStream
 from dyknow_stream_processing import OVERTAKEN, ReceivedViolations, Violation
 from dyknow_stream_processing.ros import (
     SequenceGaps,
+    publication_number,
     publishers_of,
     sample_valid_time,
     sample_violated_at,
@@ -100,7 +101,7 @@ class StateSubscription(ReadStream[State]):
         if self._received.note_sample(sample_violated_at(message)):
             self._break(Breach(valid_time, f"state stream '{self.topic}': {OVERTAKEN}"))
         self._loss = ''
-        self._sequence.note(info.get('publication_sequence_number'))
+        self._sequence.note(publication_number(message, info))
         self._on_state(self, State(valid_time, message, self._loss))
 
     def _on_loss(self, count: int) -> None:

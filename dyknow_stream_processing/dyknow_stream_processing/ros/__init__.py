@@ -15,6 +15,7 @@ from dyknow_stream_processing.ros.messages.message_types import (
 from dyknow_stream_processing.ros.messages.sample_messages import (
     SampleReader,
     SampleWriter,
+    publication_number,
     sample_fields,
     sample_to_message,
     sample_valid_time,
@@ -61,6 +62,7 @@ __all__ = [
     'message_class',
     'message_conversion',
     'next_request',
+    'publication_number',
     'publishers_of',
     'sample_fields',
     'sample_to_message',

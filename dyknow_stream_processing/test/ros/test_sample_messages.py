@@ -16,6 +16,7 @@ from dyknow_stream_processing import Sample, StreamError
 from dyknow_stream_processing.ros import (
     SampleReader,
     SampleWriter,
+    publication_number,
     sample_fields,
     sample_to_message,
     sample_valid_time,
@@ -44,6 +45,17 @@ def test_a_reused_message_equals_a_new_one(samples: Sequence[Sample]) -> None:
         assert deserialize_message(serialize_message(again), SampleMessage) == new
         assert again.header.stamp == again.valid_time
         assert list(sample_fields(again)) == list(sample.fields)
+
+
+def test_samples_are_numbered_where_the_middleware_numbers_no_messages() -> None:
+    """Otherwise, no lost state would be noticed there."""
+    sample, key = Sample(1, 1, {'a': 1}), 'publication_sequence_number'
+    writer = SampleWriter()
+    written = [writer.write(sample) for _ in range(3)][-1]
+    assert publication_number(written, {key: 17}) == 17
+    assert publication_number(written, {key: None}) == 3
+    assert publication_number(sample_to_message(sample), {key: None}) is None
+    assert publication_number(SampleMessage().header, {key: None}) is None
 
 
 @given(SAMPLES)

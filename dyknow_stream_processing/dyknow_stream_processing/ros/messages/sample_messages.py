@@ -197,6 +197,17 @@ def sample_violated_at(message: Any) -> int:
     return 0 if isinstance(message, Sample) else time_to_nanoseconds(message.violated_at)
 
 
+def publication_number(message: Any, info: Mapping[str, Any]) -> int | None:
+    """Return the number that the publisher of a message gave it; None if there is none.
+
+    Cyclone DDS does not number messages. There, the number of a sample in its stream is used.
+    """
+    number: int | None = info.get('publication_sequence_number')
+    if number is None and isinstance(message, SampleMessage) and message.stream_id:
+        number = message.number
+    return number
+
+
 def sample_fields(message: Any) -> dict[str, Value]:
     """Return the fields of a Sample message, or of a `Sample`, as they would be in its message.
 

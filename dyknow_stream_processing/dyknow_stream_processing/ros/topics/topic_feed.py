@@ -22,7 +22,10 @@ from dyknow_common.ros import (
 from dyknow_stream_processing.dataflow.received import ReceivedWatermarks, SampleOrigin
 from dyknow_stream_processing.errors import StreamError
 from dyknow_stream_processing.ros.messages.message_types import is_sample, message_class
-from dyknow_stream_processing.ros.messages.sample_messages import sample_violated_at
+from dyknow_stream_processing.ros.messages.sample_messages import (
+    publication_number,
+    sample_violated_at,
+)
 from dyknow_stream_processing.ros.topics.publications import (
     Publication,
     find_publication,
@@ -295,7 +298,7 @@ class TopicFeed:
             received, sent_at = now, 0
         # A message that was sent again may have been received after its successor.
         self.latest_receipt = min(max(self.latest_receipt, received), now)
-        number = info.get('publication_sequence_number')
+        number = publication_number(message, info)
         return ReceivedMessage(self, message, number, self.latest_receipt, sent_at)
 
     def _on_gap(self, count: int) -> None:
