@@ -54,7 +54,7 @@ def test_samples_are_numbered_where_the_middleware_numbers_no_messages() -> None
     written = [writer.write(sample) for _ in range(3)][-1]
     assert publication_number(written, {key: 17}) == 17
     assert publication_number(written, {key: None}) == 3
-    assert publication_number(sample_to_message(sample), {key: None}) is None
+    assert publication_number(SampleMessage(number=1), {key: None}) is None
     assert publication_number(SampleMessage().header, {key: None}) is None
 
 
