@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 from dyknow_interfaces.msg import GuardStatus
+from dyknow_interfaces.srv import ConceptCreate, ConceptDestroy, InstanceCreate, InstanceDestroy
 from geometry_msgs.msg import Twist
 
 from dyknow_bringup.processes.processes import Process
-from evaluations import Evaluations
+from evaluations import Evaluations, Spares
 from guards import GuardedBase, guarded_base, is_zero
 from system import Batteries, System
 
@@ -101,6 +102,32 @@ def test_a_violation_of_former_states(
                 instead=lambda at=reported: base.reasons(at),
             )
             base.wait_until_open()
+
+
+def test_objects_that_change(system: System, spares: Spares, tmp_path: Path) -> None:
+    """Without objects, the formula is false, and no state comes; the guard does not wait for it."""
+
+    def ontology(service: Any, name: str, **fields: Any) -> None:
+        answer = system.client.call(service, f'ontology_manager/{name}', **fields)
+        assert not answer.exit_status.code, answer.exit_status.message
+
+    names = {'instance_name': 'uav3', 'concept_names': ['Scout']}
+    ontology(ConceptCreate, 'concept_create', concept_name='Scout', parent_concepts=['UAV'])
+    ontology(InstanceCreate, 'instance_create', **names)
+    spares.power('uav3_power', 'uav1', of='uav3')
+    formula = "['exists s in Scout: Power[s] < 150 W']"
+    system.batteries.reset()
+    with guarded_base(system, tmp_path, formula, timeout='20 s') as base:
+        base.wait_until_open()
+        reported = len(base.statuses)
+        ontology(InstanceDestroy, 'instance_destroy', instance_name='uav3')
+        base.wait_for(GuardStatus.CLOSED, 'it is false at any state')
+        assert not any('older than' in each for each in base.reasons(reported))
+        ontology(InstanceCreate, 'instance_create', **names)
+        base.wait_until_open()
+    spares.clear()
+    ontology(InstanceDestroy, 'instance_destroy', instance_name='uav3')
+    ontology(ConceptDestroy, 'concept_destroy', concept_name='Scout')
 
 
 def test_without_commands_the_safe_message_is_repeated(system: System, base: GuardedBase) -> None:

@@ -27,7 +27,7 @@ def test_the_latest_evaluation_with_states_is_used() -> None:
 
 @pytest.mark.parametrize('phase', ['RUNNING', 'WAITING', 'GROUNDING'])
 def test_states_are_used_while_their_evaluation_goes_on(phase: str) -> None:
-    """Also while it begins anew with other objects, or continues with a better stream."""
+    """Also while it continues with a better stream."""
     reported = replace(FORMER, phase=EvaluationPhase[phase], state_stream='s3')
     assert not why_unusable(USED, [reported, OWN])
 
@@ -41,3 +41,27 @@ def test_states_are_not_used_after_a_fault_that_only_the_coordinator_has_told() 
     assert 'true' in why_unusable(USED, [replace(ended, error=None, explanation='it is true')])
     assert 'have failed' in why_unusable(USED, [replace(FORMER, phase=EvaluationPhase.INTERRUPTED)])
     assert 'no more' in why_unusable(USED, [running])
+
+
+@pytest.mark.parametrize('phase', ['RUNNING', 'WAITING', 'GROUNDING'])
+def test_states_are_not_used_once_their_evaluation_begins_again_with_other_objects(
+    phase: str,
+) -> None:
+    restarted = replace(FORMER, phase=EvaluationPhase[phase], formula_group_id=7, state_stream='s2')
+    assert why_unusable(USED, [restarted]) == 'its objects have changed'
+
+
+def test_evaluations_that_have_begun_at_the_same_time_are_told_apart() -> None:
+    """Simulated time may stand still; an evaluation that has ended is in no group any more."""
+    used, other = StateSource(5, 1, 's1', FORMULA), StateSource(5, 2, 's2', FORMULA)
+    first = replace(FORMER, started=5, formula_group_id=1)
+    second = replace(first, formula_group_id=2, state_stream='s2')
+    assert latest_source([first, second]) == other
+    interrupted = replace(second, phase=EvaluationPhase.INTERRUPTED)
+    assert 'have failed' in why_unusable(other, [first, interrupted])
+    assert not why_unusable(used, [interrupted, first])
+    ended = replace(
+        second, phase=EvaluationPhase.ENDED, formula_group_id=0, explanation='it is true'
+    )
+    assert not why_unusable(used, [ended, first])
+    assert 'it is true' in why_unusable(other, [ended])

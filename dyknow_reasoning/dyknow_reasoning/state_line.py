@@ -115,8 +115,8 @@ class StateLine(Generic[Stream]):
 
     A violation pauses the line until it reads another stream: a verdict over states that broke a
     constraint would be unsound. A stream begins with states that do not count, up to the latest
-    counted one. There is a gap before the first that counts if states may be missing, or if a
-    violation concerns counted ones. All times are in nanoseconds.
+    counted one, also if it is recreated, which is a loss. There is a gap before the first that
+    counts if states may be missing, or if a violation concerns counted ones. Times are in ns.
 
     Args:
         on_gap: called with the valid time after which states may be missing.
@@ -195,11 +195,12 @@ class StateLine(Generic[Stream]):
         """
         if self.pause:
             return False
-        if self.catches_up and self.latest is not None and valid_time <= self.latest:
+        has_counted = self.latest is not None and valid_time <= self.latest
+        if is_after_loss and not (self.catches_up and has_counted):
+            self.note_gap()
+        if self.catches_up and has_counted:
             self.skipped += 1
             return False
-        if is_after_loss:
-            self.note_gap()
         if self.is_in_gap:
             self.is_in_gap = False
             self._on_gap_end(valid_time)

@@ -268,3 +268,28 @@ def test_a_stream_that_runs_ahead_for_too_long_gives_a_gap() -> None:
     reader.publish(other, 5 + MAX_KEPT)
     reader.change(other)
     assert reader.counted[:3] == [5, 'gap', 6]
+
+
+def test_a_recreated_stream_begins_with_states_that_do_not_count() -> None:
+    """Of its former publisher, the last states may be lost: there is a gap."""
+    reader = Reader()
+    for each in (1, 2, 3):
+        reader.publish(in_use(reader), each)
+    for each in (2, 3, 4):
+        if reader.line.receive(each, is_after_loss=each == 2):
+            reader.counted.append(each)
+    assert reader.counted == [1, 2, 3, 'gap', 4]
+    assert reader.gaps == [(3, 4)]
+    assert reader.line.skipped == 2
+    assert not reader.line.catches_up
+
+
+def test_states_lost_before_a_stream_has_caught_up_give_no_gap() -> None:
+    reader = Reader()
+    reader.publish(in_use(reader), 5)
+    other = reader.stream()
+    reader.publish(other, 2)
+    reader.change(other)
+    assert not reader.line.receive(4, is_after_loss=True)
+    assert reader.line.receive(6)
+    assert reader.gaps == []

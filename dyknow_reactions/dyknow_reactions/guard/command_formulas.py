@@ -121,7 +121,10 @@ class CommandStates:
         """
         self._formula.begin(domains)
 
-    def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:  # noqa: ARG002
+    def gap(self) -> None:
+        """Do nothing: only the latest state counts."""
+
+    def receive(self, valid_time: int, values: Mapping[str, Value]) -> None:
         """Keep the values of a state."""
         self._formula.set_state(values)
         self._reports.state(self._name, valid_time)

@@ -9,6 +9,9 @@ for them:
     0.3 s    1: RUNNING with states_1, 2: GROUNDING         states_1
     0.4 s    1: ENDED, constraint violation; 2: GROUNDING   nothing: closed
     0.6 s    1: ENDED, 2: RUNNING with states_2             states_2
+
+An evaluation that begins again with other objects does so in another group of the reasoning engine:
+the states of the former group are about the former objects.
 """
 
 from __future__ import annotations
@@ -59,7 +62,9 @@ def why_unusable(source: StateSource, evaluations: Sequence[EvaluationStatus]) -
         source: whose states are used.
         evaluations: all that the coordinator reports of the formula.
     """
-    status = next((each for each in evaluations if each.started == source.started), None)
+    own = [each for each in evaluations if each.started == source.started]
+    # Simulated time may stand still, so several evaluations may have begun at one time.
+    status = min(own, key=lambda each: each.formula_group_id != source.group, default=None)
     if status is None:
         return 'the coordinator evaluates it no more'
     if status.phase is EvaluationPhase.INTERRUPTED:
@@ -67,4 +72,4 @@ def why_unusable(source: StateSource, evaluations: Sequence[EvaluationStatus]) -
     if status.phase is EvaluationPhase.ENDED:
         reason = status.explanation if status.error is None else status.error.message
         return f'its evaluation has ended: {reason}'
-    return ''
+    return '' if status.formula_group_id == source.group else 'its objects have changed'

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from dyknow_common import Value
+from dyknow_reactions.errors import ReactionError
 from dyknow_reactions.guard.gate import GateReports
 from dyknow_reasoning import (
     ALL_KNOWN,
     Domains,
     FormulaGroup,
+    FormulaResult,
     UnknownFeatures,
     Values,
 )
@@ -32,7 +34,9 @@ class WatchedFormula:
         self._id = self._group.add_formula('', text, every_state=True)
         self._group.begin(domains, unknown)
         self._monitor = self._group.standing.formulas[self._id].monitor
-        self._error = ''
+        self.error = ''
+        """Why it cannot be asked at any further state; empty if it can."""
+        self._note_end(self._group.decided_at_once())
 
     def failure(self, valid_time: int, values: Values) -> str:
         """Return why the formula does not hold from a state on; empty if it does.
@@ -47,10 +51,9 @@ class WatchedFormula:
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
         known = self._monitor.failure_count
-        for result in self._group.progress(valid_time, values):
-            self._error = str(result.error or f'it is {result.verdict.name.lower()} at any state')
-        if self._error:
-            return self._error
+        self._note_end(self._group.progress(valid_time, values))
+        if self.error:
+            return self.error
         if reason := self._group.standing.omitted.get(self._id):
             return reason
         if self._monitor.is_violated or self._monitor.failure_count != known:
@@ -60,6 +63,10 @@ class WatchedFormula:
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
         self._group.gap()
+
+    def _note_end(self, results: Iterable[FormulaResult]) -> None:
+        for result in results:
+            self.error = str(result.error or f'it is {result.verdict.name.lower()} at any state')
 
 
 class WatchedStates:
@@ -73,20 +80,31 @@ class WatchedStates:
     def __init__(self, name: str, reports: GateReports) -> None:
         self._name, self._reports = name, reports
         self._formula: WatchedFormula | None = None
+        self._inputs: object = None
 
     def begin(
         self, formula: str, domains: Mapping[str, Sequence[str]], unknown: UnknownFeatures
     ) -> None:
-        """Begin with the states of another stream."""
+        """Begin with the states of another stream; close the gate if they are of other objects."""
         self._formula = WatchedFormula(formula, domains, unknown)
+        former, self._inputs = self._inputs, (formula, domains, unknown)
+        if self._formula.error:
+            self.fail(self._formula.error)
+        elif former not in (None, self._inputs):
+            self.fail('its objects have changed, and no state has come since')
 
-    def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:
-        """Ask the formula at a state."""
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+        if self._formula is not None:
+            self._formula.gap()
+
+    def receive(self, valid_time: int, values: Mapping[str, Value]) -> None:
+        """Ask the formula at a state; raise a ReactionError if it cannot be asked any more."""
         if self._formula is None:
             return
-        if is_after_gap:
-            self._formula.gap()
         failure = self._formula.failure(valid_time, values)
+        if self._formula.error:
+            raise ReactionError(self._formula.error)
         self._reports.state(self._name, valid_time, failure)
 
     def fail(self, reason: str) -> None:

@@ -108,6 +108,7 @@ class GroupEvaluation:
         self._states = 0
         # For each formula that was added later, the number of states before it.
         self._states_before: dict[int, int] = {}
+        self._loss = ''  # Before a state that does not count, if it leaves a gap.
         self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
         self._inputs = FixedInputs()
         self._results: DirectPublisher | None = None
@@ -400,17 +401,20 @@ class GroupEvaluation:
     def _receive(self, state: State) -> None:
         """Progress the group over a state of the stream in use, if it counts."""
         line, latest = self._line, self._line.latest
-        caught_up = line.catches_up
+        caught_up, was_in_gap = line.catches_up, line.is_in_gap
         if not line.receive(state.valid_time, is_after_loss=bool(state.loss)):
+            if line.is_in_gap and not was_in_gap:
+                self._loss = state.loss
             return
         if caught_up:
             self._node.get_logger().info(
                 f"the group '{self.name}' continues with another stream; "
                 f'skipped {line.skipped} states that it had already processed'
             )
-        if state.loss and latest is not None:
+        loss, self._loss = state.loss or self._loss, ''
+        if loss and latest is not None:
             gap = Gap(latest, state.valid_time)
-            self._events.append(f'{state.loss}: states may be missing {gap}')
+            self._events.append(f'{loss}: states may be missing {gap}')
             self._node.get_logger().warning(f"the group '{self.name}': {self._events[-1]}")
         if self.group.undecided:
             self._progress(state)

@@ -325,6 +325,18 @@ def test_a_state_that_overtakes_a_violation_is_not_used(group: Group, topic: str
         assert group.progressed == [2, 4]
 
 
+def test_a_recreated_stream_repeats_states() -> None:
+    with Group() as made:
+        for valid_time in (1, 2, 3):
+            made.state('/former', valid_time)
+        made.state('/former', 2, loss='the state stream was recreated')
+        for valid_time in (3, 4, 5):
+            made.state('/former', valid_time)
+        assert made.progressed == [1, 2, 3, 'gap', 4, 5]
+        (event,) = made.evaluation._events
+        assert event.startswith('the state stream was recreated: states may be missing')
+
+
 def test_a_loss_in_the_standby_is_a_gap(group: Group) -> None:
     group.state('/former', 2)
     group.state('/standby', 2)

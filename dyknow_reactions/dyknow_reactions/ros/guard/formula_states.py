@@ -10,6 +10,9 @@ engine and the coordinator would be longer.
     9.0 s  a violation of states_1, or ~/evaluations: it is INTERRUPTED. No state counts any more
     9.2 s  ~/evaluations: it is RUNNING, with states_2; all begins anew. Otherwise, the goal ends
            with an error, and is sent again after RETRY_DELAY_S
+
+If the formula cannot be asked of states any more, or these cannot be read, while the coordinator
+finds no fault in them, the goal is cancelled after RESUME_TIMEOUT_S, and sent again.
 """
 
 from __future__ import annotations
@@ -24,7 +27,7 @@ from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 from dyknow_reactions.guard.state_source import StateSource, latest_source, why_unusable
 from dyknow_reactions.ros.formula_objects import objects_of, unknown_of
-from dyknow_reasoning import Breach, UnknownFeatures
+from dyknow_reasoning import Breach, StateLine, UnknownFeatures
 from dyknow_reasoning.ros.state_subscription import State, StateSubscription
 from dyknow_stream_processing.ros import sample_fields
 
@@ -52,8 +55,11 @@ class StateReceiver(Protocol):
             DyKnowError: if the formula cannot be asked of them.
         """
 
-    def receive(self, valid_time: int, values: Mapping[str, Value], *, is_after_gap: bool) -> None:
-        """Receive a state."""
+    def gap(self) -> None:
+        """Record that states may be missing before the next one."""
+
+    def receive(self, valid_time: int, values: Mapping[str, Value]) -> None:
+        """Receive a state; raise a DyKnowError if the formula cannot be asked any more."""
 
     def fail(self, reason: str) -> None:
         """Receive the reason why there are no states that can be used."""
@@ -75,6 +81,8 @@ class StateServices(NamedTuple):
 
 class FormulaStates:
     """The states of one formula, from one evaluation after the other.
+
+    A `StateLine` decides which states of an evaluation count, as in the reasoning engine.
 
     Args:
         services: that it uses.
@@ -101,6 +109,7 @@ class FormulaStates:
         self._source: StateSource | None = None
         self._states: StateSubscription | None = None
         self._used = StateSource(0, 0, '', '')
+        self._line = self._new_line()
         # The one before, until a state of the next one has come: its violation, of which the guard
         # may learn later than of the other states, closes the gate all the same.
         self._former: StateSubscription | None = None
@@ -147,21 +156,26 @@ class FormulaStates:
                 self._give_up(error.message)
             return
         self._leave_states()
+        if source.group != self._used.group:
+            self._line = self._new_line()
         self._used = source
-        self._states = StateSubscription(
-            self._services.node, source.stream, self._on_state, self._on_breach
-        )
+        node = self._services.node
+        self._states = StateSubscription(node, source.stream, self._on_state, self._on_breach)
+        self._line.change(self._states, node.now())
+
+    def _new_line(self) -> StateLine[StateSubscription]:
+        return StateLine(lambda _: self._receiver.gap())
 
     def _on_state(self, states: StateSubscription, state: State) -> None:
         if states is not self._states:
             return
+        if not self._line.receive(state.valid_time, is_after_loss=bool(state.loss)):
+            return
         self._destroy_former()
         try:
-            values = sample_fields(state.message)
+            self._receiver.receive(state.valid_time, sample_fields(state.message))
         except DyKnowError as error:
             self._give_up(error.message)
-            return
-        self._receiver.receive(state.valid_time, values, is_after_gap=bool(state.loss))
 
     def _on_breach(self, states: StateSubscription, breach: Breach) -> None:
         if states is self._states:
