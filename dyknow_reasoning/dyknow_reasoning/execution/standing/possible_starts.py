@@ -67,7 +67,7 @@ class PossibleStarts:
         self.doubt: tuple[int, PossibleFormula] | None = None
         """The latest start from which the formula may be false, and what remained then."""
         self.is_new_doubt = False
-        """True if the latest state made it possible that the formula is false from some start."""
+        """True if the latest state was the first that made it possible from some start."""
 
     def add(self, formula: PossibleFormula, runs: Sequence[Run]) -> None:
         """Add starts from which a formula remains."""

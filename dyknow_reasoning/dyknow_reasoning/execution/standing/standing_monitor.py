@@ -173,8 +173,8 @@ class StandingMonitor:
     def doubt(self) -> Doubt:
         """For want of which features it is possible that a failure has not ended.
 
-        That is so at each state with which a failure may have begun, and as long as it is not
-        certain that the formula holds after that.
+        That is so at the first state with which a failure from some state on may be known, and as
+        long as it is not certain that the formula holds after that.
         """
         possible = self._possible
         if possible is None or possible.doubt is None:
