@@ -128,6 +128,30 @@ def test_metrics() -> None:
     assert set(asked) <= known
 
 
+@pytest.mark.parametrize('code', [ExitCode.CONSTRAINT_VIOLATION, ExitCode.NOT_FOUND])
+def test_a_failure_lasts_until_a_retry_has_a_state(code: ExitCode) -> None:
+    error = DyKnowError('/odom is silent', code)
+    failed = replace(POWER, phase=EvaluationPhase.ENDED, error=error)
+    started = POWER.started + SECOND_NS
+    retry = replace(POWER, started=started, states_progressed=0, latest_valid_time=None)
+    board, seen = board_of(POWER), []
+    for status in (
+        POWER,
+        failed,
+        replace(retry, phase=EvaluationPhase.GROUNDING),
+        retry,
+        replace(retry, phase=EvaluationPhase.ENDED, error=error),
+        replace(retry, started=started + SECOND_NS),
+        replace(retry, started=started + SECOND_NS, states_progressed=1),
+    ):
+        # The coordinator reports an error until the formula is evaluated again.
+        board.formulas.update([status], 21 * SECOND_NS)
+        (line,) = re.findall('dyknow_formula_failing{.*', metrics_of(board).decode())
+        count = board.formulas.document()['counts']['failing']
+        seen.append((float(line.split()[-1]), count))
+    assert seen == [(0.0, 0), *[(1.0, 1)] * 5, (0.0, 0)]
+
+
 @pytest.mark.parametrize(
     ('node', 'metric'),
     [

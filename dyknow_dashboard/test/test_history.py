@@ -192,6 +192,47 @@ def test_an_evaluation_that_was_lost_has_failed(tmp_path: Path) -> None:
         assert 'the coordinator no longer reports it' in lost['explanation']
 
 
+def attempt(number: int, states: int = 0, code: ExitCode | None = None) -> EvaluationStatus:
+    """An evaluation of one formula, the later ones of which are retries."""
+    started = RUNNING.started + number * SECOND_NS
+    status = replace(LOST_STREAM, started=started, states_progressed=states)
+    if code is None:
+        return replace(status, phase=EvaluationPhase.RUNNING, error=None)
+    return replace(status, error=DyKnowError(f'attempt {number}', code))
+
+
+def test_a_retry_that_fails_before_its_first_state_is_no_new_failure(tmp_path: Path) -> None:
+    violation = ExitCode.CONSTRAINT_VIOLATION
+    with kept(tmp_path / 'history.db') as found:
+        found.report(attempt(0, 5, violation))
+        for number in range(1, 90):
+            # The coordinator reports an error until the formula is evaluated again.
+            found.report(attempt(number))
+            found.report(attempt(number, 0, violation if number % 7 else ExitCode.UNAVAILABLE))
+        (row,) = found.rows()
+        assert row['explanation'] == 'attempt 0'
+
+
+@pytest.mark.parametrize(
+    'between',
+    [
+        [attempt(1, 1)],
+        [attempt(1, 1, ExitCode.CONSTRAINT_VIOLATION)],
+        [attempt(1, 0, ExitCode.CANCELLED)],
+        [],
+    ],
+)
+def test_a_failure_after_a_state_is_a_new_one(
+    tmp_path: Path, between: list[EvaluationStatus]
+) -> None:
+    with kept(tmp_path / 'history.db') as found:
+        found.report(attempt(0, 5, ExitCode.CONSTRAINT_VIOLATION))
+        found.report(*between)
+        found.report(attempt(1, 1, ExitCode.CONSTRAINT_VIOLATION))
+        found.report(attempt(2, 0, ExitCode.CONSTRAINT_VIOLATION))
+        assert len(found.rows()) == 2
+
+
 def test_old_failures_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(history_module, 'MAX_FAILURES', 3)
     with kept(tmp_path / 'a.db') as found:

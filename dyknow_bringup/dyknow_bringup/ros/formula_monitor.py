@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -40,10 +41,24 @@ START_UP_NS = 10 * SECOND_NS
 NOT_ACCEPTED = 'the coordinator has not accepted it yet'
 
 RETRY_DELAY_S = 0.5
-"""Time until a formula is monitored again after an error worth retrying."""
+"""Time until a formula is monitored again after an error worth retrying.
 
-INVALID_DELAY_S = 5.0
-"""The same after an invalid request: a topic may have another message type later."""
+It doubles with each attempt that fails before its first state: a source that stays at fault, such
+as a topic of NaN or a stream that a peer reports as broken, ends each attempt at once.
+"""
+
+MAX_RETRY_DELAY_S = 5.0
+"""The longest such time; also the one after an invalid request: a topic may have another message
+type later."""
+
+
+def _retry_delay_s(idle_attempts: int) -> float:
+    """Return the time until a retry.
+
+    Args:
+        idle_attempts: the number of retries that have failed before their first state.
+    """
+    return float(min(RETRY_DELAY_S * 2.0 ** min(idle_attempts, 10), MAX_RETRY_DELAY_S))
 
 
 class MonitorNode(DyKnowNode):
@@ -96,15 +111,17 @@ class MonitorNode(DyKnowNode):
         else:
             logger.warning(text)
 
-    def note_progress(self, monitored: MonitoredFormula, progress: Progress) -> None:
-        """Note a report on an evaluation that goes on."""
+    def note_progress(
+        self, monitored: MonitoredFormula, progress: Progress, *, is_past: bool = False
+    ) -> None:
+        """Note a report on an evaluation that goes on; with `is_past`, its episodes are older."""
         monitored.margin, monitored.presumably_false = progress.margin, progress.presumably_false
         monitored.probability = progress.probability
         monitored.has_states |= progress.states_progressed > 0
         self.explain(monitored, progress.waits_for)
         outcome, verdicts = UNDECIDED, progress.episodes
         if verdicts is not None:
-            self._follow(monitored, verdicts)
+            self._follow(monitored, verdicts, is_past=is_past)
             is_known = verdicts.holds or verdicts.is_violated
             outcome = (VIOLATED if verdicts.is_violated else HOLDS) if is_known else UNDECIDED
         if progress.waits_for and outcome != VIOLATED:
@@ -113,12 +130,12 @@ class MonitorNode(DyKnowNode):
             self.set_outcome(monitored, outcome, progress.waits_for)
 
     def note_answer(
-        self, monitored: MonitoredFormula, answer: Answer, *, known_at: int | None = None
+        self, monitored: MonitoredFormula, answer: Answer, *, is_past: bool = False
     ) -> None:
-        """Note the end of an evaluation, and when it was known, in nanoseconds; None: now."""
+        """Note the end of an evaluation; with `is_past`, its verdict and episodes are older."""
         monitored.margin, monitored.probability = answer.margin or monitored.margin, None
         if answer.episodes is not None:
-            self._follow(monitored, answer.episodes)
+            self._follow(monitored, answer.episodes, is_past=is_past)
         if answer.error is not None:
             hint = self._hint if answer.error.code is ExitCode.NOT_FOUND else ''
             reason, *place = answer.error.message.split('\n', 1)
@@ -126,6 +143,7 @@ class MonitorNode(DyKnowNode):
             self.set_outcome(monitored, answer.error.code.name, text)
             return
         monitored.has_states = True
+        known_at = answer.decided_at if is_past else None
         self.set_outcome(
             monitored, answer.verdict.name.lower(), answer.explanation, known_at=known_at
         )
@@ -138,16 +156,20 @@ class MonitorNode(DyKnowNode):
             monitored.explanation = reason
             self._on_change(monitored)
 
-    def _follow(self, monitored: MonitoredFormula, verdicts: StandingVerdicts) -> None:
+    def _follow(
+        self, monitored: MonitoredFormula, verdicts: StandingVerdicts, *, is_past: bool
+    ) -> None:
         """Set the outcome at each begin and end of an episode."""
         before, monitored.verdicts = monitored.verdicts, verdicts.known_after(monitored.verdicts)
         for episode, has_ended in verdicts.changes(before):
             monitored.margin = episode.worst or monitored.margin
             if has_ended:
-                self.set_outcome(monitored, HOLDS, episode.past_text)
+                known_at = max(episode.end, episode.decided_at) if is_past else None
+                self.set_outcome(monitored, HOLDS, episode.past_text, known_at=known_at)
             else:
                 begun = f'from {round_time(episode.begin)} on: {episode.text}'
-                self.set_outcome(monitored, VIOLATED, begun)
+                known_at = episode.decided_at if is_past else None
+                self.set_outcome(monitored, VIOLATED, begun, known_at=known_at)
 
     def set_outcome(
         self,
@@ -204,6 +226,8 @@ class FormulaMonitor(MonitorNode):
         self._retries = retries
         self._is_cancelled = False
         self._restarting: set[int] = set()
+        self._idle_attempts: Counter[int] = Counter()
+        """The number of attempts that have failed since the formula had a state last."""
         self._client = FormulaClient(self, self.coordinator)
         self._retry_until: int | None = None
         self._monitors: dict[int, Monitor] = {}
@@ -265,6 +289,8 @@ class FormulaMonitor(MonitorNode):
     def _on_progress(self, index: int, progress: Progress) -> None:
         monitored = self.formulas[index]
         self._triggers.on_progress(monitored.formula, progress)
+        if progress.states_progressed:
+            self._idle_attempts[index] = 0
         self.note_progress(monitored, progress)
 
     def _on_verdict(self, index: int, answer: Answer) -> None:
@@ -282,8 +308,12 @@ class FormulaMonitor(MonitorNode):
         if error is not None and (is_starting or self._is_retried(monitored, error.code)):
             self._restarting.add(index)
             is_invalid = error.code is ExitCode.INVALID_ARGUMENT
-            due = self.deadlines.after(INVALID_DELAY_S if is_invalid else RETRY_DELAY_S)
+            due = self.deadlines.after(
+                MAX_RETRY_DELAY_S if is_invalid else _retry_delay_s(self._idle_attempts[index])
+            )
             due.add_done_callback(lambda _: self._restart(index))
+            if not is_starting:
+                self._idle_attempts[index] += 1
 
     def _has_cancelled(self, error: DyKnowError) -> bool:
         return self._is_cancelled and error.code is ExitCode.CANCELLED

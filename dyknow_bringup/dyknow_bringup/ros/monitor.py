@@ -217,12 +217,11 @@ class AttachedMonitor(MonitorNode):
         if is_new:
             monitored.outcome, monitored.explanation = WAITING, ''
         if status.phase is not EvaluationPhase.ENDED:
-            self.note_progress(monitored, _progress(status))
+            # Episodes in the first report may have passed long ago.
+            self.note_progress(monitored, _progress(status), is_past=is_new)
         elif monitored.name not in self._decided:
             # The first report is of a verdict that the other monitor had before.
-            self.note_answer(
-                monitored, _answer(status), known_at=status.decided_at if is_new else None
-            )
+            self.note_answer(monitored, _answer(status), is_past=is_new)
             if status.error is None:
                 self._decided.add(monitored.name)
 

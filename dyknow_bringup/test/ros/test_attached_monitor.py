@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import pytest
 import rclpy
@@ -11,9 +11,16 @@ import rclpy
 from dyknow_bringup.monitored_formula import HOLDS, UNDECIDED, VIOLATED, WAITING, MonitoredFormula
 from dyknow_bringup.ros.formula_monitor import MonitorNode
 from dyknow_bringup.ros.monitor import _progress
-from dyknow_common import Margin, ProbabilityInterval
+from dyknow_common import SECOND_NS, Margin, ProbabilityInterval, Verdict
 from dyknow_configuration import RequestedFormula
-from dyknow_coordinator import EvaluationPhase, EvaluationStatus, Progress, StandingVerdicts
+from dyknow_coordinator import (
+    Answer,
+    EvaluationPhase,
+    EvaluationStatus,
+    Progress,
+    StandingVerdicts,
+    ViolationEpisode,
+)
 
 
 def test_all_that_is_reported_of_the_progress_is_shown() -> None:
@@ -62,3 +69,36 @@ def test_what_held_at_the_last_state_is_not_said_of_a_silence(
         node.note_progress(calm, Progress(3, 5, 'p', waits_for=waits_for, episodes=verdicts))
         outcomes.append((calm.outcome, calm.waits_for))
     assert outcomes == [(outcome, ''), (silent, reason), (outcome, '')]
+
+
+S = SECOND_NS
+EPISODES = (
+    ViolationEpisode(7 * S, 8 * S, 9 * S, 3, has_ended=True, explanation='a'),
+    ViolationEpisode(20 * S, 30 * S, 21 * S, 11, has_ended=False, explanation='b'),
+)
+
+
+@pytest.mark.parametrize('has_ended', [False, True])
+def test_episodes_of_before_have_the_times_at_which_they_were(has_ended: bool) -> None:  # noqa: FBT001
+    verdicts = StandingVerdicts(3, 14, is_violated=True, episode_count=2, latest_episodes=EPISODES)
+    seen: list[tuple[str, int | None]] = []
+    rclpy.init()
+    node = MonitorNode('dyknow_monitor', lambda each: seen.append((each.outcome, each.known_at)))
+    formula = MonitoredFormula(RequestedFormula('p', every_state=True), WAITING)
+    if has_ended:
+        answer = Answer(Verdict.FALSE, 31 * S, 'p', 'c', episodes=verdicts)
+        node.note_answer(formula, answer, is_past=True)
+    else:
+        node.note_progress(formula, Progress(17, 30 * S, 'p', episodes=verdicts), is_past=True)
+    begin = node.now()
+    later = StandingVerdicts(
+        3, 14, episode_count=2, latest_episodes=(EPISODES[0], replace(EPISODES[1], has_ended=True))
+    )
+    if not has_ended:
+        node.note_progress(formula, Progress(18, 31 * S, 'p', episodes=later))
+        outcome, known_at = seen.pop()
+        assert (outcome, (known_at or 0) // S) == (HOLDS, begin // S)
+    node.destroy_node()
+    rclpy.shutdown()
+    expected = [(VIOLATED, 9 * S), (HOLDS, 9 * S), (VIOLATED, 21 * S)]
+    assert seen == ([*expected, ('false', 31 * S)] if has_ended else expected)

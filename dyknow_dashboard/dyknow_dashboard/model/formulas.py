@@ -95,14 +95,14 @@ class MonitoredEvaluation:
 class FormulaTable:
     """All evaluations that the page shows: failing, running and ended ones.
 
-    An ended evaluation is an earlier run if one of the same name was started after it. These come
-    last, and count as no failure any more.
+    An ended evaluation is an earlier run if one of the same name, started after it, has had a state
+    or has ended. These come last, and count as no failure any more.
     """
 
     def __init__(self) -> None:
         self._known: dict[str, MonitoredEvaluation] = {}
         self._latest: dict[str, int] = {}
-        """The start of the latest evaluation of each name."""
+        """The start of the latest evaluation of each name that has had a state or has ended."""
         self._now = 0
         self.version = 0
         self.hidden = 0
@@ -124,8 +124,10 @@ class FormulaTable:
             del known[key]
         self._latest = {}
         for each in known.values():
-            latest = self._latest.get(each.status.name, each.status.started)
-            self._latest[each.status.name] = max(latest, each.status.started)
+            status = each.status
+            if status.states_progressed or status.phase is EvaluationPhase.ENDED:
+                latest = self._latest.get(status.name, status.started)
+                self._latest[status.name] = max(latest, status.started)
         self.version += 1
 
     def get(self, key: str) -> MonitoredEvaluation | None:
@@ -149,6 +151,11 @@ class FormulaTable:
         """Return the status of each evaluation that has not ended."""
         found = (each.status for each in self._known.values())
         return [each for each in found if each.phase is not EvaluationPhase.ENDED]
+
+    def failing(self) -> set[str]:
+        """Return the names of the formulas that fail, as the page shows them."""
+        found = (each.status for each in self._known.values())
+        return {each.name for each in found if self._group(each) == 'failing'}
 
     def document(self) -> dict[str, Any]:
         """Return a row for each evaluation, and the number of rows of each group."""

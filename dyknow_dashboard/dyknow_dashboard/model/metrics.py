@@ -7,6 +7,7 @@ started again, as Prometheus expects.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from math import isfinite
 from typing import Final
 
@@ -24,14 +25,12 @@ from dyknow_stream_processing.reporting.stream_report import StreamReport, Strea
 
 CONTENT_TYPE: Final = 'text/plain; version=0.0.4; charset=utf-8'
 
-_FAILING: Final = frozenset({'false', 'violated'})
-
 
 def metrics_of(board: Board) -> bytes:
     """Return the metrics of a system in the text format of Prometheus.
 
     A formula is labelled with its name, a stream and a node with theirs. Of evaluations with one
-    name, the latest counts.
+    name, the latest counts, and a failure until a later one has had a state.
     """
     registry = CollectorRegistry(auto_describe=False)
     registry.register(_BoardCollector(board))
@@ -53,7 +52,8 @@ class _BoardCollector(Collector):
             if not (each.state.alive or each.state.is_new)
         }
         if 'stream_reasoning_coordinator' not in gone:
-            yield from _of_formulas(self._board.formulas.statuses())
+            formulas = self._board.formulas
+            yield from _of_formulas(formulas.statuses(), formulas.failing())
         if 'stream_manager' not in gone:
             yield from self._of_streams()
         yield from self._of_nodes()
@@ -85,15 +85,19 @@ class _BoardCollector(Collector):
         yield from (alive, level)
 
 
-def _of_formulas(statuses: Sequence[EvaluationStatus]) -> Iterator[Metric]:
-    failing = _gauge('formula_failing', 'Whether a formula is false or violated.', 'formula')
+def _of_formulas(
+    statuses: Sequence[EvaluationStatus], failed: AbstractSet[str]
+) -> Iterator[Metric]:
+    text = 'Whether a formula is false, violated or ended by an error.'
+    failing = _gauge('formula_failing', text, 'formula')
     state = _gauge('formula_state', 'The state of a formula, as a label.', 'formula', 'state')
     states = _counter('formula_states', 'States that a formula was progressed over.', 'formula')
     episodes = _counter('formula_episodes', 'Episodes in which a formula failed.', 'formula')
     margin = _gauge('formula_margin', 'A bound of the margin of a formula.', 'formula', 'bound')
+    shown = set(map(shortened, failed))
     for name, status in {shortened(each.name): each for each in statuses}.items():
         word = outcome(status)
-        failing.add_metric([name], float(word in _FAILING))
+        failing.add_metric([name], float(name in shown))
         state.add_metric([name, word], 1.0)
         states.add_metric([name], status.states_progressed)
         if status.episodes is not None:

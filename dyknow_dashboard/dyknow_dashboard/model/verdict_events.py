@@ -7,6 +7,9 @@ Events of an evaluation, from its reports:
     the evaluation has ended with a verdict          true or false
     it has ended with an error, or was lost          violation
     it was cancelled, or its timeout has passed      none
+
+An evaluation that ends with an error before its first state, after one of the same formula that has
+failed so, too, has no event: a client retries the formula while the cause lasts.
 """
 
 from __future__ import annotations
@@ -68,15 +71,19 @@ class VerdictWatch:
     def __init__(self, counts: EventCounts) -> None:
         self._counts = counts
         self._known: dict[str, EvaluationStatus] | None = None
+        self._broken: set[tuple[str, str]] = set()
+        """The names and texts of formulas that have had no state since an error."""
 
     def update(self, statuses: Sequence[EvaluationStatus], now: int) -> list[VerdictEvent]:
         """Return the events since the report before, given all statuses and the time of the day."""
         before, reported = self._known or {}, dict(keyed(statuses))
         gone = {key: lost(each) for key, each in before.items() if key not in reported}
         is_first, self._known = self._known is None, reported
+        present = reported | gone
+        self._broken &= {(each.name, each.text) for each in present.values()}
         return [
             replace(each, known_at=now, may_be_known=is_first)
-            for key, status in (reported | gone).items()
+            for key, status in present.items()
             for each in self._events(before.get(key), status)
         ]
 
@@ -103,11 +110,21 @@ class VerdictWatch:
             if before is not None and missed > 0:
                 self._counts['report', 'more episodes than it names'] += missed
         was_over = before is not None and before.phase is EvaluationPhase.ENDED
-        if was_over or status.phase is not EvaluationPhase.ENDED:
+        if was_over or not self._is_change(status):
             return
         word, text = outcome(status), reason_of(status)
         if status.error is not None:
-            if status.error.code not in ENDS:
-                yield event(TriggerEvent.VIOLATION, word, status.latest_valid_time, text)
+            yield event(TriggerEvent.VIOLATION, word, status.latest_valid_time, text)
         elif status.episodes is None and status.verdict is not Verdict.UNDECIDED:
             yield event(TriggerEvent(word), word, status.decided_at, text)
+
+    def _is_change(self, status: EvaluationStatus) -> bool:
+        """Return True if an evaluation has ended, and its end may be an event."""
+        formula, has_ended = (status.name, status.text), status.phase is EvaluationPhase.ENDED
+        is_error = has_ended and status.error is not None and status.error.code not in ENDS
+        is_retry = is_error and not status.states_progressed and formula in self._broken
+        if is_error:
+            self._broken.add(formula)
+        elif has_ended or status.states_progressed:
+            self._broken.discard(formula)
+        return has_ended and not is_retry and (is_error or status.error is None)
