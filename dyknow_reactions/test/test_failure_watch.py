@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 from dyknow_common import SECOND_NS, BlackBoxOptions, ExitCode, Verdict
@@ -144,3 +145,48 @@ def test_a_clock_that_jumps_back_closes_boxes() -> None:
     watch.update([RUNNING], 20 * S)
     watch.request('a', 30 * S)
     assert len(watch.due(1 * S)) == 1
+
+
+def test_repeated_failures_leave_boxes_for_first_ones() -> None:
+    watch = FailureWatch(0, 10)
+    error = CoordinationError('silent', ExitCode.CONSTRAINT_VIOLATION)
+    running = [replace(RUNNING, name=name) for name in ('inv', 'resp', 'standing')]
+    written, lost = Counter[str](), Counter[str]()
+
+    def report(second: int, *statuses: EvaluationStatus) -> None:
+        lost.update(each.failure.reason for each in watch.update(statuses, second * S))
+        # Each box is due before the next failure.
+        written.update(each.failure.reason for each in watch.due((second + 40) * S))
+
+    for attempt in range(6):
+        attempts = [replace(each, started=attempt * S) for each in running]
+        report(10 + attempt, *attempts)
+        violated_ones = [
+            replace(each, phase=EvaluationPhase.ENDED, verdict=Verdict.UNDECIDED, error=error)
+            for each in attempts
+        ]
+        report(10 + attempt, *violated_ones)
+    assert (written, lost) == ({'violation': 7}, {'violation': 11})
+    last = [replace(each, started=9 * S) for each in running]
+    report(20, *last)
+    false_ones = [replace(FALSE, name=each.name, started=9 * S) for each in last[:2]]
+    report(21, *false_ones, last[2])
+    assert (written['false'], lost['false']) == (2, 0)
+    report(22, violated(last[2], 22 * S))
+    assert (written['episode'], lost['episode']) == (1, 0)
+    report(23, violated(last[2], 22 * S, 23 * S))
+    assert (written['episode'], lost['episode']) == (1, 1)
+
+
+def test_a_formula_by_itself_has_most_boxes_of_a_minute() -> None:
+    watch = FailureWatch(0, 10)
+    lost = []
+    for second in range(20):
+        begins = [each * S for each in range(second)]
+        lost += watch.update([violated(RUNNING, *begins)], second * S)
+        watch.due((second + 40) * S)
+    assert len(lost) == 10
+    assert lost[0].error == (
+        '9 black boxes have been written within a minute; further ones are kept for other failures '
+        "(the limit 'max_per_minute' is 10); raise it, or make the formula fail less often"
+    )

@@ -10,6 +10,10 @@ Example: `before` is 10 s, `after` is 2 s.
 
 A box goes on for `before` + `after` at most after the report of its first failure; a later failure
 has a box of its own.
+
+The number of boxes in a minute is limited. Some of them are kept for formulas that have had none
+for the same reason in this minute, so that the retries of a formula, or its episodes, take no box
+from the first failure of another one, nor from another kind of failure of its own.
 """
 
 from __future__ import annotations
@@ -122,7 +126,7 @@ class FailureWatch:
     limit: int
     watched: dict[FormulaKey, BoxedFormula] = field(default_factory=dict)
     _ended: set[FormulaKey] = field(default_factory=set)
-    _opened: deque[int] = field(default_factory=deque)
+    _opened: deque[tuple[int, str, str]] = field(default_factory=deque)
 
     def update(self, statuses: Iterable[EvaluationStatus], now: int) -> list[LostFailure]:
         """Process a report on all formulas; return the failures that are not recorded."""
@@ -201,15 +205,9 @@ class FailureWatch:
         before, after = watched.options.before, watched.options.after
         if watched.extend(now):
             return ()
-        while self._opened and self._opened[0] <= now - _MINUTE_NS:
-            self._opened.popleft()
-        if len(self._opened) >= self.limit:
-            error = (
-                f'{self.limit} black boxes have been written within a minute (the limit '
-                "'max_per_minute'); raise it, or make the formula fail less often"
-            )
+        if error := self._refusal(key[0], failure.reason, now):
             return (LostFailure(watched.status, failure, error),)
-        self._opened.append(now)
+        self._opened.append((now, key[0], failure.reason))
         watched.box = OpenBox(
             key,
             failure,
@@ -219,6 +217,23 @@ class FailureWatch:
             max(now, failure.time) + before + after,
         )
         return ()
+
+    def _refusal(self, name: str, reason: str, now: int) -> str:
+        """Return why a failure of a formula gets no box; empty if it gets one."""
+        while self._opened and self._opened[0][0] <= now - _MINUTE_NS:
+            self._opened.popleft()
+        count, kept = len(self._opened), 0
+        if reason != REQUEST and any(each[1:] == (name, reason) for each in self._opened):
+            # Between two retries, a formula is not watched.
+            names = {each for each, _ in self.watched} | {each for _, each, _ in self._opened}
+            kept = min(self.limit // 2, len(names))
+        if count + kept < self.limit:
+            return ''
+        others = '; further ones are kept for other failures' if count < self.limit else ''
+        return (
+            f'{count} black boxes have been written within a minute{others} (the limit '
+            f"'max_per_minute' is {self.limit}); raise it, or make the formula fail less often"
+        )
 
     def _goes_on(self, key: FormulaKey, now: int) -> bool:
         """Return True if a box of an earlier evaluation of a formula records its failure, too."""

@@ -58,7 +58,10 @@ _LIMITS = {
     'memory_messages': (200_000, 'Messages that are kept in memory.'),
     'folder_bytes': (1_000_000_000, 'Bytes of all boxes; the oldest are removed for new ones.'),
     'max_boxes': (100, 'Boxes in the folder; the oldest are removed for new ones.'),
-    'max_per_minute': (10, 'Boxes that are written within a minute.'),
+    'max_per_minute': (
+        10,
+        'Boxes that are written within a minute; up to half are kept for first failures.',
+    ),
 }
 
 
