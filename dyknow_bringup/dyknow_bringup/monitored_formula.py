@@ -11,6 +11,7 @@ from rich.text import Text
 
 from dyknow_bringup.errors import BringupError
 from dyknow_common import (
+    ExitCode,
     Margin,
     ProbabilityInterval,
     Verdict,
@@ -116,12 +117,14 @@ def identity(status: EvaluationStatus) -> Identity:
 def is_any_evaluated(
     formulas: Sequence[MonitoredFormula], statuses: Iterable[EvaluationStatus]
 ) -> bool:
-    """Return True if an evaluation is of one of these formulas.
+    """Return True if an evaluation is of one of these formulas, and was not cancelled.
+
+    A cancelled one had another client, which has ended: no client will evaluate it again.
 
     Raises:
         BringupError: if one that goes on is of another formula of the same name.
     """
-    evaluated = {identity(each): each for each in statuses}
+    evaluated = {identity(each): each for each in statuses if not _is_cancelled(each)}
     wanted = {each.identity for each in formulas}
     names = {name for name, _, _ in wanted}
     for other, status in evaluated.items():
@@ -133,6 +136,10 @@ def is_any_evaluated(
                 f'{status.text} ({asked}); start "dyknow up" anew with this file, or rename one'
             )
     return not evaluated.keys().isdisjoint(wanted)
+
+
+def _is_cancelled(status: EvaluationStatus) -> bool:
+    return status.error is not None and status.error.code is ExitCode.CANCELLED
 
 
 def formula_table(monitored: Sequence[MonitoredFormula], start: int, elapsed: int) -> Table:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import io
 from contextlib import nullcontext
+from dataclasses import replace
 
 import pytest
 
 from dyknow_bringup.errors import BringupError
 from dyknow_bringup.monitored_formula import MonitoredFormula, formula_table, is_any_evaluated
-from dyknow_common import SECOND_NS, clock_time
+from dyknow_common import SECOND_NS, DyKnowError, ExitCode, clock_time
 from dyknow_common.tables import Terminal
 from dyknow_configuration import RequestedFormula
 from dyknow_coordinator import EvaluationPhase, EvaluationStatus, StandingVerdicts, as_reported
@@ -73,6 +74,21 @@ def test_no_other_formula_of_the_same_name_is_shown(
     refused = pytest.raises(BringupError, match=f"'lim': .* another .*, {text} .at every state.;")
     with refused if is_evaluated is None else nullcontext():
         assert is_any_evaluated([MonitoredFormula(asked)], [running]) is is_evaluated
+
+
+def test_what_a_client_has_cancelled_is_not_evaluated() -> None:
+    ended = EvaluationStatus(
+        'lim',
+        'x < 5',
+        EvaluationPhase.ENDED,
+        started=1,
+        formula_text='x < 5',
+        error=DyKnowError('cancelled by the caller', ExitCode.CANCELLED),
+    )
+    asked = MonitoredFormula(RequestedFormula('x < 5', 'lim'))
+    assert not is_any_evaluated([asked], [ended])
+    violated = replace(ended, error=DyKnowError('/a is silent', ExitCode.CONSTRAINT_VIOLATION))
+    assert is_any_evaluated([asked], [ended, replace(violated, started=2)])
 
 
 def test_a_formula_whose_text_is_too_long_for_reports_is_found() -> None:

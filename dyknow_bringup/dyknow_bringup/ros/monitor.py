@@ -2,7 +2,8 @@
 
 `dyknow up robot.yaml` runs a `formula_monitor`. Another one for the same formulas would evaluate
 each of them again, and run their triggers twice. So the command then shows what the running monitor
-has found.
+has found. Reports do not name the client of an evaluation: while a `formula_monitor` runs, the
+command also shows formulas that another client evaluates, such as another `dyknow monitor`.
 """
 
 from __future__ import annotations
@@ -395,7 +396,11 @@ def _watching(
             _report(node, monitored, as_json=options.json)
 
         if is_monitored([MonitoredFormula(each) for each in formulas], options.coordinator):
-            sys.stderr.write(f'formulas are shown as {MONITOR} monitors them, which runs already\n')
+            # A report does not name the client of an evaluation.
+            sys.stderr.write(
+                'formulas are shown as the system evaluates them already, for '
+                f'{MONITOR} or another client\n'
+            )
             node = AttachedMonitor(formulas, report, name=name)
         else:
             node = FormulaMonitor(formulas, report, name=name, retries=options.retry)
