@@ -25,6 +25,7 @@ from dyknow_reactions.black_box.box_content import (
     StateOrigin,
     content_of,
     first_state,
+    lack_of_messages,
     objects_fault,
     state_origin,
     stream_text,
@@ -192,6 +193,27 @@ def test_a_box_says_that_its_objects_are_unknown() -> None:
     origin.objects_fault = 'the ontology manager does not answer'
     content = content_of(box, origin, [], {}, {})
     assert (content.domains, list(content.faults)) == ({}, [origin.objects_fault])
+
+
+@pytest.mark.parametrize(
+    ('formula', 'decided_at', 'first', 'is_told'),
+    [
+        # Recorded from 20 s on.
+        ('always a.b < 1', 19 * S, None, True),
+        ('always a.b < 1', 21 * S, None, False),
+        ('always (P -> eventually[0 s, 2 s] Q)', 21 * S, None, True),
+        ('always (P -> eventually[0 s, 2 s] Q)', 21 * S, 19 * S, True),
+        ('always (P -> eventually[0 s, 2 s] Q)', 21 * S, 20 * S, False),
+        ('a text that is too long for a rep...', 19 * S, None, True),
+        ('always a.b < 1', None, None, False),
+    ],
+)
+def test_a_failure_from_before_the_recording_is_told(
+    formula: str, decided_at: int | None, first: int | None, *, is_told: bool
+) -> None:
+    failure = FormulaFailure('false', 22 * S, decided_at)
+    text = lack_of_messages(formula, failure, first, 20 * S)
+    assert text.startswith('the topics of the formula are recorded from 20.000 s on') == is_told
 
 
 def test_a_limit_of_the_file_system_is_an_error_and_leaves_nothing(tmp_path: Path) -> None:

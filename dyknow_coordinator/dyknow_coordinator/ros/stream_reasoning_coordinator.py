@@ -168,6 +168,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             'formulas that are evaluated at once',
         )
         evaluation = FormulaEvaluation(self._shared, self._groups, request, self._publish_soon)
+        evaluation.on_topics = self._report.publish
         self._evaluations.append(evaluation)
         self._forget_superseded(evaluation)
         self._publish_soon()

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints
+from dyknow_common import NO_CONSTRAINTS, DyKnowError, StreamConstraints, round_time
 from dyknow_coordinator import (
     EvaluationStatus,
     KnownStream,
@@ -14,9 +14,9 @@ from dyknow_coordinator import (
     feature_symbols,
     parse_sources,
 )
-from dyknow_reactions.black_box.failures import OpenBox
+from dyknow_reactions.black_box.failures import FormulaFailure, OpenBox
 from dyknow_reasoning import FormulaGroup
-from dyknow_recordings import BlackBoxContent
+from dyknow_recordings import BlackBoxContent, horizon
 from dyknow_stream_processing import (
     SinkDeclaration,
     StreamDeclaration,
@@ -185,6 +185,7 @@ def content_of(
     states: Sequence[RecordedStateNumber],
     versions: Mapping[str, str],
     configuration: Mapping[str, str],
+    recorded_from: int = 0,
 ) -> BlackBoxContent:
     """Return the content of a black box.
 
@@ -194,11 +195,14 @@ def content_of(
         states: that are recorded.
         versions: of the programs.
         configuration: texts that the system was configured with.
+        recorded_from: the time from which on all topics of the formula are received, nanoseconds.
     """
     status, failure, latest = box.status, box.failure, origin.status
     begin, is_complete = first_state(
         states, latest.states_progressed, latest.latest_valid_time, status.started
     )
+    first = begin if is_complete else None
+    lack = lack_of_messages(status.formula, failure, first, recorded_from)
     return BlackBoxContent(
         name=status.name,
         formula=status.formula,
@@ -214,9 +218,34 @@ def content_of(
         constraints=str(_with_phase(origin.origin.constraints, begin, box.begin)),
         streams=origin.origin.streams,
         domains=origin.domains or {},
-        faults=_faults(status.formula, origin),
+        faults=[*_faults(status.formula, origin), *filter(None, [lack])],
         versions=versions,
         configuration=configuration,
+    )
+
+
+def lack_of_messages(
+    formula: str, failure: FormulaFailure, first: int | None, recorded_from: int
+) -> str:
+    """Return that a failure may depend on messages from before the recording; empty if it does not.
+
+    Args:
+        formula: its canonical text.
+        failure: that was recorded.
+        first: the valid time of its first state, if that is recorded, nanoseconds.
+        recorded_from: the time from which on all its topics are received.
+    """
+    if failure.decided_at is None or (first is not None and first >= recorded_from):
+        return ''
+    try:
+        begin = failure.decided_at - horizon(formula)
+    except DyKnowError:  # Reports have the begin of a long text only.
+        begin = failure.decided_at
+    if begin >= recorded_from:
+        return ''
+    return (
+        f'the topics of the formula are recorded from {round_time(recorded_from)} on, after states '
+        'that its verdict depends on: messages may be missing'
     )
 
 

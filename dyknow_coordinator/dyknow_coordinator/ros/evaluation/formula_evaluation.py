@@ -106,6 +106,7 @@ class FormulaEvaluation(Evaluation):
         needs_peers: True if peers evaluate parts of it.
         on_progress: called for each FormulaProgress and FormulaEpisodes, and when the evaluation
             begins to wait.
+        on_topics: called before its first state if it has a black box: the recorder must subscribe.
     """
 
     def __init__(
@@ -125,6 +126,7 @@ class FormulaEvaluation(Evaluation):
         self.progress = Progress()
         self.margin: Margin | None = None
         self.on_progress: Callable[[], None] = lambda: None
+        self.on_topics: Callable[[], None] = lambda: None
         self.history = History()
         self.episodes = StandingVerdicts()
         self._is_last_report = False
@@ -558,6 +560,8 @@ class FormulaEvaluation(Evaluation):
         except DyKnowError:
             self._context.cleanup.destroy_group(prepared.group_id)
             raise
+        if self.request.record is not None:
+            self.on_topics()
         if group is not None:
             self._context.cleanup.destroy_group(prepared.group_id)
             await group.join(self, prepared.formula, margin=self.request.margin)

@@ -44,7 +44,7 @@ class EvaluationsReport:
         self._statuses = statuses
         self._nodes = nodes
         self._silence_limit_s = silence_limit_s
-        self._changes = ChangeBatch(node, COLLECTION_S, self._publish_changes)
+        self._changes = ChangeBatch(node, COLLECTION_S, self.publish)
         self._evaluations = node.create_publisher(EvaluationStatusArray, '~/evaluations', LATCHED)
         self._diagnostics = DiagnosticsPublisher(node)
         node.create_timer(PERIOD_S, self._publish_periodically, clock=node.wall_clock)
@@ -55,6 +55,10 @@ class EvaluationsReport:
         """Publish a report soon: one for all changes within COLLECTION_S."""
         self._changes.add()
 
+    def publish(self) -> None:
+        """Publish a report at once."""
+        self._publish_evaluations(self._statuses())
+
     def _publish_periodically(self) -> None:
         watched = self._evaluations.get_subscription_count() > 0
         diagnosed = self._diagnostics.has_subscribers
@@ -63,9 +67,6 @@ class EvaluationsReport:
             self._publish_evaluations(statuses)
         if diagnosed:
             self._diagnostics.publish([*self._nodes(), *self._diagnoses(statuses)])
-
-    def _publish_changes(self) -> None:
-        self._publish_evaluations(self._statuses())
 
     def _publish_evaluations(self, statuses: Iterable[EvaluationStatus]) -> None:
         self._evaluations.publish(

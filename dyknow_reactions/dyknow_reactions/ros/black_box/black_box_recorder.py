@@ -19,7 +19,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from dyknow_common import DyKnowError, ExitCode, listed, read_text, round_duration
+from dyknow_common import (
+    DyKnowError,
+    ExitCode,
+    listed,
+    read_text,
+    round_duration,
+    with_readable_times,
+)
 from dyknow_common.ros import (
     DiagnosticsPublisher,
     DyKnowNode,
@@ -195,11 +202,13 @@ class BlackBoxRecorder(DyKnowNode):
             return
         now = self.now()
         kept: dict[str, int] = {}
+        states: set[str] = set()
         for key in self._watch.watched:
             begin = self._watch.kept_from(key, now)
+            states.add(self._origins[key].reported_stream)
             for topic in self._origins[key].topics:
                 kept[topic] = min(kept.get(topic, begin), begin)
-        for topic in self._topics.follow(kept):
+        for topic in self._topics.follow(kept, states):
             self._ring.remove(topic)
         # After a pause, a failure may be reported later than REPORT_DELAY_NS.
         for topic, begin in () if is_pause_recent() else kept.items():
@@ -223,12 +232,16 @@ class BlackBoxRecorder(DyKnowNode):
         topics = {topic: offer for topic, offer in offers.items() if offer is not None}
         messages = [each for each in messages if each.topic in topics]
         versions, configuration = _versions(), self._configuration
-        folder = self._folder
+        sources = {self.resolve_topic_name(each) for each in box.status.topics}
+        recorded_from = self._topics.recorded_from({*sources, origin.state_stream})
+        folder, logger = self._folder, self.get_logger()
 
         def write() -> Path:
             states = (each for each in messages if each.topic == origin.state_stream)
             numbers = [_state_number(each) for each in states]
-            content = content_of(box, origin, numbers, versions, configuration)
+            content = content_of(box, origin, numbers, versions, configuration, recorded_from)
+            for fault in content.faults:
+                logger.warning(f'{box.status.name}: {with_readable_times(fault)}')
             return folder.write(content, box.failure.time, messages, topics)
 
         dropped = self._ring.dropped_in(origin.topics, box.begin, box.end)

@@ -61,7 +61,9 @@ class FormulaOrigins:
         # After the end, there is no state stream any more.
         if status.states_progressed and status.state_stream in {'', found.state_stream}:
             found.status = status
-        is_canonical = status.phase not in {EvaluationPhase.GROUNDING, EvaluationPhase.ENDED}
+        is_evaluated = status.phase not in {EvaluationPhase.GROUNDING, EvaluationPhase.ENDED}
+        # It is when its group is known; the first state may end it.
+        is_canonical = is_evaluated or status.formula_group_id or status.states_progressed
         if is_canonical and key not in self._searches:
             self._searches[key] = Future()
             self._node.spawn(self._search, status.formula, found, self._searches[key])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -20,14 +20,22 @@ from dyknow_stream_processing.ros import (
     time_of_receipt,
 )
 
+STATES: Final = Publication('dyknow_interfaces/msg/Sample')
+"""How a state stream will be published."""
+
 _STEP_BACK_NS: Final = SECOND_NS
 """The least step back of simulated time after which the messages of before are forgotten."""
 
 
 @dataclass(slots=True)
 class _RawTopic:
-    """A topic with its subscription, once it has a publisher."""
+    """A topic with its subscription, once it has a publisher or its type is known.
 
+    Args:
+        since: the time of the first subscription, nanoseconds; None before it.
+    """
+
+    since: int | None = None
     request: Publication | None = None
     subscription: Any = None
     latest: int = 0
@@ -67,15 +75,31 @@ class RawTopics:
         held = self._topics.get(topic)
         return None if held is None else held.offer
 
-    def follow(self, topics: Collection[str]) -> list[str]:
-        """Subscribe to these topics and no others; return the topics that were dropped."""
+    def recorded_from(self, topics: Iterable[str]) -> int:
+        """Return the time from which on all of these topics are received, nanoseconds.
+
+        Topics without a subscription, which nobody has published yet, and latched ones, whose
+        latest message comes later, too, are left out.
+        """
+        held = (self._topics[each] for each in topics if each in self._topics)
+        times = (each.since or 0 for each in held if not (each.request and each.request.latched))
+        return max(times, default=0)
+
+    def follow(self, topics: Collection[str], states: Collection[str] = ()) -> list[str]:
+        """Subscribe to these topics and no others; return the topics that were dropped.
+
+        Args:
+            topics: all topics.
+            states: those among them that are state streams. They are subscribed to before they are
+                published, as their first states may be decisive.
+        """
         gone = [each for each in self._topics if each not in topics]
         for topic in gone:
             self._unsubscribe(self._topics.pop(topic))
         for topic in topics:
             held = self._topics.setdefault(topic, _RawTopic())
             try:
-                self._refresh(topic, held)
+                self._refresh(topic, held, STATES if topic in states else None)
                 held.fault = ''
             except (DyKnowError, RCLError) as error:
                 held.fault = f'{topic} is not recorded: {one_line(error)}'
@@ -83,25 +107,32 @@ class RawTopics:
             self._node.get_logger().warning(fault)
         return gone
 
-    def _refresh(self, topic: str, held: _RawTopic) -> None:
+    def _refresh(self, topic: str, held: _RawTopic, expected: Publication | None) -> None:
         found = find_publication(self._node, topic)
         if found is None:
+            if expected is not None and held.subscription is None:
+                self._subscribe(topic, held, expected)
             return
         request = next_request(held.request, found)
         if held.request is None or held.request.publishers != found.publishers:
             held.offer = TopicOffer(request.type_name, self._offers(topic))
         is_suited = held.request is not None and request.suits(held.request)
         if held.subscription is None or not is_suited:
-            self._unsubscribe(held)
-            held.subscription = self._node.create_subscription(
-                message_class(request.type_name),
-                topic,
-                partial(self._receive, topic, held),
-                request.quality_of_service,
-                raw=True,
-                callback_group=self._node.reentrant,
-            )
+            self._subscribe(topic, held, request)
         held.request = request
+
+    def _subscribe(self, topic: str, held: _RawTopic, request: Publication) -> None:
+        self._unsubscribe(held)
+        held.subscription = self._node.create_subscription(
+            message_class(request.type_name),
+            topic,
+            partial(self._receive, topic, held),
+            request.quality_of_service,
+            raw=True,
+            callback_group=self._node.reentrant,
+        )
+        held.request = request
+        held.since = held.since or self._node.now()
 
     def _offers(self, topic: str) -> tuple[tuple[bool, bool, int], ...]:
         profiles = [info.qos_profile for info in self._node.get_publishers_info_by_topic(topic)]
