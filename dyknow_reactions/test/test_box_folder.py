@@ -195,6 +195,16 @@ def test_a_box_says_that_its_objects_are_unknown() -> None:
     assert (content.domains, list(content.faults)) == ({}, [origin.objects_fault])
 
 
+def test_the_box_of_a_formula_is_found(tmp_path: Path) -> None:
+    folder = BoxFolder(tmp_path / 'boxes', 'a', 10**9, 5)
+    assert not folder.has_box(CONTENT.name, 0)
+    path = folder.write(CONTENT, 0, [], {})
+    written = path.stat().st_mtime_ns
+    assert folder.has_box(CONTENT.name, written)
+    assert not folder.has_box(CONTENT.name, written + 1)
+    assert not folder.has_box(f'{CONTENT.name} 2', 0)
+
+
 @pytest.mark.parametrize(
     ('formula', 'decided_at', 'first', 'is_told'),
     [

@@ -104,6 +104,23 @@ def test_failures_before_the_start_are_not_recorded() -> None:
     assert watch.update([replace(FALSE, name='b')], 30 * S) == []
 
 
+def test_what_a_killed_recorder_has_lost_is_told() -> None:
+    watch = FailureWatch(40 * S, 5)
+    silent = CoordinationError('late', ExitCode.CONSTRAINT_VIOLATION)
+    violated_one = replace(FALSE, verdict=Verdict.UNDECIDED, decided_at=None, error=silent)
+    for status, times in (
+        (FALSE, [29 * S]),
+        (violated(RUNNING, 2 * S, 38 * S), [38 * S]),
+        (replace(violated_one, latest_valid_time=39 * S), [39 * S]),
+        # Of long ago, of this run, and none.
+        (replace(FALSE, decided_at=9 * S), []),
+        (replace(FALSE, started=41 * S, decided_at=42 * S), []),
+        (violated_one, []),
+        (RUNNING, []),
+    ):
+        assert [each.failure.time for each in watch.missed([status])] == times
+
+
 def test_a_failure_that_was_never_seen_to_run_is_told() -> None:
     watch = FailureWatch(0, 5)
     (lost,) = watch.update([FALSE], 30 * S)

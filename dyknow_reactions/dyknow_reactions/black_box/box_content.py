@@ -185,7 +185,6 @@ def content_of(
     states: Sequence[RecordedStateNumber],
     versions: Mapping[str, str],
     configuration: Mapping[str, str],
-    recorded_from: int = 0,
 ) -> BlackBoxContent:
     """Return the content of a black box.
 
@@ -195,14 +194,11 @@ def content_of(
         states: that are recorded.
         versions: of the programs.
         configuration: texts that the system was configured with.
-        recorded_from: the time from which on all topics of the formula are received, nanoseconds.
     """
     status, failure, latest = box.status, box.failure, origin.status
     begin, is_complete = first_state(
         states, latest.states_progressed, latest.latest_valid_time, status.started
     )
-    first = begin if is_complete else None
-    lack = lack_of_messages(status.formula, failure, first, recorded_from)
     return BlackBoxContent(
         name=status.name,
         formula=status.formula,
@@ -218,7 +214,7 @@ def content_of(
         constraints=str(_with_phase(origin.origin.constraints, begin, box.begin)),
         streams=origin.origin.streams,
         domains=origin.domains or {},
-        faults=[*_faults(status.formula, origin), *filter(None, [lack])],
+        faults=_faults(box, origin, begin if is_complete else None),
         versions=versions,
         configuration=configuration,
     )
@@ -249,8 +245,9 @@ def lack_of_messages(
     )
 
 
-def _faults(formula: str, origin: FormulaOrigin) -> Sequence[str]:
-    faults = set(origin.faults)
+def _faults(box: OpenBox, origin: FormulaOrigin, first: int | None) -> Sequence[str]:
+    formula = box.status.formula
+    faults = {*origin.faults, lack_of_messages(formula, box.failure, first, box.recorded_from)}
     has_states = origin.has_streams and origin.origin.states
     if not has_states:
         faults.add('the stream manager had not reported the streams of the formula')

@@ -144,6 +144,18 @@ class BoxFolder:
                 shutil.rmtree(oldest)
                 self.removed += 1
 
+    def has_box(self, name: str, since: int) -> bool:
+        """Return True if a box of a formula was written at a time or later, nanoseconds."""
+        try:
+            boxes = self._boxes().items()
+        except OSError:
+            return False
+        stem = re.compile(rf'{_word(name)}(_\d+)?')
+        return any(
+            time >= since and stem.fullmatch(path.name.partition('_')[2])
+            for path, (time, _) in boxes
+        )
+
     def _boxes(self) -> dict[Path, tuple[int, int]]:
         """Return the time and the size of each black box; nothing else in the folder is one."""
         found = {}

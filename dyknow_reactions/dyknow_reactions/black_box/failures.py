@@ -29,6 +29,9 @@ from dyknow_coordinator import EvaluationPhase, EvaluationStatus
 REPORT_DELAY_NS: Final = 5 * SECOND_NS
 """The time that a failure may take to be reported."""
 
+RECENT_NS: Final = 30 * SECOND_NS
+"""The time before the start in which a former run of the recorder may have lost a failure."""
+
 _MINUTE_NS: Final = 60 * SECOND_NS
 
 FALSE: Final = 'false'
@@ -69,6 +72,7 @@ class OpenBox:
         end: of the time.
         last_end: the latest time to which later failures may extend it.
         failures: their number.
+        recorded_from: the time from which on all topics of the formula are received, nanoseconds.
     """
 
     key: FormulaKey
@@ -78,6 +82,7 @@ class OpenBox:
     end: int
     last_end: int
     failures: int = 1
+    recorded_from: int = 0
 
 
 @dataclass(slots=True)
@@ -141,6 +146,25 @@ class FailureWatch:
         for key in [each for each in self.watched if each not in reported]:
             self._end(key)
         return lost
+
+    def missed(self, statuses: Iterable[EvaluationStatus]) -> list[LostFailure]:
+        """Return the failures in the first report that a former run may not have recorded.
+
+        They were known shortly before the start, or between it and this report.
+        """
+        begin = self.started_at - RECENT_NS
+        found: list[LostFailure] = []
+        for status in statuses:
+            time = status.latest_valid_time or 0
+            failure = _failure(status, 0, time) if status.started < self.started_at else None
+            if failure is not None and failure.reason == EPISODE and status.episodes is not None:
+                latest = status.episodes.latest_episodes[-1]
+                at = latest.decided_at
+                failure = FormulaFailure(EPISODE, at, at, latest.explanation)
+            if failure is not None and failure.time > begin:
+                error = 'the formula has failed while no recorder ran: there is no black box of it'
+                found.append(LostFailure(status, failure, error))
+        return found
 
     def request(self, name: str, now: int) -> tuple[list[OpenBox], list[LostFailure]]:
         """Open boxes of the formulas of a name, or of all if it is empty, as if they failed now."""

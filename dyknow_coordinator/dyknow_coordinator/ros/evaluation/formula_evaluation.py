@@ -29,10 +29,7 @@ from dyknow_common import (
     one_line,
     without_generated_text,
 )
-from dyknow_common.ros import (
-    from_message,
-    to_message,
-)
+from dyknow_common.ros import from_message, to_message
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import (
     Answer,
@@ -49,10 +46,7 @@ from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
 from dyknow_coordinator.grounding.region_relations import ground_features
 from dyknow_coordinator.grounding.state_specification import FormulaInputs
-from dyknow_coordinator.grounding.units import (
-    feature_units,
-    with_unit,
-)
+from dyknow_coordinator.grounding.units import feature_units, with_unit
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.reporting.peer_reasons import with_reasons_of_peers
 from dyknow_coordinator.ros.context import CoordinatorContext, check_domains

@@ -6,7 +6,7 @@ ros2 run dyknow_reactions black_box_recorder --ros-args -p folder:=/data/black_b
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,6 +22,7 @@ from rclpy.task import Future
 from dyknow_common import (
     DyKnowError,
     ExitCode,
+    clock_time,
     listed,
     read_text,
     round_duration,
@@ -110,6 +111,7 @@ class BlackBoxRecorder(DyKnowNode):
         self._written: dict[OpenBox, Future] = {}
         self._written_count = 0
         self._latest_fault = ''
+        self._has_report = False
         self._reported_drops = 0
         self._boxes = self.create_publisher(BlackBoxReport, '~/black_boxes', BOXES)
         self._diagnostics = DiagnosticsPublisher(self)
@@ -146,6 +148,9 @@ class BlackBoxRecorder(DyKnowNode):
     def _on_evaluations(self, report: Any) -> None:
         statuses = [status_from_message(each) for each in report.evaluations if each.record]
         known = set(self._watch.watched)
+        if not self._has_report:
+            self._has_report = True
+            self._warn_of_missed(statuses)
         lost = self._watch.update(statuses, self.now())
         for status in statuses:
             key = status.name, status.started
@@ -158,6 +163,13 @@ class BlackBoxRecorder(DyKnowNode):
         self._follow_topics()
         for each in lost:
             self._report_fault(each.status, each.failure.reason, each.failure.time, each.error)
+
+    def _warn_of_missed(self, statuses: Sequence[EvaluationStatus]) -> None:
+        """Warn of the failures that a former run, which was killed, has not recorded."""
+        for each in () if self._snapshot is not None else self._watch.missed(statuses):
+            name, time = each.status.name, each.failure.time
+            if not self._folder.has_box(name, time):
+                self.get_logger().warning(f'{name}: {each.error} ({clock_time(time)})')
 
     def _check_folder(self) -> None:
         if fault := self._folder.fault:
@@ -233,13 +245,13 @@ class BlackBoxRecorder(DyKnowNode):
         messages = [each for each in messages if each.topic in topics]
         versions, configuration = _versions(), self._configuration
         sources = {self.resolve_topic_name(each) for each in box.status.topics}
-        recorded_from = self._topics.recorded_from({*sources, origin.state_stream})
+        box.recorded_from = self._topics.recorded_from({*sources, origin.state_stream})
         folder, logger = self._folder, self.get_logger()
 
         def write() -> Path:
             states = (each for each in messages if each.topic == origin.state_stream)
             numbers = [_state_number(each) for each in states]
-            content = content_of(box, origin, numbers, versions, configuration, recorded_from)
+            content = content_of(box, origin, numbers, versions, configuration)
             for fault in content.faults:
                 logger.warning(f'{box.status.name}: {with_readable_times(fault)}')
             return folder.write(content, box.failure.time, messages, topics)
