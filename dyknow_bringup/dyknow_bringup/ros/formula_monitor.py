@@ -43,8 +43,8 @@ NOT_ACCEPTED = 'the coordinator has not accepted it yet'
 RETRY_DELAY_S = 0.5
 """Time until a formula is monitored again after an error worth retrying.
 
-It doubles with each attempt that fails before its first state: a source that stays at fault, such
-as a topic of NaN or a stream that a peer reports as broken, ends each attempt at once.
+It doubles with each attempt that fails before a report on a state: a source that stays at fault,
+such as a topic of NaN or a stream that a peer reports as broken, ends each attempt at once.
 """
 
 MAX_RETRY_DELAY_S = 5.0

@@ -8,8 +8,8 @@ Events of an evaluation, from its reports:
     it has ended with an error, or was lost          violation
     it was cancelled, or its timeout has passed      none
 
-An evaluation that ends with an error before its first state, after one of the same formula that has
-failed so, too, has no event: a client retries the formula while the cause lasts.
+An evaluation that ends with an error at its first state or before, after one of the same formula
+that has ended with an error, has no event: a client retries the formula while the cause lasts.
 """
 
 from __future__ import annotations
@@ -122,7 +122,8 @@ class VerdictWatch:
         """Return True if an evaluation has ended, and its end may be an event."""
         formula, has_ended = (status.name, status.text), status.phase is EvaluationPhase.ENDED
         is_error = has_ended and status.error is not None and status.error.code not in ENDS
-        is_retry = is_error and not status.states_progressed and formula in self._broken
+        # The state at fault, such as one with NaN, counts too.
+        is_retry = is_error and status.states_progressed <= 1 and formula in self._broken
         if is_error:
             self._broken.add(formula)
         elif has_ended or status.states_progressed:
