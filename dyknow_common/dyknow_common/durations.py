@@ -43,7 +43,9 @@ MAX_DIGITS: Final = 100
 UNIX_TIMES: Final = 10**9 * SECOND_NS
 """Times from 2001-09-09 on count from 1970; earlier ones belong to a simulation."""
 
-MAX_OFFSET_NS: Final = 7 * 86_400 * SECOND_NS
+DAY_NS: Final = 86_400 * SECOND_NS
+
+MAX_OFFSET_NS: Final = 7 * DAY_NS
 """The longest time from a start that people are shown as an offset from it."""
 
 _UNIX_TIME = re.compile(r'(?<![\w.])([0-9]{10})\.([0-9]{3,9}) s\b')
@@ -172,19 +174,26 @@ def time_since(nanoseconds: int, start: int) -> str:
     return offset if nanoseconds < UNIX_TIMES else f'{offset}, {clock_time(nanoseconds)}'
 
 
-def with_readable_times(text: str, start: int | None = None) -> str:
+def near_time(nanoseconds: int, now: int | None) -> str:
+    """Return a point in time as `clock_time`, or as `date_time` if it is a day or more from now."""
+    is_near = now is None or abs(nanoseconds - now) < DAY_NS
+    return clock_time(nanoseconds) if is_near else date_time(nanoseconds)
+
+
+def with_readable_times(text: str, start: int | None = None, *, now: int | None = None) -> str:
     """Return a text for people with its times as offsets from a start on the same clock.
 
     Args:
         text: such as an explanation, with times as from `format_time`.
         start: in nanoseconds; None if unknown: then times are on the clock, as are those of
             another clock, such as simulated ones, which are more than MAX_OFFSET_NS away.
+        now: if it is given, times on the clock that are a day or more away have a date.
     """
 
     def readable(found: re.Match[str]) -> str:
         nanoseconds = int(found[1]) * SECOND_NS + int(found[2].ljust(9, '0'))
         if start is None or abs(nanoseconds - start) > MAX_OFFSET_NS:
-            return clock_time(nanoseconds)
+            return near_time(nanoseconds, now)
         return round_time(nanoseconds - start)
 
     if start is not None and start < UNIX_TIMES:

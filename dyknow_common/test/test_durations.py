@@ -15,6 +15,7 @@ from dyknow_common import (
     clock_time,
     date_time,
     duration_option,
+    near_time,
     time_since,
     with_readable_times,
 )
@@ -74,3 +75,14 @@ def test_times_for_people() -> None:
 )
 def test_texts_with_times_for_people(text: str, start: int | None, expected: str | None) -> None:
     assert with_readable_times(text, start) == (text if expected is None else expected)
+
+
+@pytest.mark.usefixtures('utc')
+@pytest.mark.parametrize(
+    ('days', 'expected'), [(0, '14:49:09.911'), (2, '2024-03-18 14:49:09.911 UTC')]
+)
+def test_a_time_of_another_day_has_a_date(days: int, expected: str) -> None:
+    now = START + days * 86_400 * SECOND_NS
+    assert with_readable_times('x at 1710773349.911591 s', now=now) == f'x at {expected}'
+    assert near_time(START, now) == expected
+    assert near_time(START, None) == '14:49:09.911'

@@ -19,7 +19,7 @@ from dyknow_common import (
     SECOND_NS,
     DyKnowError,
     ExitCode,
-    clock_time,
+    near_time,
     round_time,
     with_readable_times,
 )
@@ -97,10 +97,10 @@ class MonitorNode(DyKnowNode):
 
     def log(self, monitored: MonitoredFormula) -> None:
         """Log the outcome of a formula: an alarm with the severity of the formula."""
-        logger = self.get_logger()
+        logger, now = self.get_logger(), self.now()
         text = f'{monitored.name}: {monitored.outcome}'
-        text += '' if monitored.known_at is None else f' at {clock_time(monitored.known_at)}'
-        reason = with_readable_times(monitored.explanation)
+        text += '' if monitored.known_at is None else f' at {near_time(monitored.known_at, now)}'
+        reason = with_readable_times(monitored.explanation, now=now)
         text += f': {reason}' if reason else ''
         # A formula that is not violated in its time ends with TIMEOUT. A logger of rclpy has one
         # severity for each call in the code.

@@ -190,7 +190,8 @@ class StreamReasoningCoordinator(DyKnowNode):
         level = alarm_level(status, is_monitored=evaluation.request.is_monitored)
         if level is not Level.OK:
             logger = evaluation.logger
-            text = f'{status.name}: {with_readable_times(diagnosis_of_ended(status).text)}'
+            reason = with_readable_times(diagnosis_of_ended(status).text, now=self.now())
+            text = f'{status.name}: {reason}'
             # A logger of rclpy has one severity for each call in the code.
             if level is Level.ERROR:
                 logger.error(text)
