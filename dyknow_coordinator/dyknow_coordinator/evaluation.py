@@ -151,10 +151,15 @@ class Progress:
     def with_episodes(self, episodes: StandingVerdicts | None) -> Progress:
         """Return the progress with the verdicts at every state; None: the formula is asked once.
 
-        The engine reports on both in two messages: without verdicts, no state is known yet.
+        The engine reports on both in two messages. Without verdicts, no state is known yet; with
+        verdicts, their states have been progressed, even if the report on the progress is older.
         """
-        is_known = episodes is None or episodes.states > 0
-        return replace(self if is_known else Progress(), episodes=episodes)
+        if episodes is None:
+            return replace(self, episodes=None)
+        if not episodes.states:
+            return Progress(episodes=episodes)
+        states = max(self.states_progressed, episodes.states)
+        return replace(self, states_progressed=states, episodes=episodes)
 
 
 MAX_EVENTS: Final = 20

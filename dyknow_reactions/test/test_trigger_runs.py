@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dyknow_common import Margin, Verdict
+from dyknow_common import DyKnowError, ExitCode, Margin, Verdict
 from dyknow_configuration import RequestedFormula, Trigger, TriggerEvent, TriggerKind
-from dyknow_coordinator import Progress, StandingVerdicts, ViolationEpisode
+from dyknow_coordinator import Answer, Progress, StandingVerdicts, ViolationEpisode
 from dyknow_reactions.triggers import (
     FIRST_BACKOFF,
     MAX_BACKOFF,
@@ -183,3 +183,18 @@ def test_an_alarm_lasts_until_the_restarted_formula_holds() -> None:
         ]
     ]
     assert found == [[TriggerEvent.FALSE], [], [], [TriggerEvent.CLEAR]]
+
+
+def test_a_violation_ends_before_the_episode_that_follows_it() -> None:
+    """The first report on the new states tells their verdicts, and no progress yet."""
+    events = FormulaEvents(RequestedFormula('p', every_state=True))
+    gap = Answer(error=DyKnowError('a gap', ExitCode.CONSTRAINT_VIOLATION))
+    episode = ViolationEpisode(1, 1, 1, 1, has_ended=False, explanation='so')
+    violated = StandingVerdicts(0, 1, 0, 0, True, 1, (episode,))
+    assert [each.event for each in events.on_answer(gap, 0)] == [TriggerEvent.VIOLATION]
+    found = [
+        each.event
+        for progress in (Progress(), Progress(4), Progress(8))
+        for each in events.on_progress(progress.with_episodes(violated), 0)
+    ]
+    assert found == [TriggerEvent.CLEAR, TriggerEvent.FALSE]
