@@ -11,7 +11,9 @@ a plan with a formula `p`, an action `fly` with three formulas (`b` BEFORE, `w` 
     a                                          |------------------------------|
 
 So `begin()` starts `p` and `b`; `report('fly', STARTED)` withdraws `b` and starts `w`. A formula
-with a verdict is not withdrawn. The plan ends when all actions have succeeded or failed.
+with a verdict is not withdrawn. States come later than they are valid, so a withdrawn formula may
+still get a verdict, from a state of its period. The plan ends when all actions have succeeded or
+failed.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 from typing import Final
 
-from dyknow_common import DyKnowError, ExitCode, Verdict, listed
+from dyknow_common import DyKnowError, ExitCode, Verdict, listed, round_duration
 from dyknow_coordinator.errors import CoordinationError
 
 
@@ -152,17 +154,26 @@ NO_STATE: Final = 'no state had come'
 """The explanation of a formula that was withdrawn before its first state."""
 
 
-def withdrawal(states: int, *, presumably_false: bool) -> str:
+def withdrawal(
+    states: int, *, presumably_false: bool, unknown: int | None = None, waited_for: str = ''
+) -> str:
     """Return how a formula stood when it was withdrawn, for people.
 
     Args:
         states: the number of states over which it was evaluated.
         presumably_false: it would have been false without further states.
+        unknown: the last part of its period over which it was not evaluated, in nanoseconds; None
+            if it was evaluated to the end.
+        waited_for: why no state came for a while; empty if states came.
     """
-    if not states:
-        return NO_STATE
     counted = f'{states} state{"s" if states > 1 else ""}'
-    return f'not fulfilled after {counted}' if presumably_false else f'held in {counted}'
+    text = f'not fulfilled after {counted}' if presumably_false else f'held in {counted}'
+    parts = (
+        text if states else NO_STATE,
+        f'not evaluated in the last {round_duration(unknown)}' if states and unknown else '',
+        f'it waited for states: {waited_for}' if waited_for else '',
+    )
+    return '; '.join(filter(None, parts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +185,8 @@ class PlanVerdict:
         presumably_false: True if the formula was withdrawn and would have been false then.
         decided_at: valid time of the deciding state in nanoseconds; None without a verdict, or
             if the verdict needs no state.
-        explanation: the reason for the verdict, or how it stood when it was withdrawn, for people.
+        explanation: the reason for the verdict, how it stood when it was withdrawn, or what it
+            waits for while it runs, for people.
         error: why it cannot be evaluated.
     """
 
@@ -194,7 +206,8 @@ class PlanVerdict:
             return self.verdict.name.lower()
         if self.phase is PlanPhase.WITHDRAWN and self.presumably_false:
             return 'withdrawn (not fulfilled)'
-        if self.phase is PlanPhase.WITHDRAWN and self.explanation not in {'', NO_STATE}:
+        has_states = bool(self.explanation) and not self.explanation.startswith(NO_STATE)
+        if self.phase is PlanPhase.WITHDRAWN and has_states:
             return 'withdrawn (held)'
         return self.phase.name.lower()
 
@@ -305,14 +318,16 @@ class PlanExecution:
     def conclude(
         self, position: FormulaPosition, *, failed: bool = False, violated: bool = False
     ) -> Step:
-        """Record that a running formula has a verdict, or cannot be evaluated.
+        """Record that a formula has a verdict, or cannot be evaluated.
+
+        A withdrawn formula may have a verdict, too, from a late state of its period.
 
         Args:
             position: of the formula.
             failed: it cannot be evaluated.
             violated: its verdict is false.
         """
-        if self._phases[position] is not PlanPhase.RUNNING:
+        if self._phases[position] not in {PlanPhase.RUNNING, PlanPhase.WITHDRAWN}:
             return Step()
         self._phases[position] = PlanPhase.FAILED if failed else PlanPhase.DECIDED
         return self.end() if self.plan.stop_at_violation and (failed or violated) else Step()

@@ -32,6 +32,25 @@ class FormulaInputs:
     unknown: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class PreparedFormula:
+    """A formula in a group of its own, and its inputs.
+
+    Args:
+        name: of the group, and of the state stream that the engine has subscribed to.
+        group_id: at the reasoning engine.
+        formula_id: in the group.
+        formula: its text there, with all sorts, and the units of its features.
+        inputs: of its evaluation.
+    """
+
+    name: str
+    group_id: int
+    formula_id: int
+    formula: str
+    inputs: FormulaInputs
+
+
 def state_specification(sources: Iterable[FeatureSource]) -> str:
     """Return the specification of the state stream: all sources, synchronised (step 6)."""
     distinct = _with_distinct_names(_shared(sources))

@@ -39,6 +39,7 @@ from dyknow_coordinator.ros.answers import (
     verdict_to_message,
 )
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
+from dyknow_stream_processing.ros import PAUSES
 
 Start = Callable[[EvaluationRequest], FormulaEvaluation]
 """Starts the evaluation of a formula."""
@@ -77,6 +78,11 @@ class MonitoredPlan:
         self._start = start
         self._on_change = on_change
         self._evaluations: dict[FormulaPosition, FormulaEvaluation] = {}
+        # What formulas have waited for last.
+        self._waits: dict[FormulaPosition, str] = {}
+        # Of withdrawn formulas, the end of their periods, and how they stood.
+        self._periods_end: dict[FormulaPosition, int] = {}
+        self._withdrawals: dict[FormulaPosition, str] = {}
         self._verdicts = {
             position: PlanVerdict(position, formula.formula)
             for position, formula in plan.formulas_by_position.items()
@@ -91,13 +97,18 @@ class MonitoredPlan:
         """Start the plan."""
         self._take(self._execution.begin())
 
-    def report(self, action: str, event: Event) -> None:
+    def report(self, action: str, event: Event, time: int) -> None:
         """Apply a report on an action.
+
+        Args:
+            action: the name of the action.
+            event: what has happened.
+            time: when it has happened, in nanoseconds.
 
         Raises:
             CoordinationError: if the report is impossible.
         """
-        self._take(self._execution.report(action, event))
+        self._take(self._execution.report(action, event), time)
 
     def cancel(self, reason: str = 'the plan was cancelled before its end') -> None:
         """End the plan early."""
@@ -105,13 +116,19 @@ class MonitoredPlan:
             self.error = CoordinationError(reason, ExitCode.CANCELLED)
             self._take(self._execution.end())
 
-    def _take(self, step: Step) -> None:
+    def _take(self, step: Step, time: int | None = None) -> None:
+        """Take a step; at the end of periods, late states count until a time, in nanoseconds."""
         for position in step.withdraw:
             evaluation = self._evaluations.get(position)
             if evaluation is None:  # It was about to start.
                 self._update(position, phase=PlanPhase.WITHDRAWN, explanation=NO_STATE)
-            else:  # It ends with the last report on it.
-                evaluation.cancel(partial(self._reason, evaluation))
+                continue
+            self._note_wait(position, evaluation)
+            if time is None:  # It ends with the last report on it.
+                evaluation.cancel(partial(self._reason, position, evaluation))
+            else:
+                self._periods_end[position] = time
+                evaluation.withdraw(time, partial(self._reason, position, evaluation))
         for position in step.start:
             # A formula that cannot be started may end the plan before the next one.
             if self._execution.phase(position) is PlanPhase.RUNNING:
@@ -119,8 +136,13 @@ class MonitoredPlan:
         if self._execution.has_ended and not self._evaluations and not self.ended.done():
             self.ended.set_result(None)
 
-    def _reason(self, evaluation: FormulaEvaluation) -> str:
-        return f"withdrawn by plan '{self._execution.plan.name}': {_outcome(evaluation)}"
+    def _reason(
+        self, position: FormulaPosition, evaluation: FormulaEvaluation, end: int | None = None
+    ) -> str:
+        if end is not None and evaluation.silence:
+            self._waits[position] = evaluation.silence
+        text = self._withdrawals[position] = self._standing(position, evaluation, end)
+        return f"withdrawn by plan '{self._execution.plan.name}': {text}"
 
     def _evaluate(self, position: FormulaPosition) -> None:
         request = EvaluationRequest(
@@ -138,18 +160,21 @@ class MonitoredPlan:
             self._conclude(position, Answer(error=error))
             return
         self._evaluations[position] = evaluation
+        evaluation.on_progress = partial(self._note_wait, position, evaluation)
         self._update(position, phase=PlanPhase.RUNNING)
         evaluation.outcome.add_done_callback(lambda done: self._conclude(position, done.result()))
 
     def _conclude(self, position: FormulaPosition, answer: Answer) -> None:
         evaluation = self._evaluations.pop(position, None)
-        if evaluation and self._execution.phase(position) is PlanPhase.WITHDRAWN:
+        is_withdrawn = self._execution.phase(position) is PlanPhase.WITHDRAWN
+        if evaluation and is_withdrawn and not self._is_in_period(position, answer):
             self._update(
                 position,
                 formula=answer.canonical_formula or self._verdicts[position].formula,
                 phase=PlanPhase.WITHDRAWN,
                 presumably_false=evaluation.progress.presumably_false,
-                explanation=_outcome(evaluation),
+                explanation=self._withdrawals.get(position)
+                or self._interrupted(position, evaluation, answer),
             )
             self._take(Step())
             return
@@ -169,15 +194,54 @@ class MonitoredPlan:
         )
         self._take(step)
 
+    def _note_wait(self, position: FormulaPosition, evaluation: FormulaEvaluation) -> None:
+        """Note what a formula waits for, and report it while it runs."""
+        text = ''
+        if evaluation.waits_for:
+            self._waits[position] = evaluation.waits_for
+            text = f'it waits for states: {evaluation.waits_for}'
+        is_running = self._execution.phase(position) is PlanPhase.RUNNING
+        if is_running and self._verdicts[position].explanation != text:
+            self._update(position, explanation=text)
+
+    def _standing(
+        self, position: FormulaPosition, evaluation: FormulaEvaluation, end: int | None
+    ) -> str:
+        """Return how a formula stood when it was withdrawn.
+
+        Args:
+            position: of the formula.
+            evaluation: of the formula.
+            end: of its period, in nanoseconds, if not all states until then are known; else None.
+                After a wait, the end of the period counts in any case.
+        """
+        progress = evaluation.progress
+        if position in self._waits:
+            end = self._periods_end.get(position)
+        return withdrawal(
+            progress.states_progressed,
+            presumably_false=progress.presumably_false,
+            unknown=None if end is None else max(end - progress.latest_valid_time, 0),
+            waited_for=self._waits.get(position, ''),
+        )
+
+    def _interrupted(
+        self, position: FormulaPosition, evaluation: FormulaEvaluation, answer: Answer
+    ) -> str:
+        """Return how a withdrawn formula stood that ended before its last states were known."""
+        text = self._standing(position, evaluation, self._periods_end.get(position))
+        return text if answer.error is None else f'{text}: {answer.error}'
+
+    def _is_in_period(self, position: FormulaPosition, answer: Answer) -> bool:
+        """Return True if a withdrawn formula has a verdict from a state of its period."""
+        end = self._periods_end.get(position)
+        if end is None or answer.verdict is Verdict.UNDECIDED:
+            return False
+        return answer.decided_at is None or answer.decided_at <= end
+
     def _update(self, position: FormulaPosition, **changes: Any) -> None:
         self._verdicts[position] = replace(self._verdicts[position], **changes)
         self._on_change(self._verdicts[position])
-
-
-def _outcome(evaluation: FormulaEvaluation) -> str:
-    """Return how a formula stood when it was withdrawn."""
-    progress = evaluation.progress
-    return withdrawal(progress.states_progressed, presumably_false=progress.presumably_false)
 
 
 class PlanMonitoring:
@@ -189,6 +253,7 @@ class PlanMonitoring:
     """
 
     def __init__(self, node: DyKnowNode, start: Start, limits: ParameterLimits) -> None:
+        self._node = node
         self._start = start
         self._limits = limits
         self._plans: dict[str, MonitoredPlan] = {}
@@ -247,4 +312,7 @@ class PlanMonitoring:
         if request.event not in set(Event):
             known = ', '.join(f'{each.name} ({each.value})' for each in Event)
             raise CoordinationError(f'there is no event {request.event}; use {known}')
-        self._plans[request.plan].report(request.action, Event(request.event))
+        # The client had reported before a pause of this process.
+        delay = PAUSES.delay_of(self._node.request_sent_at())
+        time = self._node.now() - delay
+        self._plans[request.plan].report(request.action, Event(request.event), time)

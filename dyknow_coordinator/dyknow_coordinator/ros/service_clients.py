@@ -287,9 +287,14 @@ class ServiceClients:
         """Destroy a stream."""
         await self.stream_manager.call(StreamDestroy, stream_name=name)
 
-    async def remove_formula(self, group_id: int, formula_id: int) -> None:
-        """Remove a formula from a group."""
-        await self._call_group(FormulaGroupRemoveFormula, group_id, formula_id=formula_id)
+    async def remove_formula(self, group_id: int, formula_id: int, until: int = 0) -> None:
+        """Remove a formula from a group, once it has its states until a valid time in ns."""
+        await self._call_group(
+            FormulaGroupRemoveFormula,
+            group_id,
+            formula_id=formula_id,
+            until=nanoseconds_to_time(until),
+        )
 
     async def destroy_group(self, group_id: int) -> None:
         """Destroy a formula group."""

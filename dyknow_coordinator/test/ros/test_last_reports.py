@@ -7,10 +7,12 @@ from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
-from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress
+from dyknow_interfaces.msg import FormulaEpisodes, FormulaProgress, FormulaResult
 from rclpy.task import Future
 
 from dyknow_common import NO_CONSTRAINTS, ExitCode, Verdict
+from dyknow_common.ros import nanoseconds_to_time
+from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.evaluation import Answer, EvaluationPhase, EvaluationRequest, Progress
 from dyknow_coordinator.grounding.feature_sources import Grounding
 from dyknow_coordinator.plan import Event, Plan, PlanAction, PlanFormula, PlanPhase, PlanVerdict
@@ -132,33 +134,166 @@ class FakeEvaluation:
 
     def __init__(self, request: EvaluationRequest) -> None:
         self.outcome: Future = Future()
-        self.progress = Progress(62, presumably_false=True)
+        self.progress = Progress(62, 62, presumably_false=True)
         self.canonical_formula = request.formula
+        self.waits_for = self.silence = ''
+        self.on_progress: Any = None
+        self.until: int | None = None
         self.reason: Any = None
 
-    def cancel(self, reason: Any) -> None:
-        self.reason = reason
+    def withdraw(self, until: int, reason: Any) -> None:
+        self.until, self.reason = until, reason
+
+    def end(self, answer: Answer | None = None, *, is_complete: bool = True) -> str:
+        """End, by default as withdrawn; return the reason."""
+        reason = self.reason(None if is_complete else self.until) if answer is None else ''
+        self.outcome.set_result(answer or Answer(error=CoordinationError(reason)))
+        return str(reason)
+
+
+class Driven:
+    """A plan whose only action has been executed, with one formula."""
+
+    def __init__(self, *, stop_at_violation: bool = False) -> None:
+        self.told: list[PlanVerdict] = []
+        self.evaluations: list[FakeEvaluation] = []
+        plan = Plan(
+            'p',
+            (PlanAction('drive', (PlanFormula('f', 'F'),)), PlanAction('dock')),
+            stop_at_violation=stop_at_violation,
+        )
+        self.plan = MonitoredPlan(
+            plan, Grounding.AUTO, NO_CONSTRAINTS, self._start, self.told.append
+        )
+        self.plan.begin()
+        self.plan.report('drive', Event.STARTED, 10)
+
+    def _start(self, request: EvaluationRequest) -> Any:
+        self.evaluations.append(FakeEvaluation(request))
+        return self.evaluations[-1]
+
+    @property
+    def evaluation(self) -> FakeEvaluation:
+        """The only one."""
+        return self.evaluations[0]
+
+    @property
+    def verdict(self) -> PlanVerdict:
+        """The latest one."""
+        return self.plan.verdicts[0]
 
 
 def test_a_plan_ends_with_the_last_reports_on_withdrawn_formulas() -> None:
-    evaluations: list[Any] = []
+    driven = Driven()
+    driven.plan.report('dock', Event.FAILED, 60)
+    driven.plan.report('drive', Event.SUCCEEDED, 70)
+    assert not driven.plan.ended.done()
+    assert driven.evaluation.until == 70
+    driven.evaluation.progress = Progress(69)
+    assert driven.evaluation.end() == "withdrawn by plan 'p': held in 69 states"
+    assert driven.plan.ended.done()
+    assert driven.told[-1] == driven.verdict
+    assert driven.verdict.phase is PlanPhase.WITHDRAWN
+    assert (driven.verdict.explanation, driven.verdict.presumably_false) == (
+        'held in 69 states',
+        False,
+    )
 
-    def start(request: EvaluationRequest) -> Any:
-        evaluations.append(FakeEvaluation(request))
-        return evaluations[-1]
 
-    told: list[PlanVerdict] = []
-    plan = Plan('p', (PlanAction('drive', (PlanFormula('f', 'F'),)),))
-    monitored = MonitoredPlan(plan, Grounding.AUTO, NO_CONSTRAINTS, start, told.append)
-    monitored.begin()
-    monitored.report('drive', Event.STARTED)
-    monitored.report('drive', Event.SUCCEEDED)
-    assert not monitored.ended.done()
-    (evaluation,) = evaluations
-    evaluation.progress = Progress(69)
-    assert evaluation.reason() == "withdrawn by plan 'p': held in 69 states"
-    evaluation.outcome.set_result(Answer())
-    assert monitored.ended.done()
-    assert told[-1] == monitored.verdicts[0]
-    assert told[-1].phase is PlanPhase.WITHDRAWN
-    assert (told[-1].explanation, told[-1].presumably_false) == ('held in 69 states', False)
+@pytest.mark.parametrize('stop', [False, True])
+def test_a_verdict_from_a_late_state_of_the_period_counts(*, stop: bool) -> None:
+    driven = Driven(stop_at_violation=stop)
+    driven.plan.report('drive', Event.SUCCEEDED, 70)
+    driven.evaluation.end(Answer(Verdict.FALSE, 70, explanation='so'))
+    assert driven.verdict.phase is PlanPhase.DECIDED
+    assert driven.verdict.is_violation
+    assert (driven.verdict.decided_at, driven.verdict.explanation) == (70, 'so')
+    assert driven.plan.ended.done() == stop
+
+
+def test_a_verdict_from_a_state_after_the_period_does_not_count() -> None:
+    driven = Driven()
+    driven.plan.report('drive', Event.SUCCEEDED, 70)
+    driven.evaluation.end(Answer(Verdict.FALSE, 71))
+    assert driven.verdict.phase is PlanPhase.WITHDRAWN
+    assert driven.verdict.verdict is Verdict.UNDECIDED
+
+
+@pytest.mark.parametrize('ending', ['late', 'failed'])
+def test_a_formula_whose_last_states_are_not_known(ending: str) -> None:
+    driven = Driven()
+    driven.evaluation.progress = Progress(14, 2_000_000_000)
+    driven.plan.report('drive', Event.SUCCEEDED, 5_500_000_000)
+    if ending == 'late':
+        driven.evaluation.silence = 'topic /a is silent'
+        driven.evaluation.end(is_complete=False)
+        reason = '; it waited for states: topic /a is silent'
+    else:
+        driven.evaluation.end(Answer(error=CoordinationError('a gap')))
+        reason = ': a gap'
+    assert driven.verdict.explanation == (
+        f'held in 14 states; not evaluated in the last 3.5 s{reason}'
+    )
+    assert driven.verdict.phase is PlanPhase.WITHDRAWN
+    assert driven.verdict.error is None
+
+
+def test_a_plan_says_what_a_formula_waits_for() -> None:
+    driven = Driven()
+    for waits_for in ('', 'topic /a is silent', 'topic /a is silent', ''):
+        driven.evaluation.waits_for = waits_for
+        driven.evaluation.on_progress()
+    assert [each.explanation for each in driven.told] == [
+        '',
+        'it waits for states: topic /a is silent',
+        '',
+    ]
+    driven.plan.report('drive', Event.SUCCEEDED, 70)
+    driven.evaluation.end()
+    assert driven.verdict.explanation == (
+        'not fulfilled after 62 states; not evaluated in the last 8 ns; '
+        'it waited for states: topic /a is silent'
+    )
+
+
+def test_a_withdrawn_evaluation_awaits_the_late_states() -> None:
+    world = World(every_state=False)
+    world.report(40)
+    told: list[int | None] = []
+    world.evaluation.withdraw(48, lambda end: str(told.append(end)))
+    world.group.remove.assert_called_once_with(world.evaluation, 48)
+    world.report(47)
+    assert world.answer is None
+    world.report(48, is_last=True)
+    assert world.answer
+    assert told == [None]
+    world.group.note_removed.assert_called_once_with(world.evaluation)
+
+
+def test_a_withdrawn_evaluation_gets_a_verdict_from_the_late_states() -> None:
+    world = World(every_state=False)
+    world.evaluation.withdraw(48, lambda _: '')
+    world.evaluation.receive_result(
+        FormulaResult(verdict=int(Verdict.FALSE), decided_at=nanoseconds_to_time(45))
+    )
+    world.report(45, is_last=True)
+    assert world.answer
+    assert (world.answer.verdict, world.answer.decided_at) == (Verdict.FALSE, 45)
+    # It has not been removed, as it was decided before.
+    world.group.note_removed.assert_not_called()
+
+
+def test_late_states_that_do_not_come() -> None:
+    world = World(every_state=False)
+    world.report(40)
+    limits = [world.limit, Future()]
+    world.evaluation._context.node.deadlines.after.side_effect = limits  # type: ignore[attr-defined]
+    world.group.remove.side_effect = [True, True]
+    told: list[int | None] = []
+    world.evaluation.withdraw(48, lambda end: str(told.append(end)))
+    world.limit.set_result(None)
+    world.run()
+    assert world.answer is None  # The last report may say more.
+    world.report(44, is_last=True)
+    assert world.answer
+    assert told == [48]

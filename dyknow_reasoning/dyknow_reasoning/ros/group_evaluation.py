@@ -21,6 +21,7 @@ from dyknow_common.ros import (
     DirectPublisher,
     DyKnowNode,
     absolute_topic,
+    nanoseconds_to_time,
     to_message,
 )
 from dyknow_reasoning.errors import ReasoningError
@@ -109,6 +110,8 @@ class GroupEvaluation:
         # For each formula that was added later, the number of states before it.
         self._states_before: dict[int, int] = {}
         self._loss = ''  # Before a state that does not count, if it leaves a gap.
+        # For each formula that is removed later, the valid time until which states count.
+        self._ends: dict[int, int] = {}
         self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
         self._inputs = FixedInputs()
         self._results: DirectPublisher | None = None
@@ -149,26 +152,56 @@ class GroupEvaluation:
             self.publish(self.group.decided_at_once())
         return formula_id
 
-    async def remove_formula(self, formula_id: int) -> None:
+    async def remove_formula(self, formula_id: int, until: int = 0) -> None:
         """Remove a formula, after the last reports on it if it is undecided.
+
+        Args:
+            formula_id: the formula.
+            until: if the formula is undecided, the valid time in nanoseconds whose states it still
+                gets: it is removed before the first later one.
 
         Raises:
             ReasoningError: for an unknown formula.
         """
-        progress, episodes = await self._work.run(lambda: self._remove(formula_id), self._is_large)
+        if formula_id in self.group.undecided and (self._line.latest or 0) < until:
+            self._ends[formula_id] = until
+            return
+        # While states wait, it is not known how the formula stands.
+        progress, episodes = await self._work.run(
+            lambda: self._remove(formula_id, is_last=not self._work.waiting_states), self._is_large
+        )
         self._episodes.publish(episodes)
         if progress is not None:
             self._reports.publish(progress)
 
-    def _remove(self, formula_id: int) -> tuple[FormulaProgress | None, FormulaEpisodes | None]:
+    def _remove(
+        self, formula_id: int, *, is_last: bool
+    ) -> tuple[FormulaProgress | None, FormulaEpisodes | None]:
+        """Remove a formula; return its last reports, of the progress only if it is undecided."""
         progress = None
         if formula_id in self.group.undecided:
-            # While states wait, it is not known how the formula stands.
-            progress = self._report(formula_id, is_last=not self._work.waiting_states)
+            progress = self._report(formula_id, is_last=is_last)
         episodes = self._episodes.report(formula_id)
         self.group.remove_formula(formula_id)
         self._states_before.pop(formula_id, None)
+        self._ends.pop(formula_id, None)
         return progress, episodes
+
+    def _end_before(self, valid_time: int, latest: int | None) -> None:
+        """Remove the formulas whose states end before a valid time, after a last report on each.
+
+        Args:
+            valid_time: of a state that counts, in nanoseconds.
+            latest: of the state before it.
+        """
+        ended = [each for each, until in self._ends.items() if until < valid_time]
+        for formula_id in filter(self.group.undecided.__contains__, ended):
+            progress, episodes = self._remove(formula_id, is_last=True)
+            self._episodes.publish(episodes)
+            if progress is not None:
+                has_states = bool(progress.states_progressed)
+                progress.latest_valid_time = nanoseconds_to_time(latest or 0 if has_states else 0)
+                self._reports.publish(progress)
 
     async def symbols(self) -> list[SymbolMessage]:
         """Return the symbols of the formulas."""
@@ -406,6 +439,7 @@ class GroupEvaluation:
             if line.is_in_gap and not was_in_gap:
                 self._loss = state.loss
             return
+        self._end_before(state.valid_time, latest)
         if caught_up:
             self._node.get_logger().info(
                 f"the group '{self.name}' continues with another stream; "

@@ -135,7 +135,8 @@ class StreamReasoningEngine(DyKnowNode):
             self.get_logger().warning(f"{note}; it is in '{shortened(request.formula)}'")
 
     async def _remove_formula(self, request: Any, _response: Any) -> None:
-        await self._find(request.formula_group_id).remove_formula(request.formula_id)
+        until = time_to_nanoseconds(request.until)
+        await self._find(request.formula_group_id).remove_formula(request.formula_id, until)
 
     async def _extract_symbols(self, request: Any, response: Any) -> None:
         response.symbols = await self._find(request.formula_group_id).symbols()

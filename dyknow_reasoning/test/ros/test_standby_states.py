@@ -1,4 +1,8 @@
-"""Changes of streams: a gap exactly if a state may be missing, no state is used twice."""
+"""The states of a group.
+
+Changes of streams: a gap exactly if a state may be missing, no state is used twice. The last states
+of formulas that are removed.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +17,8 @@ from dyknow_interfaces.msg import ConstraintViolation
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dyknow_common.ros import nanoseconds_to_time
-from dyknow_reasoning import FormulaGroup
+from dyknow_common.ros import nanoseconds_to_time, time_to_nanoseconds
+from dyknow_reasoning import FormulaGroup, ReasoningError
 from dyknow_reasoning.ros import group_evaluation
 from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
 from dyknow_reasoning.ros.state_subscription import State, StateSubscription
@@ -363,3 +367,67 @@ def test_there_may_be_no_standby(group: Group) -> None:
     group.state('/former', 2)
     group.take_over(gap=True)
     assert group.progressed == [2, 'gap']
+
+
+CALM = 1
+"""The formula of the group."""
+
+
+def last_reports(made: Group) -> list[tuple[int, int]]:
+    """Return the states and the latest valid times of the last reports."""
+    reports = [call.args[0] for call in made.reports.publish.call_args_list]
+    return [
+        (each.states_progressed, time_to_nanoseconds(each.latest_valid_time))
+        for each in reports
+        if each.is_last
+    ]
+
+
+@pytest.mark.parametrize('heavy_step_s', [-1.0, 1e9])
+def test_a_formula_gets_the_states_until_a_time(heavy_step_s: float) -> None:
+    with Group() as made, mock.patch.object(group_evaluation, 'HEAVY_STEP_S', heavy_step_s):
+        made.state('/former', 1)
+        run_to_end(made.evaluation.remove_formula(CALM, 3))
+        for valid_time in (2, 3, 4, 5):
+            made.receive('/former', valid_time)
+        made.drain()
+        assert made.progressed == [1, 2, 3]
+        assert last_reports(made) == [(3, 3)]
+        with pytest.raises(ReasoningError):
+            made.evaluation.group.remove_formula(CALM)
+
+
+def test_a_formula_without_a_state_until_a_time() -> None:
+    with Group() as made:
+        run_to_end(made.evaluation.remove_formula(CALM, 3))
+        made.state('/former', 4)
+        assert made.progressed == []
+        assert last_reports(made) == [(0, 0)]
+
+
+def test_other_formulas_get_the_later_states() -> None:
+    with Group() as made:
+        other = made.evaluation.group.add_formula('other', 'always power < 150')
+        run_to_end(made.evaluation.remove_formula(CALM, 1))
+        made.state('/former', 1)
+        made.state('/former', 2)
+        assert made.progressed == [1, 2]
+        assert made.evaluation.group.undecided == {other}
+
+
+@pytest.mark.parametrize('until', [0, 1, 2])
+def test_a_formula_that_has_them_is_removed_at_once(until: int) -> None:
+    with Group() as made:
+        made.state('/former', 2)
+        run_to_end(made.evaluation.remove_formula(CALM, until))
+        assert last_reports(made) == [(1, 2)]
+
+
+def test_a_later_removal_becomes_one_at_once() -> None:
+    with Group() as made:
+        made.state('/former', 1)
+        run_to_end(made.evaluation.remove_formula(CALM, 9))
+        assert last_reports(made) == []
+        run_to_end(made.evaluation.remove_formula(CALM))
+        made.state('/former', 10)
+        assert last_reports(made) == [(1, 1)]

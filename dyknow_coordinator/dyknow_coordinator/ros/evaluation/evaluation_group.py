@@ -80,7 +80,8 @@ class EvaluationGroup:
         self.waits_for = ''
         """Why no state comes; empty if the phase is not WAITING."""
         self._members: dict[int, GroupMember] = {}
-        self._removed: set[int] = set()
+        # The formulas that the engine removes, with the valid times until which they get states.
+        self._removed: dict[int, int] = {}
         self._joining = 0
         self._error: DyKnowError | None = None
 
@@ -141,17 +142,26 @@ class EvaluationGroup:
             self._joining -= 1
             self._end_if_empty()
 
-    def remove(self, leaving: GroupMember) -> bool:
+    def remove(self, leaving: GroupMember, until: int = 0) -> bool:
         """Have the engine remove a formula after a last report; return False if it has not got it.
 
         The formula is a member until it leaves.
+
+        Args:
+            leaving: the formula.
+            until: the valid time in nanoseconds until which it gets states; 0 for no more of them.
         """
         members = [each for each, member in self._members.items() if member is leaving]
-        found = set(members) - self._removed
-        self._removed |= found
+        found = [each for each in members if self._removed.get(each, until + 1) > until]
+        self.note_removed(leaving, until)
         for formula_id in found:
-            self._context.node.spawn(self._remove, formula_id)
+            self._context.node.spawn(self._remove, formula_id, until)
         return bool(found)
+
+    def note_removed(self, leaving: GroupMember, until: int = 0) -> None:
+        """Note that the engine removes a formula, or has removed it."""
+        members = [each for each, member in self._members.items() if member is leaving]
+        self._removed |= {each: min(self._removed.get(each, until), until) for each in members}
 
     def leave(self, leaving: GroupMember) -> None:
         """Remove a formula, unless that has happened; end with the last one."""
@@ -228,9 +238,9 @@ class EvaluationGroup:
             self.states.end()
             self._context.cleanup.destroy_group(self.group_id)
 
-    async def _remove(self, formula_id: int) -> None:
+    async def _remove(self, formula_id: int, until: int = 0) -> None:
         try:
-            await self._context.clients.remove_formula(self.group_id, formula_id)
+            await self._context.clients.remove_formula(self.group_id, formula_id, until)
         except DyKnowError as error:
             # The group may have ended meanwhile.
             self._context.node.get_logger().info(str(error))

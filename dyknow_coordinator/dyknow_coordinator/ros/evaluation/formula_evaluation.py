@@ -9,7 +9,7 @@ exists (9), or it would miss the first states.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -45,7 +45,7 @@ from dyknow_coordinator.grounding.completion import completed
 from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
 from dyknow_coordinator.grounding.region_relations import ground_features
-from dyknow_coordinator.grounding.state_specification import FormulaInputs
+from dyknow_coordinator.grounding.state_specification import FormulaInputs, PreparedFormula
 from dyknow_coordinator.grounding.units import feature_units, with_unit
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.reporting.peer_reasons import with_reasons_of_peers
@@ -55,34 +55,17 @@ from dyknow_coordinator.ros.evaluation.evaluation_group import (
     EvaluationGroups,
     find_candidates,
 )
+from dyknow_coordinator.ros.evaluation.last_report import (
+    LAST_REPORT_S,
+    LATE_STATES_S,
+    LastReport,
+)
 
 RETRY_DELAY_S: Final = 1.0
 """The time until it is tried again to restart a formula with other objects."""
 
-LAST_REPORT_S: Final = 1.0
-"""The longest time that the end of an evaluation waits for the last report on its formula."""
-
 _MAX_SHOWN: Final = 100
 """The most groundings in the status of an evaluation, which is published each second."""
-
-
-@dataclass(frozen=True, slots=True)
-class PreparedFormula:
-    """A formula in a group of its own, and its inputs.
-
-    Args:
-        name: of the group, and of the state stream that the engine has subscribed to.
-        group_id: at the reasoning engine.
-        formula_id: in the group.
-        formula: its text there, with all sorts, and the units of its features.
-        inputs: of its evaluation.
-    """
-
-    name: str
-    group_id: int
-    formula_id: int
-    formula: str
-    inputs: FormulaInputs
 
 
 class FormulaEvaluation(Evaluation):
@@ -123,9 +106,7 @@ class FormulaEvaluation(Evaluation):
         self.on_topics: Callable[[], None] = lambda: None
         self.history = History()
         self.episodes = StandingVerdicts()
-        self._is_last_report = False
-        self._last_report: Future = Future()
-        self._last_report.set_result(None)  # Nothing waits for it yet.
+        self._last_report = LastReport(context.node)
         self._context = context
         self._groups = groups
         self._on_change = on_change
@@ -180,6 +161,11 @@ class FormulaEvaluation(Evaluation):
             return f'{self._standing_answer.explanation}; it begins again with other objects'
         return self._group.waits_for if self._group is not None else ''
 
+    @property
+    def silence(self) -> str:
+        """Why its states do not come; empty if they come or that is unknown."""
+        return '' if self._group is None else self._group.states.waits_for
+
     async def run(self) -> None:
         """Take all steps, wait for the outcome and clean up; never raises."""
         expiry: Future = Future()
@@ -199,7 +185,7 @@ class FormulaEvaluation(Evaluation):
             self._context.node.log_fault(self.name, error)
             self.fail(self._fault(error))
         expiry.cancel()
-        await self._last_report
+        await self._last_report.wait()
         self._leave()
 
     def _fault(self, error: Exception) -> CoordinationError:
@@ -248,7 +234,7 @@ class FormulaEvaluation(Evaluation):
         self.add_event(f'restarted with {objects}')
         self.progress, self.episodes = Progress(), StandingVerdicts()
         self.margin = self._standing_answer = None
-        self._is_last_report = False
+        self._last_report.has_come = False
         try:
             await self._start(prepared)
         except DyKnowError as error:
@@ -259,7 +245,7 @@ class FormulaEvaluation(Evaluation):
         answer = from_message(Answer, result)
         self._note_margin(answer.margin)
         if answer.error or answer.decided_at is not None:
-            self._await_last_report()
+            self._last_report.expect(LAST_REPORT_S)
         if (error := answer.error) is None:
             # With other objects, one that needs no state now may need some.
             if self.request.restart_on_change and self._domains and answer.decided_at is None:
@@ -281,10 +267,10 @@ class FormulaEvaluation(Evaluation):
         self._note_margin(progress.margin)
         for event in progress.events:
             self.add_event(event)
-        self._is_last_report = message.is_last
-        if self._is_last_report or progress.presumably_false != before.presumably_false:
+        is_last = self._last_report.has_come = bool(message.is_last)
+        if is_last or progress.presumably_false != before.presumably_false:
             self._on_change()
-        if self._is_last_report:
+        if is_last:
             self._note_last_report()
         else:
             self.on_progress()
@@ -293,22 +279,17 @@ class FormulaEvaluation(Evaluation):
     def _is_up_to_date(self) -> bool:
         """True if the last reports on the formula have come; they are on two topics."""
         states = self.episodes.states if self.request.every_state else None
-        return self._is_last_report and states in {None, self.progress.states_progressed}
+        return self._last_report.has_come and states in {None, self.progress.states_progressed}
 
     def _note_last_report(self) -> None:
-        is_complete = self._is_last_report if self.has_ended else self._is_up_to_date
-        if is_complete and not self._last_report.done():
-            self._last_report.set_result(None)
-
-    def _await_last_report(self) -> None:
-        if not self._is_last_report and self._last_report.done():
-            self._last_report = self._context.node.deadlines.after(LAST_REPORT_S)
+        if self._last_report.has_come if self.has_ended else self._is_up_to_date:
+            self._last_report.end_wait()
 
     async def _end_after_last_report(self, end: Callable[[], None]) -> None:
         """Have the formula removed, and end with the last report on it; a verdict may be first."""
         if self._group is not None and self._group.remove(self):
-            self._await_last_report()
-        await self._last_report
+            self._last_report.expect(LAST_REPORT_S)
+        await self._last_report.wait()
         end()
 
     def _note_margin(self, margin: Margin | None) -> None:
@@ -359,6 +340,29 @@ class FormulaEvaluation(Evaluation):
             self._end_after_last_report,
             lambda: cancel(reason if isinstance(reason, str) else reason()),
         )
+
+    def withdraw(self, until: int, reason: Callable[[int | None], str]) -> None:
+        """End like a cancellation, once the states until a valid time are known.
+
+        A verdict from these states may be first. They are awaited for LATE_STATES_S.
+
+        Args:
+            until: the valid time in nanoseconds.
+            reason: called with this time if not all states until then are known, else with None.
+        """
+        self._context.node.spawn(self._withdraw, until, reason)
+
+    async def _withdraw(self, until: int, reason: Callable[[int | None], str]) -> None:
+        is_complete, group = False, self._group
+        if group is not None and group.remove(self, until):
+            self._last_report.expect(LATE_STATES_S)
+            await self._last_report.wait()
+            if self.has_ended:
+                return
+            if is_complete := self._last_report.has_come:
+                group.note_removed(self)
+        cancel = super().cancel
+        await self._end_after_last_report(lambda: cancel(reason(None if is_complete else until)))
 
     def _expire(self, timeout_s: float) -> None:
         verdict, text = self.episodes.verdict, self.episodes.text
@@ -439,7 +443,7 @@ class FormulaEvaluation(Evaluation):
 
     def missing_states(self) -> str:
         """Return that no state comes, and why; empty if states come or that is unknown."""
-        reason = '' if self._group is None else self._group.states.waits_for
+        reason = self.silence
         if not reason:
             return ''
         since = ' for a while' if self.progress.states_progressed else ''
@@ -564,7 +568,7 @@ class FormulaEvaluation(Evaluation):
             await self._group.start(self, prepared.formula_id)
         if self.outcome.done():
             # The evaluation has ended meanwhile.
-            await self._last_report
+            await self._last_report.wait()
             self._leave()
         # Step 12 happens in the reasoning engine; step 8 is `receive_result`, step 13 is in
         # `StateSupervisor`.
