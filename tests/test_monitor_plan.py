@@ -188,6 +188,19 @@ def test_reports_that_make_no_sense(asker: Asker) -> None:
     asker.outcome(monitor)
 
 
+def test_a_refused_plan_reports_nothing_of_the_one_with_its_name(asker: Asker) -> None:
+    plan = Plan('mission', (PlanAction('climb'), PlanAction('land')))
+    monitor = asker.monitor(plan)
+    asker.report(monitor.started, 'climb')
+    # The report may be sent before the plan is refused.
+    with pytest.raises(DyKnowError) as caught:
+        asker.report(asker.monitor(plan).failed, 'climb')
+    assert caught.value.code is ExitCode.ALREADY_EXISTS
+    asker.report(monitor.succeeded, 'climb')
+    monitor.cancel()
+    asker.outcome(monitor)
+
+
 @pytest.mark.parametrize(
     ('fields', 'code', 'word'),
     [

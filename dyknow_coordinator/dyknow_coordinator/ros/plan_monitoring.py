@@ -257,6 +257,7 @@ class PlanMonitoring:
         self._start = start
         self._limits = limits
         self._plans: dict[str, MonitoredPlan] = {}
+        self._goals: dict[str, bytes] = {}
         node.serve(ReportPlanAction, self._report)
         self.server = CancellingActionServer(node, MonitorPlan, self._execute)
 
@@ -265,6 +266,7 @@ class PlanMonitoring:
         name = goal.request.name
         try:
             plan = self._plans[name] = self._monitored_plan(goal)
+            self._goals[name] = bytes(goal.goal_id.uuid)
         except DyKnowError as error:
             result.exit_status = error_to_message(error)
             self.server.finish(goal, error)
@@ -272,7 +274,7 @@ class PlanMonitoring:
         plan.begin()
         with self.server.running(goal, plan.cancel):
             await plan.ended
-        del self._plans[name]
+        del self._plans[name], self._goals[name]
         result.verdicts = [verdict_to_message(verdict) for verdict in plan.verdicts]
         if plan.error is not None:
             result.exit_status = error_to_message(plan.error)
@@ -308,6 +310,12 @@ class PlanMonitoring:
             known = f'these are: {listed(self._plans)}' if self._plans else 'there is none'
             raise CoordinationError(
                 f"no plan '{request.plan}' is monitored ({known})", ExitCode.NOT_FOUND
+            )
+        goal_id = bytes(request.goal_id)
+        if any(goal_id) and goal_id != self._goals[request.plan]:
+            raise CoordinationError(
+                f"another client's plan '{request.plan}' is monitored; give this one another name",
+                ExitCode.ALREADY_EXISTS,
             )
         if request.event not in set(Event):
             known = ', '.join(f'{each.name} ({each.value})' for each in Event)

@@ -82,6 +82,7 @@ class ActionCall:
         on_end: Callable[[Any, DyKnowError | None], None],
         on_feedback: Callable[[Any], None],
     ) -> None:
+        self._goal_id = goal_id(node.node)
         self.accepted: Future = Future()
         self.on_answered: Callable[[], None] = lambda: None
         self._node = node
@@ -104,6 +105,11 @@ class ActionCall:
         else:
             # The caller knows no call yet that ends at once.
             executor.create_task(self._poll)
+
+    @property
+    def goal_id(self) -> bytes:
+        """The identifier of the goal."""
+        return bytes(self._goal_id.uuid)
 
     @property
     def is_unanswered(self) -> bool:
@@ -151,7 +157,7 @@ class ActionCall:
         self._fail_after(GRACE_S, 'was sent, and', ExitCode.UNAVAILABLE)
         with self._client.sending:
             response = self._client.send_goal_async(
-                self._goal, self._receive_feedback, goal_id(self._node.node)
+                self._goal, self._receive_feedback, self._goal_id
             )
         self._await(response, self._on_response)
 

@@ -80,13 +80,18 @@ class PlanMonitor:
                 self.update(verdict)
 
     async def _report(self, action: str, event: Event) -> None:
+        goal_id = bytes(16)
         if self.call is not None:
             await self.call.accepted
+            # Its name may be that of another client's plan, which refuses this one.
+            goal_id = self.call.goal_id
         if self.outcome.done():
             raise self.outcome.result().error or CoordinationError(
                 f"plan '{self.name}' is over; nothing can be reported of '{action}'"
             )
-        request = ReportPlanAction.Request(plan=self.name, action=action, event=int(event))
+        request = ReportPlanAction.Request(
+            plan=self.name, action=action, event=int(event), goal_id=list(goal_id)
+        )
         response: Any = await self._coordinator.request(
             ReportPlanAction, request, SERVER_TIMEOUT_S, REPORT_TIMEOUT_S
         )
