@@ -18,15 +18,18 @@ A trigger is *used* by an event of a formula. Each event starts a run, which con
     3.0 s   the third attempt succeeds: the run has ended
 
 Runs of one formula with the same target, such as a service, wait for each other, so a retry never
-reports an alarm after the report that it is over. All other runs are independent.
+reports an alarm after the report that it is over. All other runs are independent. The target of a
+command is its executable. As different commands may have the same one, such as `sh`, commands of
+one event do not wait for each other, but commands of the next event wait for them.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import takewhile
 from math import isfinite, nan
 from typing import Final
 
@@ -289,11 +292,10 @@ class TriggerRuns:
 
     def begin(self, now: int) -> Iterator[TriggerAttempt]:
         """Yield the attempts that are due; each must be ended."""
-        for queue in list(self._queues.values()):
-            first = queue[0]
-            if not first.is_running and first.due <= now:
-                first.is_running = True
-                yield first
+        for each in self._waiting():
+            if each.due <= now:
+                each.is_running = True
+                yield each
 
     def end(self, attempt: TriggerAttempt, now: int, failure: str = '') -> None:
         """End an attempt.
@@ -317,7 +319,7 @@ class TriggerRuns:
         else:
             use.note(now, TriggerState.OK, f'done in attempt {attempt.number}')
         queue = self._queues[use.target]
-        queue.popleft()
+        queue.remove(attempt)
         if not queue:
             del self._queues[use.target]
 
@@ -329,8 +331,12 @@ class TriggerRuns:
     @property
     def next_due(self) -> int | None:
         """The time of the next attempt, in nanoseconds; None if none is due."""
-        heads = (queue[0] for queue in self._queues.values())
-        return min((each.due for each in heads if not each.is_running), default=None)
+        return min((each.due for each in self._waiting()), default=None)
+
+    def _waiting(self) -> list[TriggerAttempt]:
+        """Return the attempts that wait for no other run, only until they are due."""
+        firsts = (each for queue in self._queues.values() for each in _independent(queue))
+        return [each for each in firsts if not each.is_running]
 
     def _start(self, use: TriggerUse, report: TriggerReport, now: int) -> bool:
         interval = use.trigger.min_interval
@@ -342,6 +348,14 @@ class TriggerRuns:
         use.last_begin, use.runs = now, use.runs + 1
         queue.append(TriggerAttempt(use, report, now))
         return True
+
+
+def _independent(queue: deque[TriggerAttempt]) -> Iterable[TriggerAttempt]:
+    """Return the first run of a queue; of commands, all first ones of the same event."""
+    first = queue[0]
+    if first.use.trigger.kind is not TriggerKind.RUN:
+        return (first,)
+    return takewhile(lambda each: each.report is first.report, queue)
 
 
 def _ignore(use: TriggerUse, now: int, reason: str) -> bool:

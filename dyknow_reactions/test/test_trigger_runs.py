@@ -148,6 +148,32 @@ def test_a_goal_and_its_cancellation_run_in_their_order() -> None:
     assert last.use.trigger is cancel
 
 
+def test_commands_of_one_event_run_at_once() -> None:
+    """They may have only their shell in common; those of the next event wait."""
+    slow, stop, resume = (
+        Trigger(name, TriggerKind.RUN, 'sh', content=('-c', name), retries=1)
+        for name in ('slow', 'stop', 'resume')
+    )
+    violated, clear = TriggerEvent.FALSE, TriggerEvent.CLEAR
+    formula = RequestedFormula('p', 'f', on=((violated, slow), (violated, stop), (clear, resume)))
+    runs = TriggerRuns([formula])
+    runs.start(report_of(formula, violated, 0), 0)
+    runs.start(report_of(formula, clear, 1), 0)
+    first, second = runs.begin(0)
+    assert (first.use.trigger, second.use.trigger) == (slow, stop)
+    runs.end(second, 0, 'it failed')
+    assert runs.next_due == FIRST_BACKOFF
+    (again,) = runs.begin(FIRST_BACKOFF)
+    runs.end(again, FIRST_BACKOFF)
+    assert runs.next_due is None
+    assert list(runs.begin(FIRST_BACKOFF)) == []
+    runs.end(first, FIRST_BACKOFF)
+    (last,) = runs.begin(FIRST_BACKOFF)
+    assert last.use.trigger is resume
+    runs.end(last, FIRST_BACKOFF)
+    assert runs.is_idle
+
+
 @pytest.mark.parametrize(
     ('margin', 'text', 'number'),
     [
