@@ -65,6 +65,7 @@ class Observed:
         self.client, self.node = client, client.node
         self.received: list[str] = []
         self.succeeds, self.says = True, 'busy'
+        self.cancel_response = CancelResponse.ACCEPT
         self.diagnostics: dict[str, DiagnosticStatus] = {}
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnose, 10)
 
@@ -92,7 +93,7 @@ class Observed:
 
         def cancel(_: Any) -> CancelResponse:
             self.received.append('cancelled')
-            return CancelResponse.ACCEPT
+            return self.cancel_response
 
         async def execute(goal: Any) -> Any:
             goal.abort()
@@ -214,6 +215,19 @@ def test_goals_are_cancelled(observed: Observed, tmp_path: Path) -> None:
         observed.wait_for('goal slow')
         triggers.on_progress(requested, Progress(5, SECOND, '', episodes=CLEAR))
         observed.wait_for('goal slow', 'cancelled')
+
+
+def test_a_server_that_refuses_to_cancel(observed: Observed, tmp_path: Path) -> None:
+    """A server of rclpy answers as if it had no goals, whose status tells that they run."""
+    observed.cancel_response = CancelResponse.REJECT
+    observed.act()
+    on = f'{{true: {{{SEND}, retries: 5}}, false: [{CANCEL}]}}'
+    requested = formula(tmp_path, on, every_state=False)
+    with Triggers(observed.node, [requested]) as triggers:
+        for event in 'true', 'false':
+            triggers.on_answer(requested, ANSWERS[event])
+            observed.client.spin_until(lambda: triggers.is_idle, event)
+        assert triggers.uses[1].text == 'action /dock refuses to cancel its goals'
 
 
 FAILURES = {

@@ -298,6 +298,7 @@ def monitor_interfaces(triggers: Collection[Trigger]) -> Interfaces:
     goals = targets[TriggerKind.CANCEL_GOAL]
     used = Interfaces(
         publishes=targets[TriggerKind.PUBLISH] | ({'/diagnostics'} if triggers else set()),
+        subscribes=frozenset(f'{each}/_action/status' for each in goals),
         requests=targets[TriggerKind.CALL] | {f'{each}/_action/cancel_goal' for each in goals},
         calls=targets[TriggerKind.SEND_GOAL],
     )

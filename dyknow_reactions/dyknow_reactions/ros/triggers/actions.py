@@ -11,14 +11,15 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any, Final, Protocol
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
 from rclpy.task import Future
 
 from dyknow_common import DyKnowError, shortened
-from dyknow_common.ros import NodeAdapter
+from dyknow_common.ros import NodeAdapter, RCLError
 from dyknow_configuration import Trigger, TriggerKind, filled
 from dyknow_reactions.ros.triggers.message_template import template_of
 from dyknow_reactions.ros.triggers.targets import target_fault, target_of
@@ -40,6 +41,9 @@ SHOWN: Final = 300
 
 MAX_ERRORS: Final = 1_000_000
 """The number of bytes of the error output of a command that are kept in a file."""
+
+STATUS_DELAY_S: Final = 0.2
+"""The time from the response to a cancellation to the status of the goals after it."""
 
 KILL_TIMEOUT_S: Final = 1.0
 """The time in which a killed process ends, unless a device blocks it."""
@@ -153,11 +157,25 @@ class SendGoalAction:
 
 
 class CancelGoalAction:
-    """Cancels all goals of an action, of all clients."""
+    """Cancels all goals of an action, of all clients.
+
+    A server of rclpy that refuses answers as one without goals does. The status of the action tells
+    that goals still run.
+    """
 
     def __init__(self, node: NodeAdapter, trigger: Trigger) -> None:
         self._node, self._trigger = node, trigger
         self._name = target_of(node.node, trigger)
+        self._running: frozenset[bytes] = frozenset()
+        self._statuses: Any = None
+        with suppress(RCLError):  # A policy may not permit it.
+            self._statuses = node.node.create_subscription(
+                GoalStatusArray,
+                f'{self._name}/_action/status',
+                self._note_statuses,
+                qos_profile_action_status_default,
+                callback_group=ReentrantCallbackGroup(),
+            )
         self._client = node.create_client(
             CancelGoal,
             f'{self._name}/_action/cancel_goal',
@@ -166,25 +184,48 @@ class CancelGoalAction:
 
     def begin(self, report: TriggerReport, end: End) -> GiveUp:  # noqa: ARG002 - of the protocol
         """Request that all goals are cancelled as soon as the action is there."""
+        refusal = f'action {self._name} refuses to cancel its goals'
+        refused: set[bytes] = set()
+
+        def send() -> Future:
+            refused.update(self._running)
+            # No goal and no time stand for all goals.
+            return self._client.call_async(CancelGoal.Request())
+
+        def failure_of(response: Any) -> str:
+            refused.update(self._running)
+            refused.difference_update(map(_goal_id, response.goals_canceling))
+            return refusal if response.return_code == CancelGoal.Response.ERROR_REJECTED else ''
+
+        def end_with_status(failure: str) -> None:
+            if failure or not refused:
+                end(failure)
+                return
+            # Goals may have ended meanwhile.
+            later = self._node.deadlines.after(STATUS_DELAY_S)
+            later.add_done_callback(lambda _: end(refusal if refused & self._running else ''))
+
         return _RemoteCall(
             self._node,
             self._trigger,
             f'action {self._name}',
             self._client.service_is_ready,
-            # No goal and no time stand for all goals.
-            lambda: self._client.call_async(CancelGoal.Request()),
-            lambda response: self._failure(response.return_code),
-            end,
+            send,
+            failure_of,
+            end_with_status,
             self._client.remove_pending_request,
         ).give_up
 
     def close(self) -> None:
-        """Destroy the client."""
+        """Destroy the client and the subscription."""
         self._node.destroy_client(self._client)
+        if self._statuses is not None:
+            self._node.node.destroy_subscription(self._statuses)
 
-    def _failure(self, code: int) -> str:
-        is_refused = code == CancelGoal.Response.ERROR_REJECTED
-        return f'action {self._name} refuses to cancel its goals' if is_refused else ''
+    def _note_statuses(self, message: Any) -> None:
+        self._running = frozenset(
+            _goal_id(each.goal_info) for each in message.status_list if each.status in _RUNNING
+        )
 
 
 class _RemoteCall:
@@ -249,6 +290,13 @@ class _RemoteCall:
         self._is_over = True
         error = done.exception()
         self._end(str(error) if error else self._failure_of(done.result()))
+
+
+_RUNNING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+
+
+def _goal_id(info: Any) -> bytes:
+    return bytes(info.goal_id.uuid)
 
 
 def _failure_of_response(response: Any) -> str:
