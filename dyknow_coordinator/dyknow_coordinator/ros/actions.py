@@ -1,17 +1,21 @@
 """Action servers whose goals end in any case.
 
 A node that is killed does not cancel its goals. Nodes of DyKnow have unique names, so goals of the
-next run show that the former run is over. The identifier of a goal shows its client:
+next run show that the former run is over. Other nodes may share a name; goals of the next run show
+it once the ROS graph has one node of that name, some 20 s after the former run was killed. The
+identifier of a goal shows its client:
 
     5 bytes    a hash of the name of the node
-    6 bytes    its time of start in milliseconds
+    6 bytes    its time of start in milliseconds; of other nodes, that of their process
     5 bytes    random
 
-Other clients choose identifiers at random; each goal seems to be of another client.
+Clients other than `FormulaClient` choose identifiers at random; each goal seems to be of another
+client.
 """
 
 from __future__ import annotations
 
+import time
 import uuid
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
@@ -38,6 +42,8 @@ minutes.
 SECOND_CLIENT_S: Final = 3.0
 """The time within which a second node of one name hears of the first one, and ends."""
 
+_PROCESS_START: Final = time.time_ns()
+
 _NAME: Final = slice(0, 5)
 _START: Final = slice(5, 11)
 
@@ -46,9 +52,28 @@ def goal_id(node: Node) -> UUID:
     """Return an identifier for a goal of a node."""
     data = bytearray(uuid.uuid4().bytes)
     if isinstance(node, DyKnowNode):
-        data[_NAME] = blake2b(node.get_fully_qualified_name().encode(), digest_size=5).digest()
+        data[_NAME] = _hash(node.get_fully_qualified_name())
         data[_START] = (node.started_at // 1_000_000).to_bytes(6, 'big')
+    elif isinstance(node, Node):
+        data[_NAME] = _hash(_OTHER + node.get_fully_qualified_name())
+        data[_START] = (_PROCESS_START // 1_000_000).to_bytes(6, 'big')
     return UUID(uuid=list(data))
+
+
+_OTHER: Final = 'not of DyKnow: '
+
+
+def _hash(name: str) -> bytes:
+    return blake2b(name.encode(), digest_size=5).digest()
+
+
+def _is_shared(goal: bytes, node: Node) -> bool:
+    """Return True if the ROS graph has several nodes with the name of the client of a goal."""
+    names = (
+        f'{namespace.rstrip("/")}/{name}'
+        for name, namespace in node.get_node_names_and_namespaces()
+    )
+    return sum(_hash(_OTHER + each) == goal[_NAME] for each in names) > 1
 
 
 def is_of_former_run(goal: bytes, newer: bytes) -> bool:
@@ -149,6 +174,10 @@ class CancellingActionServer:
         finally:
             del self._running[key]
 
+    def is_over(self, goal: bytes, newer: bytes) -> bool:
+        """Return True if the client of a goal is gone: its next run has sent a newer one."""
+        return is_of_former_run(goal, newer) and not _is_shared(newer, self._node)
+
     async def _pursue(self, goal: Any) -> Any:
         newer = bytes(goal.goal_id.uuid)
         if any(is_of_former_run(key, newer) for key in self._running):
@@ -161,9 +190,16 @@ class CancellingActionServer:
         That is a second client of one name, which ends when it hears of the first one.
         """
         await self._node.deadlines.after(SECOND_CLIENT_S)
+        while newer in self._running and _is_shared(newer, self._node):
+            await self._node.deadlines.after(PERIOD_S)
         for key, cancel in list(self._running.items()) if newer in self._running else ():
             if is_of_former_run(key, newer):
-                cancel(f'the client of ~/{self._name} was restarted')
+                cancel(self.restarted)
+
+    @property
+    def restarted(self) -> str:
+        """The reason why goals of a former run are cancelled."""
+        return f'the client of ~/{self._name} was restarted'
 
     def _on_cancel(self, goal: Any) -> CancelResponse:
         cancel = self._running.get(bytes(goal.goal_id.uuid))

@@ -32,7 +32,7 @@ from dyknow_coordinator.plan import (
     Step,
     withdrawal,
 )
-from dyknow_coordinator.ros.actions import CancellingActionServer
+from dyknow_coordinator.ros.actions import CancellingActionServer, is_of_former_run
 from dyknow_coordinator.ros.answers import (
     plan_from_goal,
     requested_grounding,
@@ -264,6 +264,7 @@ class PlanMonitoring:
     async def _execute(self, goal: Any) -> Any:
         result = MonitorPlan.Result()
         name = goal.request.name
+        self._end_former_run(name, bytes(goal.goal_id.uuid))
         try:
             plan = self._plans[name] = self._monitored_plan(goal)
             self._goals[name] = bytes(goal.goal_id.uuid)
@@ -274,12 +275,19 @@ class PlanMonitoring:
         plan.begin()
         with self.server.running(goal, plan.cancel):
             await plan.ended
-        del self._plans[name], self._goals[name]
+        if self._plans.get(name) is plan:
+            del self._plans[name], self._goals[name]
         result.verdicts = [verdict_to_message(verdict) for verdict in plan.verdicts]
         if plan.error is not None:
             result.exit_status = error_to_message(plan.error)
         self.server.finish(goal, plan.error)
         return result
+
+    def _end_former_run(self, name: str, newer: bytes) -> None:
+        """End the plan of a name if its client was killed, and has been restarted."""
+        if name in self._plans and self.server.is_over(self._goals[name], newer):
+            del self._goals[name]
+            self._plans.pop(name).cancel(self.server.restarted)
 
     def _monitored_plan(self, goal: Any) -> MonitoredPlan:
         request = goal.request
@@ -289,8 +297,11 @@ class PlanMonitoring:
         self._limits.check('plan_part_limit', parts, what, ExitCode.INVALID_ARGUMENT)
         self._limits.check('plan_limit', len(self._plans) + 1, 'monitored plans')
         if request.name in self._plans:
+            former, newer = self._goals[request.name], bytes(goal.goal_id.uuid)
+            is_former = is_of_former_run(former, newer)
+            hint = ', or try again in 20 s if its client was killed' if is_former else ''
             raise CoordinationError(
-                f"a plan '{request.name}' is monitored already; give this one another name",
+                f"a plan '{request.name}' is monitored already; give this one another name{hint}",
                 ExitCode.ALREADY_EXISTS,
             )
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rclpy.node import Node as RosNode
 from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
@@ -22,10 +23,16 @@ class Node:
 
     def __init__(self) -> None:
         self.spawned: list[Any] = []
+        self.graph: list[tuple[str, str]] = []
         self.deadlines = SimpleNamespace(after=self.passed)
 
-    async def passed(self, _seconds: float) -> None:
-        """A time has passed."""
+    async def passed(self, seconds: float) -> None:
+        """A time has passed; the graph forgets a node in the meantime."""
+        if seconds == actions.PERIOD_S:
+            self.graph.pop()
+
+    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        return self.graph
 
     def spawn(self, function: Any, *arguments: Any) -> None:
         self.spawned.append(function(*arguments))
@@ -114,6 +121,33 @@ def test_a_second_client_that_ends_at_once_ends_no_goals(situation: Situation) -
     situation.goals[-1].close()
     situation.node.let_time_pass()
     assert situation.reasons == []
+
+
+class FakeExecutive(RosNode):
+    """A node of a user that sends goals."""
+
+    def __init__(self) -> None:  # without a ROS graph
+        pass
+
+    def get_fully_qualified_name(self) -> str:
+        return '/executive'
+
+
+@pytest.mark.parametrize('number', [1, 2])
+def test_goals_of_a_user_s_client_end_when_it_alone_has_its_name(
+    situation: Situation, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    former = actions.goal_id(FakeExecutive())
+    monkeypatch.setattr(actions, '_PROCESS_START', actions._PROCESS_START + SECOND_NS)
+    newer = actions.goal_id(FakeExecutive())
+    situation.node.graph = [('other', '/'), *[('executive', '/')] * number]
+    is_over = situation.server.is_over(bytes(former.uuid), bytes(newer.uuid))
+    assert is_over == (number == 1)
+    situation.send(former)
+    situation.send(newer)
+    situation.node.let_time_pass()
+    assert situation.reasons == ['the client of ~/action was restarted']
+    assert len(situation.node.graph) == 2
 
 
 def test_a_former_run_that_is_still_alive_ends_no_goals(situation: Situation) -> None:
