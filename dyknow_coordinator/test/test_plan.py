@@ -145,6 +145,17 @@ def test_a_verdict_is_final() -> None:
     assert execution.phase(WHOLE) is PlanPhase.DECIDED
 
 
+@pytest.mark.parametrize('stop', [False, True])
+def test_a_withdrawn_formula_may_have_a_verdict_from_a_late_state(*, stop: bool) -> None:
+    execution, _ = begun(Plan('p', PLAN.actions, PLAN.formulas, stop_at_violation=stop))
+    before = FormulaPosition('land', 'BEFORE')
+    assert before in execution.report('land', Event.STARTED).withdraw
+    step = execution.conclude(before, violated=True)
+    assert execution.phase(before) is PlanPhase.DECIDED
+    assert execution.has_ended == stop
+    assert (WHOLE in step.withdraw) == stop
+
+
 @pytest.mark.parametrize(
     ('action', 'event', 'code', 'words'),
     [
@@ -212,6 +223,18 @@ def test_how_a_formula_stood_when_it_was_withdrawn(
         explanation=explanation,
     )
     assert verdict.outcome == outcome
+
+
+def test_what_is_not_known_of_a_withdrawn_formula() -> None:
+    text = withdrawal(0, presumably_false=False, unknown=5, waited_for='/a is silent')
+    assert text == 'no state had come; it waited for states: /a is silent'
+    verdict = PlanVerdict(WHOLE, 'always p', PlanPhase.WITHDRAWN, explanation=text)
+    assert verdict.outcome == 'withdrawn'
+    text = withdrawal(2, presumably_false=False, unknown=1_040_000_000, waited_for='/a is silent')
+    assert text == (
+        'held in 2 states; not evaluated in the last 1.04 s; it waited for states: /a is silent'
+    )
+    assert replace(verdict, explanation=text).outcome == 'withdrawn (held)'
 
 
 def test_the_words_for_other_phases() -> None:
