@@ -66,6 +66,31 @@ def test_a_later_stream_has_the_value_that_is_kept(constraints: str) -> None:
     assert not flow.violations + later.violations
 
 
+@pytest.mark.parametrize('first', ['select x from "mode"', 'sync("mode", "speed")'])
+def test_each_of_many_later_streams_has_the_value_that_is_kept(first: str) -> None:
+    flow = new_flow().create(first)
+    flow.push('mode', 0, x=1, y=10)
+    for _ in range(4):
+        later = Later(flow, 'select y from "mode"')
+        assert flow.dataflow.owed == {'mode'}
+        flow.repeat('mode', 0, 5000, x=1, y=10)
+        assert [each.fields for each in later.samples] == [{'y': 10}]
+        flow.dataflow.destroy('later')
+        assert not flow.dataflow.owed
+
+
+def test_a_later_stream_has_the_kept_value_of_a_topic_whose_type_was_unknown() -> None:
+    flow = new_flow()
+    flow.kept_topics.clear()
+    flow.create('select x from "mode"')
+    flow.kept_topics.add('mode')
+    flow.receipt_topics.add('mode')
+    flow.push('mode', 0, x=1, y=10)
+    later = Later(flow, 'select y from "mode"')
+    flow.repeat('mode', 0, 5000, x=1, y=10)
+    assert [each.fields for each in later.samples] == [{'y': 10}]
+
+
 def test_only_what_is_kept_is_owed() -> None:
     flow = new_flow().create('merge("mode", "speed")')
     Later(flow, 'select v from "speed"')

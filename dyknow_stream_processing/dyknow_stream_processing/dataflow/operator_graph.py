@@ -255,14 +255,18 @@ class OperatorGraph:
         return self._operator(OrderOperator, label, [source], *limit, self._delays)
 
     def _source(self, label: str, type_: SourceType) -> SourceOperator:
-        """Return the operator of a topic; a new one if a kept value has passed the former one."""
-        source = self._operator(SourceOperator, label, [], type_.receipt_time)
-        if type_.is_kept and source.emitted_at is not None:
-            key = _key(SourceOperator, label, [], type_.receipt_time)
-            self._operators[key, id(source)] = self._operators.pop(key)
-            source = self._operator(SourceOperator, label, [], type_.receipt_time)
-            cast('SourceOperator', source).is_owed = True
-        return cast('SourceOperator', source)
+        """Return the operator of a topic; a new one if a kept value has passed the former ones."""
+        details = (SourceOperator, label, [], type_.receipt_time)
+        if type_.is_kept:
+            key = _key(*details)
+            former = self._operators.get(key)
+            if former is not None and former.emitted_at is not None:
+                self._operators[key, id(former)] = self._operators.pop(key)
+        source = cast('SourceOperator', self._operator(*details))
+        has_passed = any(each.emitted_at is not None for each in self.sources.get(label, ()))
+        if type_.is_kept and has_passed:
+            source.is_owed = True
+        return source
 
     def _built_in(self, term: BuiltInSource, label: str, arrival: _ArrivalChecks) -> Operator:
         topic = term.inputs[0]
