@@ -159,6 +159,60 @@ def test_errors_in_user_code_are_contained(flow_class: type[Flow]) -> None:
     assert flow.drops == {'computational_unit': 2, 'fields': 1}
 
 
+class PanicError(BaseException):
+    """An error that is no Exception, as extension modules raise at a panic."""
+
+
+@pytest.mark.parametrize(
+    ('error', 'text'),
+    [
+        (SystemExit(3), 'SystemExit: 3'),
+        (SystemExit(), 'SystemExit'),
+        (PanicError('oh'), 'PanicError: oh'),
+    ],
+)
+def test_errors_that_would_end_the_process_are_contained(
+    flow_class: type[Flow],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    text: str,
+) -> None:
+    def failing(_: object) -> float:
+        raise error
+
+    class Broken:
+        def __init__(self) -> None:
+            raise error
+
+    flow = flow_class({'failing': failing, 'broken': Broken})
+    flow.create('compunit y: float failing(x: int); sink failing("a")')
+    flow.push('a', 0, x=0)
+    flow.push('a', 1, x=1)
+    message = f"stream 's': computational unit 'failing': {text}"
+    assert [each.message for each in flow.violations] == [message] * 2
+    with pytest.raises(StreamError, match=f"^computational unit 'broken' cannot be made: {text}$"):
+        flow.create('compunit y: float broken(x: int); sink broken("a")', 'other')
+
+    def load(_: EntryPoint) -> None:
+        raise error
+
+    registered = [EntryPoint('bad', 'a_script:unit', computational_units.ENTRY_POINTS)]
+    monkeypatch.setattr(computational_units, 'entry_points', lambda **_: registered)
+    monkeypatch.setattr(EntryPoint, 'load', load)
+    with pytest.raises(StreamError, match=rf'\(a_script:unit\) cannot be loaded: {text}$'):
+        load_units.__wrapped__()
+
+
+def test_an_interrupt_in_user_code_ends_the_process(flow_class: type[Flow]) -> None:
+    def interrupted(_: object) -> float:
+        raise KeyboardInterrupt
+
+    flow = flow_class({'interrupted': interrupted})
+    flow.create('compunit y: float interrupted(x: int); sink interrupted("a")')
+    with pytest.raises(KeyboardInterrupt):
+        flow.push('a', 0, x=0)
+
+
 @pytest.mark.parametrize(
     ('type_name', 'value', 'fits'),
     [

@@ -107,10 +107,12 @@ def load_units() -> Mapping[str, Unit]:
     for entry_point in entry_points(group=ENTRY_POINTS):
         try:
             registered[entry_point.name] = entry_point.load()
-        except Exception as error:  # A module may raise any while it is imported.
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # A module may raise any while it is imported.
             raise StreamError(
                 f"computational unit '{entry_point.name}' ({entry_point.value}) cannot be loaded: "
-                f'{type(error).__name__}: {error}'
+                f'{_description(error)}'
             ) from error
     return registered
 
@@ -255,8 +257,10 @@ class UnitOperator(SynchronisedOperator):
         columns = {name: batch.columns[name] for name in names} if len(batch) else {}
         try:
             is_result, found = self.call.many(batch.valid_times, columns)
+        except KeyboardInterrupt:
+            raise
         # User code may raise any exception; steps report it.
-        except Exception:  # noqa: BLE001
+        except BaseException:  # noqa: BLE001
             refuse(Refusal.VALUE)
         output = replace(replace(batch, columns={}).rows(is_result), columns=found)
         return Planned(output, self.inputs[0].watermark)
@@ -281,9 +285,11 @@ class UnitOperator(SynchronisedOperator):
         try:
             compute = self.call if given is None else self.call.of_alternatives
             result = compute(valid_time, arguments)
-        # User code may raise any exception; it is contained and reported.
-        except Exception as error:  # noqa: BLE001
-            message = f"computational unit '{self._name}': {type(error).__name__}: {error}"
+        except KeyboardInterrupt:
+            raise
+        # User code may raise any exception, also SystemExit; it is contained and reported.
+        except BaseException as error:  # noqa: BLE001
+            message = f"computational unit '{self._name}': {_description(error)}"
             self._reject(Fault(ViolationKind.COMPUTATIONAL_UNIT, valid_time, message))
         else:
             if result is not None:
@@ -295,11 +301,17 @@ def _instance(unit: Unit, name: str, arguments: Mapping[str, Value]) -> Any:
         return partial(unit, **arguments) if arguments else unit
     try:
         return unit(**arguments)
+    except KeyboardInterrupt:
+        raise
     # The constructor is user code, too.
-    except Exception as error:
+    except BaseException as error:
         raise StreamError(
-            f"computational unit '{name}' cannot be made: {type(error).__name__}: {error}"
+            f"computational unit '{name}' cannot be made: {_description(error)}"
         ) from error
+
+
+def _description(error: BaseException) -> str:
+    return f'{type(error).__name__}: {error}'.removesuffix(': ')
 
 
 def _takes_time(call: Unit) -> bool:
