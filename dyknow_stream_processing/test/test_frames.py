@@ -111,6 +111,55 @@ def test_constraints_hold_as_for_topics(flow: Flow) -> None:
     assert flow.broken() == [('future', 200)]
 
 
+def test_a_late_transform_is_a_violation_by_default(flow: Flow) -> None:
+    flow.create('tf("map", "base")')
+    push_transforms(flow, 5000, transform('map', 'base', 4000))
+    push_transforms(flow, 5000, transform('map', 'base', 4001))
+    assert (flow.times(), flow.broken()) == ([4000, 4001], [])
+    push_transforms(flow, 6000, transform('map', 'base', 4999))
+    (violation,) = flow.violations
+    assert (violation.observed, violation.allowed) == (1_001_000_000, 1_000_000_000)
+    assert 'came 1.00 s after its stamp; without a max_delay at most 1 s' in violation.message
+    assert (flow.times(), flow.broken()) == ([], [('max_delay', 4999)])
+    assert flow.drops == {'max_delay': 1}
+
+
+def test_the_first_transform_may_be_late_already(flow: Flow) -> None:
+    flow.create('tf("map", "base")')
+    push_transforms(flow, 5000, transform('map', 'base', 0.001))
+    assert (flow.times(), flow.broken()) == ([], [('max_delay', 0.001)])
+
+
+def test_a_slow_link_makes_samples_late(flow: Flow) -> None:
+    text = 'tf("map", "base")'
+    flow.create(text).create(f'{text} with max_delay = 2 s', 'stated')
+    other = Flow().create(f'select distance from {text} with max_delay = 3 s')
+    for each in (flow, other):
+        push_transforms(each, 1000, transform('map', 'odom', 1000))
+        for now in (1000, 1500, 2000, 2500):
+            push_transforms(each, now, transform('odom', 'base', now))
+        push_transforms(each, 2600, transform('map', 'odom', 2600))
+    assert flow.broken() == [('max_delay', 1500)], 'The stream with a max_delay reports none.'
+    other.advance(9000)
+    assert (other.times(), other.broken()) == ([1000, 1500, 2000, 2500], [])
+
+
+def test_transforms_are_not_late_for_a_link_that_was_missing(flow: Flow) -> None:
+    flow.create('tf("map", "base")')
+    for now in (2000, 3000, 4000):
+        push_transforms(flow, now, transform('odom', 'base', now))
+    push_transforms(flow, 5500, transform('map', 'odom', 5500), static=True)
+    assert (flow.times(), flow.broken()) == ([2000, 3000, 4000], [])
+    push_transforms(flow, 7000, transform('odom', 'base', 5900))
+    assert (flow.times(), flow.broken()) == ([], [('max_delay', 5900)])
+
+
+def test_static_transforms_are_never_late(flow: Flow) -> None:
+    flow.create('tf("map", "base")')
+    push_transforms(flow, 90_000, transform('map', 'base', 1), static=True)
+    assert (flow.times(), flow.broken()) == ([90_000], [])
+
+
 def test_a_transform_of_the_future_is_used_if_the_others_are_not(flow: Flow) -> None:
     flow.create('tf("map", "base")')
     push_transforms(flow, 1, transform('map', 'odom', 1), transform('map', 'odom', 1000))

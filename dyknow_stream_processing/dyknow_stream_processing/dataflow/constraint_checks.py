@@ -200,13 +200,7 @@ class OrderOperator(LeadOperator):
         if delay <= allowed or delay > OTHER_CLOCK_NS:
             return False
         after = 'after it was sent' if self._topic.has_sent_times else 'after its stamp'
-        message = (
-            f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} '
-            f'{after}; without a max_delay at most {format_duration(allowed)} is taken for true: '
-            f'state a larger max_delay if its way takes so long, set the clock of its sender, or '
-            f'replay a recording with its clock'
-        )
-        self._reject(Fault(ViolationKind.MAX_DELAY, valid_time, message, delay, allowed))
+        self._reject(too_late(valid_time, delay, allowed, after))
         return True
 
 
@@ -503,6 +497,24 @@ class BoundsOperator(Operator):
                     self._drop(reason, int(dropped.sum()))
 
         return Planned(batch.rows(~(early | late)), self.inputs[0].watermark, adopt)
+
+
+def too_late(valid_time: int, delay: int, allowed: int, after: str) -> Fault:
+    """Return the fault of a sample that is later than the default `max_delay`.
+
+    Args:
+        valid_time: its valid time, in nanoseconds.
+        delay: the time by which it is late, in nanoseconds.
+        allowed: the default, in nanoseconds.
+        after: what its valid time is, such as `after its stamp`.
+    """
+    message = (
+        f'the sample valid at {round_time(valid_time)} came {round_duration(delay)} '
+        f'{after}; without a max_delay at most {format_duration(allowed)} is taken for true: '
+        f'state a larger max_delay if its way takes so long, set the clock of its sender, or '
+        f'replay a recording with its clock'
+    )
+    return Fault(ViolationKind.MAX_DELAY, valid_time, message, delay, allowed)
 
 
 def _late(valid_time: int, delay: int, max_delay: int, released: int) -> Fault:

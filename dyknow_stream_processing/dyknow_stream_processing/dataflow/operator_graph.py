@@ -220,7 +220,7 @@ class OperatorGraph:
             case StreamReference():
                 return self._topic(term.name, label, may_be_late=may_be_late, arrival=arrival)
             case BuiltInSource():
-                return self._built_in(term, label, arrival)
+                return self._built_in(term, label, may_be_late=may_be_late, arrival=arrival)
             case Select():
                 source = self._constrained(term.source, may_be_late=may_be_late, arrival=arrival)
                 if term.elements is not None:
@@ -256,19 +256,20 @@ class OperatorGraph:
 
     def _source(self, label: str, type_: SourceType) -> SourceOperator:
         """Return the operator of a topic; a new one if a kept value has passed the former ones."""
-        details = (SourceOperator, label, [], type_.receipt_time)
-        if type_.is_kept:
-            key = _key(*details)
-            former = self._operators.get(key)
-            if former is not None and former.emitted_at is not None:
-                self._operators[key, id(former)] = self._operators.pop(key)
-        source = cast('SourceOperator', self._operator(*details))
+        key = _key(SourceOperator, label, [], type_.receipt_time)
+        former = self._operators.get(key)
+        if type_.is_kept and former is not None and former.emitted_at is not None:
+            self._operators[key, id(former)] = self._operators.pop(key)
+        operator = self._operator(SourceOperator, label, [], type_.receipt_time)
+        source = cast('SourceOperator', operator)
         has_passed = any(each.emitted_at is not None for each in self.sources.get(label, ()))
         if type_.is_kept and has_passed:
             source.is_owed = True
         return source
 
-    def _built_in(self, term: BuiltInSource, label: str, arrival: _ArrivalChecks) -> Operator:
+    def _built_in(
+        self, term: BuiltInSource, label: str, *, may_be_late: bool, arrival: _ArrivalChecks
+    ) -> Operator:
         topic = term.inputs[0]
         if term.kind is BuiltIn.RATE:
             # The clock must be able to say that no message has come.
@@ -283,7 +284,8 @@ class OperatorGraph:
         # Their valid times are not used, so there is one tree, whether the type is known or not.
         sources = [self._operator(SourceOperator, each, [], True) for each in topics]
         tree = self._operator(TransformTreeOperator, topics[0], sources)
-        frames = self._operator(FramesOperator, label, [tree], *term.arguments)
+        max_delay = None if may_be_late else self._delays.stamped
+        frames = self._operator(FramesOperator, label, [tree], *term.arguments, max_delay)
         limit = self._max_lead if arrival.max_lead is None else arrival.max_lead
         return self._operator(LeadOperator, label, [frames], limit, False)
 

@@ -38,8 +38,14 @@ from dyknow_stream_processing.dataflow.built_in.transform_tree import (
     TransformTree,
 )
 from dyknow_stream_processing.dataflow.built_in.transforms import Transform, checked_transform
-from dyknow_stream_processing.dataflow.operators import NO_PROMISE, Operator, Wiring
-from dyknow_stream_processing.dataflow.scheduler import BEGINNING
+from dyknow_stream_processing.dataflow.constraint_checks import too_late
+from dyknow_stream_processing.dataflow.operators import (
+    NO_PROMISE,
+    OTHER_CLOCK_NS,
+    Operator,
+    Wiring,
+)
+from dyknow_stream_processing.dataflow.scheduler import BEGINNING, END
 from dyknow_stream_processing.sample import WholeMessage
 from dyknow_stream_processing.violation import Fault, ViolationKind
 
@@ -124,17 +130,20 @@ class TransformTreeOperator(Operator):
 class FramesOperator(Operator):
     """The transform of a frame in another one, at each valid time of a dynamic link between them.
 
-    Between static links, the transform is valid when it is received.
+    Between static links, the transform is valid when it is received. While links between the frames
+    are missing, the transforms of the others are kept: they are not late when the last link comes.
 
     Args:
         target: the frame in which the other one is described.
         source: the other frame.
+        max_delay: the delay from which a sample is too late, in nanoseconds; `None` for no limit.
     """
 
     _sorts = True
 
-    def __init__(self, wiring: Wiring, target: str, source: str) -> None:
+    def __init__(self, wiring: Wiring, target: str, source: str, max_delay: int | None) -> None:
         super().__init__(wiring)
+        self._max_delay = END if max_delay is None else max_delay
         self._origin = cast('TransformTreeOperator', self.inputs[0])
         self._target = target
         self._source = source
@@ -165,11 +174,11 @@ class FramesOperator(Operator):
         self._report_refusals(changes, now)
         if former is not None:
             self._report_missed(changes, former.dynamic)
-        self._make_samples(now)
+        self._make_samples(now, is_new=self._chain is not former)
 
     def wake(self, now: int) -> None:
         """Make the first sample."""
-        self._make_samples(now)
+        self._make_samples(now, is_new=True)
 
     def promise(self, port: int, watermark: int, now: int) -> None:
         """Promise nothing beside the samples."""
@@ -224,7 +233,7 @@ class FramesOperator(Operator):
         """Return the valid time up to which all dynamic links are known."""
         return min((link.times[-1] for link in (self._chain or _NONE).dynamic), default=BEGINNING)
 
-    def _make_samples(self, now: int) -> None:
+    def _make_samples(self, now: int, *, is_new: bool) -> None:
         if self._chain is None:
             return
         if self._is_static:
@@ -237,8 +246,18 @@ class FramesOperator(Operator):
         self._static = None
         for valid_time in self._due_times(self._chain):
             self._done = valid_time
+            delay = now - valid_time
+            is_late = self._max_delay < delay <= OTHER_CLOCK_NS
+            if is_late and not (is_new and self._was_kept(valid_time, self._chain)):
+                self._reject(too_late(valid_time, delay, self._max_delay, 'after its stamp'))
+                continue
             fields = self._chain.at(valid_time).fields()
             self._emit(valid_time, fields, valid_time, now)
+
+    def _was_kept(self, valid_time: int, chain: Chain) -> bool:
+        """Return True if no transform of the latest message is valid at a time."""
+        added = self._origin.changes.added
+        return not any(valid_time in added.get(link.child, ()) for link in chain.dynamic)
 
     def _due_times(self, chain: Chain) -> list[int]:
         links, until = chain.dynamic, self._horizon()
