@@ -10,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from dyknow_interfaces import srv
 from dyknow_interfaces.msg import ExitStatus, StreamSpec, StreamStatusArray
 from rclpy.node import Node
+from std_msgs.msg import Float64
 
 from stream_nodes import LATCHED, TANK, StreamNodes
 from system import POLL
@@ -95,6 +96,18 @@ def test_what_streams_are_made_of(nodes: StreamNodes) -> None:
     # An engine needs no topic for its own streams, and subscribes to the other's like any.
     assert made_of - {TANK}
     assert made_of - {TANK} <= set(topics(*CHAIN))
+
+
+def test_streams_of_a_stream_that_stays_silent_begin_with_its_value(nodes: StreamNodes) -> None:
+    start_two(nodes)
+    limit = nodes.client.node.create_publisher(Float64, '/limit', LATCHED)
+    limit.publish(Float64(data=0.5))
+    nodes.create('limit', 'select data as limit from "/limit"')
+    nodes.wait_until_flowing('limit')
+    for name in ('first', 'second', 'third'):
+        nodes.create(name, f'sync(limit, select data as level from "{TANK}")')
+    nodes.wait_until_flowing('first', 'second', 'third')
+    assert len(set(nodes.engines_of().values())) == 1, 'Engines keep no samples for each other.'
 
 
 def test_streams_wait_until_an_engine_is_there(nodes: StreamNodes) -> None:

@@ -95,6 +95,40 @@ def test_the_engine_with_the_fewest_streams_is_chosen(registry: StreamRegistry) 
     assert registry.least_loaded([E1, E2]) == E1
 
 
+@pytest.mark.parametrize(
+    ('kept', 'text', 'engines'),
+    [
+        ('/limit', 'sync(limit, "/speed")', {E1}),
+        ('/limit', 'select a from half', {E2}),
+        ('/limit', 'sync(limit, half)', {E1, E2}),
+        ('/limit', 'select a from registered', set()),
+        ('/limit', 'select a from "/limit"', set()),
+        ('/limit', 'select a from from_registered', {E1}),
+        ('/tank', 'select a from declared', {E2}),
+        ('/speed', 'select a from half', set()),
+        ('/tf_static', 'select yaw from pose', {E1}),
+        ('/dock/_action/status', 'select name from docking', {E1}),
+    ],
+)
+def test_engines_that_have_the_last_value_of_a_kept_topic(
+    kept: str, text: str, engines: set[str]
+) -> None:
+    known = StreamRegistry()
+    known.add(RegisteredStream('registered', '/limit', 'std_msgs/msg/Float64'))
+    for name, specification, engine in (
+        ('limit', 'select a from "/limit"', E1),
+        ('half', 'select a from limit', E2),
+        ('from_registered', 'select a from registered', E1),
+        ('declared', 'source (a: float) "/tank"; sink select a from "/tank"', E2),
+        ('pose', 'tf("map", "base")', E1),
+        ('docking', 'action("/dock")', E1),
+    ):
+        known.add(created(name, specification))
+        place(known, name, engine)
+    known.add(created('new', text))
+    assert known.keepers(created('new', text), {kept}.__contains__) == engines
+
+
 def test_the_streams_of_a_lost_engine_wait_for_another(registry: StreamRegistry) -> None:
     registry.withdraw_all(E1)
     assert [stream.name for stream in registry.waiting()] == ['a', 'b', 'waiting']

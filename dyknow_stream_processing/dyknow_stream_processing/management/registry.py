@@ -13,9 +13,10 @@ from typing import Final
 
 from dyknow_common import ExitCode
 from dyknow_stream_processing.errors import StreamError, unknown_stream
+from dyknow_stream_processing.language.built_in_sources import TF_STATIC
 from dyknow_stream_processing.language.parsing import parse_specification
 from dyknow_stream_processing.language.resolution import free_names
-from dyknow_stream_processing.language.specification import Specification
+from dyknow_stream_processing.language.specification import SourceDeclaration, Specification
 from dyknow_stream_processing.management.naming import Namespaces, NamingConvention, namespace_of
 from dyknow_stream_processing.management.relocation import (
     aliases,
@@ -259,6 +260,21 @@ class StreamRegistry:
         """Return the engine with the fewest streams; `None` if there is no engine."""
         return min(engines, key=lambda engine: (len(self.made_by(engine)), engine), default=None)
 
+    def keepers(self, stream: CreatedStream, is_kept: Callable[[str], bool]) -> frozenset[str]:
+        """Return the engines on which a stream begins with the last value of a silent topic.
+
+        They make streams that it is made from, of topics whose publishers keep their messages. An
+        engine does not keep samples for others, and may never publish the next one.
+
+        Args:
+            stream: the stream.
+            is_kept: returns True if the publishers of a topic keep messages for late subscribers.
+        """
+        inputs = (self._streams.get(name) for name in self._inputs(stream))
+        made = [each for each in inputs if isinstance(each, CreatedStream)]
+        found = [each.engine for each in made if any(map(is_kept, self._topics(each)))]
+        return frozenset(filter(None, found))
+
     def text_for(self, stream: CreatedStream, engine: str) -> tuple[str, Mapping[str, str]]:
         """Return a specification with aliases for an engine, and the topics of these aliases.
 
@@ -366,6 +382,21 @@ class StreamRegistry:
 
     def _inputs(self, stream: CreatedStream) -> frozenset[str]:
         return free_names(self._original(stream)).streams
+
+    def _topics(self, stream: CreatedStream) -> frozenset[str]:
+        """Return the topics that a stream is made of, also through other streams."""
+        topics: set[str] = set()
+        names = [stream.name]
+        for name in names:  # The list grows in the loop.
+            known = self._streams.get(name)
+            if isinstance(known, CreatedStream):
+                text = self._original(known)
+                free = free_names(text)
+                topics |= free.topics | {each.name for each in text.declared(SourceDeclaration)}
+                names += free.streams - {*names}
+            elif known is not None:
+                topics.add(known.topic)
+        return frozenset(topics | ({TF_STATIC} if '/tf' in topics else set()))
 
     def _sources(self, known: CreatedStream, reported: CreatedStream) -> Mapping[str, str]:
         """Return the topics from which an engine reads the streams that a stream is made from."""

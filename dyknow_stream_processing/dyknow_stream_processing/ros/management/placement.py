@@ -27,7 +27,7 @@ from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, constraints_to_message, identities_to_message
-from dyknow_stream_processing.errors import stream_replaced
+from dyknow_stream_processing.errors import StreamError, stream_replaced
 from dyknow_stream_processing.management.naming import namespace_of
 from dyknow_stream_processing.management.registry import (
     StreamRegistry,
@@ -38,6 +38,7 @@ from dyknow_stream_processing.management.registry import (
 from dyknow_stream_processing.management.streams import CreatedStream, Stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
+from dyknow_stream_processing.ros.topics.publications import find_publication
 
 ENGINE_TIMEOUT_NS: Final = 3 * SECOND_NS
 FIRST_ENGINE_TIMEOUT_NS: Final = 10 * SECOND_NS
@@ -363,15 +364,17 @@ class Placement:
     async def _make(self, stream: CreatedStream, chosen: Mapping[str, int] = _ANY) -> Any:
         """Make a stream on the engine with the fewest streams; on another if that one dies.
 
-        No engine is asked whose namespace has another stream of the name: both would be published
-        on one topic.
+        An engine that has the last value of a kept topic is preferred. No engine is asked whose
+        namespace has another stream of the name: both would be published on one topic.
         """
         others = await self._others(stream)
         while True:
             taken = {namespace_of(engine) for engine in others}
             ready = self._engines.ready()
             free = [each for each in ready if namespace_of(each) not in taken]
-            engine = self._registry.least_loaded(free)
+            keepers = self._registry.keepers(stream, self._is_kept)
+            preferred = [each for each in free if each in keepers]
+            engine = self._registry.least_loaded(preferred or free)
             if engine is None and ready:
                 raise name_taken(stream, others.values())
             if engine is None:
@@ -382,6 +385,14 @@ class Placement:
             except DyKnowError as error:
                 if error.code is not ExitCode.UNAVAILABLE or self._engines.is_ready(engine):
                     raise
+
+    def _is_kept(self, topic: str) -> bool:
+        """Return True if the publishers of a topic keep messages for late subscribers."""
+        try:
+            publication = find_publication(self._node, topic)
+        except StreamError:
+            return False  # It has several types, or the name is invalid.
+        return publication is not None and publication.latched
 
     async def _others(self, stream: CreatedStream) -> dict[str, CreatedStream]:
         """Return other streams of the name of a requested stream, by the engines that make them."""
