@@ -7,6 +7,7 @@ from rich.console import Console, RenderableType
 
 from dyknow_common import StreamConstraints
 from dyknow_stream_processing.reporting.stream_report import (
+    NO_FLOW,
     Flow,
     SourceReport,
     StreamReport,
@@ -57,6 +58,15 @@ def test_a_line_for_each_stream() -> None:
     ]
 
 
+def test_a_stream_that_waits_again_shows_what_it_has_had() -> None:
+    silent = replace(
+        FLOWING, state=StreamState.WAITING, message='nobody publishes /t', flow=NO_FLOW
+    )
+    assert shown(stream_table([silent], ['/engine']))[1] == (
+        'power waiting 120 3 2 nobody publishes /t'
+    )
+
+
 def test_no_number_is_cut_in_80_columns() -> None:
     many = replace(
         FLOWING,
@@ -90,7 +100,7 @@ def test_stamps_ahead_of_the_clock() -> None:
     dropped = replace(FLOWING, flow=Flow(), sources=(SourceReport('/other'), topic))
     assert 'power flowing 120 0.0 Hz ahead 5.01 s 3 2' in shown(stream_table([dropped], []))
     waiting = replace(dropped, state=StreamState.WAITING, message='all dropped')
-    assert 'power waiting ahead 5.01 s all dropped' in shown(stream_table([waiting], []))
+    assert 'power waiting 120 ahead 5.01 s 3 2 all dropped' in shown(stream_table([waiting], []))
     lines = shown(stream_details(dropped, 1_310 * MS))
     assert 'delay ahead 5.01 s' in lines
     assert '/t: 200 received, the latest 310 ms ago, stamped ahead 5.01 s' in lines

@@ -135,20 +135,17 @@ def topic_as_json(used: UsedTopic) -> dict[str, Any]:
 
 
 def _row(report: StreamReport, users: Iterable[StreamUser], *, several_engines: bool) -> list[Cell]:
-    figures = [''] * len(_FIGURES)
-    if report.state is StreamState.FLOWING:
-        figures = [
-            str(report.samples),
-            _rate(report),
-            *_delays(report),
-            str(sum(report.drops.values())),
-            str(report.violations),
-        ]
+    counts = report.samples, sum(report.drops.values()), report.violations
+    is_flowing = report.state is StreamState.FLOWING
+    # A stream that has fallen silent still has what it had before.
+    samples, dropped, violations = map(str, counts) if is_flowing or any(counts) else [''] * 3
+    rate = _rate(report) if is_flowing else ''
+    figures = [samples, rate, *_delays(report), dropped, violations]
+    if is_flowing:
         remark = report.engine if several_engines else ''
     elif report.state is StreamState.REGISTERED:
         remark = report.message or report.topic
     else:
-        figures[_FIGURES.index('delay')], _ = _delays(report)
         remark = report.message.partition('\n')[0]
     return [shown_name(report, users), _state(report), *figures, remark]
 
