@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import wraps
 from importlib.metadata import EntryPoint
 
 import pytest
 from recorded_flow import Flow
 
-from dyknow_common import LanguageError, Value
-from dyknow_stream_processing import StreamError, load_units
+from dyknow_common import NO_CONSTRAINTS, LanguageError, Value
+from dyknow_stream_processing import StreamError, load_units, parse_specification
 from dyknow_stream_processing.dataflow import computational_units
 
 
@@ -22,6 +23,14 @@ def run(
     for index, fields in enumerate(values):
         flow.push('a', 500 * index, **fields)
     return [fields['out'] for _, fields in flow.take()]
+
+
+def create_again(flow: Flow, text: str, name: str = 's') -> None:
+    """Create a stream that has had samples elsewhere."""
+    specification = parse_specification(text)
+    flow.dataflow.create(
+        name, specification, NO_CONSTRAINTS, flow.samples.append, is_recreated=True
+    )
 
 
 def test_electrical_power_is_positive_while_a_battery_discharges(flow: Flow) -> None:
@@ -73,6 +82,54 @@ def test_a_window_with_an_unknown_value_is_unknown(flow: Flow, unit: str) -> Non
     values = [{'x': x} for x in (1.0, math.nan, 3.0, 4.0, 5.0)]
     found = [math.isnan(each) for each in run(flow, unit, values, ', window = 1001 ms')]
     assert found == [False, True, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ('unit', 'expected'),
+    [
+        ('mean', [(1000, 2.5), (1500, 3.5), (2000, 4.5)]),
+        ('minimum', [(1000, 2.0), (1500, 3.0), (2000, 4.0)]),
+        ('maximum', [(1000, 3.0), (1500, 4.0), (2000, 5.0)]),
+        ('rate_of_change', [(1000, 2.0), (1500, 2.0), (2000, 2.0)]),
+        ('speed', [(500, 2.0), (1000, 2.0), (1500, 2.0), (2000, 2.0)]),
+    ],
+)
+def test_windows_of_a_recreated_stream_are_complete(
+    flow: Flow, unit: str, expected: list[tuple[float, float]]
+) -> None:
+    text = f'compunit out: float {unit}(x: float); sink {unit}("a")'
+    create_again(flow, text)
+    flow.push('a', 0, x=1.0)
+    (reason,) = flow.dataflow.waits_for('s', -1, lambda _: '')
+    is_window = 's was recreated: its window of 1 s has not passed yet' in reason
+    assert is_window is (unit != 'speed')
+    for index in range(1, 5):
+        flow.push('a', 500 * index, x=float(index + 1))
+    assert flow.take() == [(time, {'out': value}) for time, value in expected]
+
+
+def test_a_recreated_stream_shares_a_window_that_is_complete(flow: Flow) -> None:
+    text = 'compunit out: float mean(x: float); sink mean("a")'
+    flow.create(text, 'other')
+    for now in (0, 500, 1000):
+        flow.push('a', now, x=1.0)
+    assert flow.times() == [0, 500, 1000]
+    create_again(flow, text)
+    flow.push('a', 1500, x=1.0)
+    assert flow.times() == [1500, 1500]
+
+
+def test_streams_of_a_recreated_stream_begin_with_its_first_complete_window(flow: Flow) -> None:
+    create_again(flow, 'compunit out: float mean(x: float); sink mean("a")', 'm')
+    flow.samples.clear()
+    flow.create('sync(m, "a")')
+    for now in (0, 500, 1000, 2000):
+        flow.push('a', now, x=1.0)
+    assert flow.broken() == []
+    assert {time: fields for time, fields in flow.take() if 'x' in fields} == {
+        1000: {'out': 1.0, 'x': 1.0},
+        2000: {'out': 1.0, 'x': 1.0},
+    }
 
 
 @pytest.mark.parametrize('window', ['0', '-5 s', '2.5', 'true', '"long"'])
@@ -238,6 +295,28 @@ def test_the_type_of_a_result(
     flow.push('a', 1, x=1)
     assert flow.take() == ([(1, {'y': value})] if fits else [])
     assert len(flow.violations) == (not fits)
+
+
+@pytest.mark.parametrize('count', [1, 2, 3])
+def test_a_unit_takes_as_many_streams_as_are_declared(flow_class: type[Flow], count: int) -> None:
+    def two(one: object, other: object, *, factor: float = 1.0) -> float:  # noqa: ARG001
+        return factor
+
+    @wraps(two)
+    def with_another(*streams: object, **settings: float) -> float:
+        return two(*streams[:2], **settings)
+
+    flow = flow_class({'two': two, 'hypot': math.hypot, 'with_another': with_another})
+    for unit in ('two', 'hypot', 'with_another'):
+        inputs = ', '.join(f'"t{number}"' for number in range(count))
+        fields = ', '.join(['(x: float)'] * count)
+        text = f'compunit y: float {unit}({fields}); sink {unit}({inputs})'
+        if unit == 'two' and count != 2:
+            streams = 'one stream' if count == 1 else '3 streams'
+            with pytest.raises(StreamError, match=f"unit 'two' does not take {streams}: "):
+                flow.create(text, unit)
+        else:
+            flow.create(text, unit)
 
 
 def test_a_class_that_cannot_be_made_makes_no_stream(flow_class: type[Flow]) -> None:

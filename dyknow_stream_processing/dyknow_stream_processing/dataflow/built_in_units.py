@@ -109,7 +109,7 @@ class SlidingWindow:
     def __init__(self, window: int = SECOND_NS) -> None:
         if type(window) is not int or window <= 0:
             raise ValueError(f'window is {window}; write a positive duration, such as 5 s')
-        self._window = window
+        self.window = window
         self._samples: deque[tuple[int, float]] = deque()
 
 
@@ -122,7 +122,7 @@ class RateOfChange(SlidingWindow):
     def __call__(self, number: Mapping[str, float], valid_time: int) -> float | None:
         """Return the rate; `None` for the first sample, which has no predecessor."""
         (value,) = number.values()
-        samples, begin = self._samples, valid_time - self._window
+        samples, begin = self._samples, valid_time - self.window
         while len(samples) > 1 and samples[1][0] <= begin:
             samples.popleft()
         samples.append((valid_time, value))
@@ -138,7 +138,7 @@ class WindowAggregate(SlidingWindow):
     def __call__(self, number: Mapping[str, float], valid_time: int) -> float:
         """Return the aggregate of the window that ends with this sample; NaN if it holds NaN."""
         (value,) = number.values()
-        samples, begin = self._samples, valid_time - self._window
+        samples, begin = self._samples, valid_time - self.window
         samples.append((valid_time, value))
         while samples[0][0] <= begin:
             samples.popleft()

@@ -19,7 +19,8 @@ of its fields, and returns those of its results, of floats: recordings are proce
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import entry_points
@@ -29,7 +30,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import Alternatives, Value, ValueType, choices, listed
+from dyknow_common import Alternatives, Value, ValueType, choices, format_duration, listed
 from dyknow_space import MovingDistance, RegionDistances, SightDistance, SweptDistances
 from dyknow_stream_processing.dataflow import built_in_units as units
 from dyknow_stream_processing.dataflow import forecasts
@@ -43,7 +44,7 @@ from dyknow_stream_processing.dataflow.batches import (
     refuse,
     rows_of,
 )
-from dyknow_stream_processing.dataflow.operators import Wiring
+from dyknow_stream_processing.dataflow.operators import Operator, Wiring
 from dyknow_stream_processing.dataflow.synchronisation import SynchronisedOperator, Values
 from dyknow_stream_processing.errors import StreamError, open_value
 from dyknow_stream_processing.language.specification import UnitArgument, UnitDeclaration
@@ -138,6 +139,7 @@ class UnitCall:
         """True if it gets the valid time."""
         self.outputs = {each.name: each.type for each in declaration.outputs}
         """The types of the fields of its results."""
+        self._check_inputs(declaration.name)
         self._plain_types = {_PYTHON_TYPES[each] for each in self.outputs.values()}
 
     def __call__(
@@ -154,6 +156,26 @@ class UnitCall:
         if len(self._plain_types) == 1 and self._plain_types == {*map(type, found.values())}:
             return dict(found)
         return {name: _typed(each, self.outputs[name]) for name, each in found.items()}
+
+    def _check_inputs(self, name: str) -> None:
+        """Raise an error if it takes another number of streams than are declared."""
+        timing = {TIME: 0} if self.takes_time else {}
+        with suppress(ValueError):  # Some functions written in C have no signature.
+            # A decorator may pass other arguments on than it gets.
+            found = signature(self._call, follow_wrapped=False)
+            try:
+                found.bind(*self.parameters, **timing)
+            except TypeError as error:
+                count = len(self.parameters)
+                streams = 'one stream' if count == 1 else f'{count} streams'
+                raise StreamError(
+                    f"computational unit '{name}' does not take {streams}: {error}"
+                ) from None
+
+    @property
+    def window(self) -> int:
+        """The length of its window, in nanoseconds; 0 without one."""
+        return self._call.window if isinstance(self._call, units.SlidingWindow) else 0
 
     @property
     def warning(self) -> str:
@@ -229,6 +251,20 @@ class UnitOperator(SynchronisedOperator):
         self._keeps_alternatives = not (self.call.takes_time or has_memory)
         self._open: StreamError | None = None
         """Why it computes nothing any more: the times of samples in its memory are open."""
+        self._first: int | None = None
+        """The valid time of its first sample."""
+        self._is_recreated = False
+
+    def complete_window(self) -> None:
+        """Emit no result of a window that may lack samples from before the first one here."""
+        self._is_recreated = True
+
+    def obstacle(self, name: Callable[[Operator], str]) -> str:
+        """Return why it has no results; a window may not be complete yet."""
+        if self._is_recreated and self.call.window and self.emitted_at is None:
+            window = format_duration(self.call.window)
+            return f'{name(self)} was recreated: its window of {window} has not passed yet'
+        return super().obstacle(name)
 
     def receive(
         self, port: int, valid_time: int, fields: Mapping[str, Value], watermark: int, now: int
@@ -266,6 +302,8 @@ class UnitOperator(SynchronisedOperator):
         return Planned(output, self.inputs[0].watermark)
 
     def _tick(self, valid_time: int, values: Values, now: int) -> None:
+        if self._first is None:
+            self._first = valid_time
         try:
             arguments = [
                 {name: fields[name] for name in names}
@@ -292,7 +330,8 @@ class UnitOperator(SynchronisedOperator):
             message = f"computational unit '{self._name}': {_description(error)}"
             self._reject(Fault(ViolationKind.COMPUTATIONAL_UNIT, valid_time, message))
         else:
-            if result is not None:
+            is_partial = self._is_recreated and valid_time - self._first < self.call.window
+            if result is not None and not is_partial:
                 self._emit(valid_time, result, self.watermark, now)
 
 

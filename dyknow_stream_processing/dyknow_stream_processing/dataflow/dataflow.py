@@ -106,6 +106,8 @@ class Dataflow:
         constraints: StreamConstraints,
         on_sample: Callable[[Sample], None] = ignore,
         on_violation: Callable[[Violation], None] = ignore,
+        *,
+        is_recreated: bool = False,
     ) -> None:
         """Create a stream.
 
@@ -115,6 +117,8 @@ class Dataflow:
             constraints: are added to the constraints in the specification.
             on_sample: receives each sample; available times are strictly increasing.
             on_violation: receives the violations in the stream and in all its inputs.
+            is_recreated: True if the stream has had samples elsewhere, of messages that are unknown
+                here: a window gives no result before it has passed since its first sample.
 
         Raises:
             StreamError: if there is a stream of that name, the constraints contradict those of the
@@ -135,6 +139,9 @@ class Dataflow:
         try:
             stream.attach(self._graph.connect(resolved.term))
             self._streams[name] = stream
+            for each in stream.operators if is_recreated else ():
+                if isinstance(each, UnitOperator):
+                    each.complete_window()
         finally:
             # If it failed, the operators that were connected before are unused.
             self._graph.sweep()

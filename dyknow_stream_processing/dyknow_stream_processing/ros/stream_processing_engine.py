@@ -176,6 +176,7 @@ class StreamProcessingEngine(DyKnowNode):
             constraints,
             lambda sample: self._publish_sample(spec.name, sample),
             lambda violation: self._publish_violation(spec.name, violation),
+            is_recreated=request.is_recreated,
         )
         typed = self._typed_output(spec.name, specification, topic)
         violations = violations_topic(topic)

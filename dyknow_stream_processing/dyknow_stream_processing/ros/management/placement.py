@@ -450,7 +450,10 @@ class Placement:
         constraints = constraints_to_message(stream.constraints)
         spec = StreamSpec(name=stream.name, specification=text, constraints=constraints)
         response = await self._engines.remotes[engine].call(
-            StreamCreateFromSpec, spec=spec, sources=identities_to_message(sources)
+            StreamCreateFromSpec,
+            spec=spec,
+            sources=identities_to_message(sources),
+            is_recreated=bool(stream.lost),
         )
         if not self._engines.is_ready(engine):
             raise DyKnowError(f'node {engine} has died', ExitCode.UNAVAILABLE)
