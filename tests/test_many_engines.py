@@ -79,6 +79,22 @@ def test_no_stream_is_lost_when_an_engine_is_killed(nodes: StreamNodes) -> None:
     assert not said().keys() & (CHAIN.keys() - moved)
 
 
+def test_windows_of_a_moved_stream_are_complete(nodes: StreamNodes) -> None:
+    start_two(nodes)
+    register_tank(nodes)
+    nodes.create(
+        'average',
+        'compunit average: float mean(level: float);'
+        'sink mean(select data as level from tank, window = 4 s)',
+    )
+    nodes.wait_until_flowing('average')
+    (made_by,) = nodes.engines_of().values()
+    nodes.kill(made_by)
+    reason = 'average was recreated: its window of 4 s has not passed yet'
+    nodes.until(lambda: any(reason in each.message for each in nodes.report.streams), reason)
+    nodes.wait_until_flowing('average', off=made_by)
+
+
 def test_what_streams_are_made_of(nodes: StreamNodes) -> None:
     start_two(nodes)
     make_chain(nodes)
