@@ -10,8 +10,8 @@ from importlib.metadata import EntryPoint
 import pytest
 from recorded_flow import Flow
 
-from dyknow_common import NO_CONSTRAINTS, LanguageError, Value
-from dyknow_stream_processing import StreamError, load_units, parse_specification
+from dyknow_common import LanguageError, Value
+from dyknow_stream_processing import StreamError, load_units
 from dyknow_stream_processing.dataflow import computational_units
 
 
@@ -27,10 +27,8 @@ def run(
 
 def create_again(flow: Flow, text: str, name: str = 's') -> None:
     """Create a stream that has had samples elsewhere."""
-    specification = parse_specification(text)
-    flow.dataflow.create(
-        name, specification, NO_CONSTRAINTS, flow.samples.append, is_recreated=True
-    )
+    flow.create(text, name)
+    flow.dataflow.complete_windows(name)
 
 
 def test_electrical_power_is_positive_while_a_battery_discharges(flow: Flow) -> None:

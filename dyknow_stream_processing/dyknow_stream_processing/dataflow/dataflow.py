@@ -106,8 +106,6 @@ class Dataflow:
         constraints: StreamConstraints,
         on_sample: Callable[[Sample], None] = ignore,
         on_violation: Callable[[Violation], None] = ignore,
-        *,
-        is_recreated: bool = False,
     ) -> None:
         """Create a stream.
 
@@ -117,8 +115,6 @@ class Dataflow:
             constraints: are added to the constraints in the specification.
             on_sample: receives each sample; available times are strictly increasing.
             on_violation: receives the violations in the stream and in all its inputs.
-            is_recreated: True if the stream has had samples elsewhere, of messages that are unknown
-                here: a window gives no result before it has passed since its first sample.
 
         Raises:
             StreamError: if there is a stream of that name, the constraints contradict those of the
@@ -139,12 +135,18 @@ class Dataflow:
         try:
             stream.attach(self._graph.connect(resolved.term))
             self._streams[name] = stream
-            for each in stream.operators if is_recreated else ():
-                if isinstance(each, UnitOperator):
-                    each.complete_window()
         finally:
             # If it failed, the operators that were connected before are unused.
             self._graph.sweep()
+
+    def complete_windows(self, name: str) -> None:
+        """Give no results of windows that have not passed since their first sample.
+
+        For a stream that another engine made before, of messages that are unknown here.
+        """
+        for each in self._find(name).operators:
+            if isinstance(each, UnitOperator):
+                each.complete_window()
 
     def destroy(self, name: str) -> None:
         """Stop a stream and free the operators that no other stream uses."""

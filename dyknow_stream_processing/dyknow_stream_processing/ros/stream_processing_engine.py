@@ -176,19 +176,19 @@ class StreamProcessingEngine(DyKnowNode):
             constraints,
             lambda sample: self._publish_sample(spec.name, sample),
             lambda violation: self._publish_violation(spec.name, violation),
-            is_recreated=request.is_recreated,
         )
-        typed = self._typed_output(spec.name, specification, topic)
+        if request.is_recreated:
+            self._dataflow.complete_windows(spec.name)
         violations = violations_topic(topic)
         writer = SampleWriter()
         self._outputs[spec.name] = _Output(
+            typed=self._typed_output(spec.name, specification, topic),  # First: it may fail.
             topic=topic,
             constraints=constraints,
             writer=writer,
             samples=DirectPublisher(self, Sample, topic, STREAM, writer.write),
             violations=DirectPublisher(self, ConstraintViolation, violations, VIOLATIONS),
             meter=FlowMeter(self.now()),
-            typed=typed,
         )
         self._sources.refresh()
         # Topics that nobody has read here before.
