@@ -122,6 +122,13 @@ def test_a_topic_that_may_be_silent_delays_the_others(flow: Flow) -> None:
     assert not reasons(flow, since=20, latched='b')[1:]
 
 
+def test_a_silent_topic_without_a_first_message_is_named(flow: Flow) -> None:
+    flow.sent_topics = {'map', 'b'}
+    flow.create('sync((select x as m from "map"), "b")')
+    flow.push('b', 1, x=1)
+    assert reasons(flow, latched='map') == ['no sample of map has come yet']
+
+
 def test_a_stream_that_fell_silent_names_the_topic_that_did(flow: Flow) -> None:
     flow.create('sync("a", (select x as y from "b"))')
     for time in range(10):

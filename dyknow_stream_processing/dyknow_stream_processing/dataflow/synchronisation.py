@@ -25,7 +25,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dyknow_common import Alternatives, Value, round_duration, round_time
+from dyknow_common import Alternatives, Value, listed, round_duration, round_time
 from dyknow_stream_processing.dataflow.approximations import LinearTrack, Track
 from dyknow_stream_processing.dataflow.batches import (
     Planned,
@@ -138,11 +138,12 @@ class SynchronisedOperator(Operator):
 
     def awaited(self) -> Iterable[Operator]:
         """Return the inputs that have never delivered, or else the ones that delay the target."""
-        never = [each.source for each in self._tracks if each.latest is None and not each.waiting]
-        return never or [each.source for each in self._unsettled_tracks()] or self.inputs
+        return self._silent() or [each.source for each in self._unsettled_tracks()] or self.inputs
 
     def delay(self, name: Callable[[Operator], str]) -> str:
         """Return which inputs delay the target, and for how long at most; empty without one."""
+        if self._target is not None and (silent := self._silent()):
+            return f'no sample of {listed(map(name, silent))} has come yet'
         delaying = self._unsettled_tracks()
         if self._target is None or not delaying:
             return ''
@@ -150,6 +151,10 @@ class SynchronisedOperator(Operator):
         ends = [each.certain_at(self._target) for each in delaying]
         limit = '' if None in ends else f', at most until {round_time(max(filter(None, ends)))}'
         return f'the sample at {round_time(self._target)} waits for later ones of {sources}{limit}'
+
+    def _silent(self) -> list[Operator]:
+        """Return the inputs that have never delivered."""
+        return [each.source for each in self._tracks if each.latest is None and not each.waiting]
 
     def _unsettled_tracks(self) -> list[Track]:
         """Return the tracks that neither samples nor the clock have settled until the target."""
