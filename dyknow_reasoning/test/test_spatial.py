@@ -417,3 +417,34 @@ def test_lengths_and_places_in_units() -> None:
     assert 'by (D[a, b] + 3000.0)' in str(parse_formula(known))
     with pytest.raises(ReasoningError, match="the unit of 'X' is not known"):
         begun(f'{text}somewhere[0, 1 hops] P[s]', {'R': ROBOTS})
+
+
+@pytest.mark.parametrize(
+    ('origins', 'links', 'body'),
+    [
+        ('exists k', 'true', 'exists NAME in S: ((NAME != k) and (N[NAME] < N[k]))'),
+        ('at least 2 k', 'true', 'count(N[NAME] >= N[k] for NAME in S) > 2'),
+        ('exists k', 'exists NAME in S: (N[NAME] < N[k])', 's != k'),
+        (
+            'forall k',
+            'true',
+            'over (N[x] < N[y] for x, y in S) from k to NAME: (somewhere[0, inf) N[NAME] > N[k])',
+        ),
+        ('forall k', 'true', 'eventually[0 s, 1 s] (min(N[NAME] for NAME in S) < N[k])'),
+    ],
+)
+def test_a_variable_with_the_name_of_an_object(origins: str, links: str, body: str) -> None:
+    text = f'{origins} in S: over ({links} for u, w in S) from k to s: everywhere[0, inf) ({body})'
+    for values in product((0, 1, 2), repeat=3):
+        found = []
+        for name in ('v', 'a', 'b', 'c'):
+            group = FormulaGroup()
+            group.add_formula('', text.replace('NAME', name))
+            group.begin({'S': 'abc'})
+            features = {f'N[{each}]': value for each, value in zip('abc', values, strict=True)}
+            results = [
+                each for time in (0, 1, 2) for each in group.progress(time * 10**9, features)
+            ]
+            (result,) = results
+            found.append((result.verdict, result.decided_at))
+        assert found == found[:1] * 4

@@ -210,3 +210,33 @@ def test_a_probability_in_space_has_no_margin() -> None:
     text = 'over (L[a, b] for a, b in R) from r1 to s: somewhere[0, 1 hops] P(N[s] > 2) > 0.5'
     with pytest.raises(ReasoningError, match='no margin is defined for'):
         FormulaGroup().add_formula('it', text, margin=True)
+
+
+@pytest.mark.parametrize('objects', ['ab', 'abcd', 'abcdefgh'])
+@pytest.mark.parametrize('quantifier', ['exists', 'forall', 'at least 2', 'exactly 1'])
+@pytest.mark.parametrize('variable', ['v', 'a'])
+def test_quantifiers_in_operands(objects: str, quantifier: str, variable: str) -> None:
+    random = Random(5)  # noqa: S311 - no secrets
+    names = [each for each in objects if each != variable]
+    members = [f'N[{each}] < N[s]' for each in names]
+    written = {
+        'exists': ' or '.join(f'({each})' for each in members),
+        'forall': ' and '.join(f'({each})' for each in members),
+    }.get(quantifier, f'{quantifier} of ({", ".join(members)})')
+    quantified = f'{quantifier} {variable} in T: (N[{variable}] < N[s])'
+    over = 'always over (N[x] <= N[y] for x, y in S) from b to s: somewhere[0, 2 hops]'
+    groups = []
+    for body in (quantified, written):
+        group = FormulaGroup()
+        group.add_formula('', f'{over} ({body})', margin=True, every_state=True)
+        group.begin({'S': objects, 'T': names})
+        groups.append(group)
+    for time in range(20):
+        state = {f'N[{each}]': float(random.randint(0, 9)) for each in objects}
+        found = []
+        for group in groups:
+            group.progress(time, state)
+            bounds = group.margin(1)
+            assert bounds is not None
+            found.append((bounds.lower, bounds.upper))
+        assert found[0] == found[1]

@@ -319,7 +319,9 @@ class MarginBuilder:
         names = self._objects(formula)
         bindings = [{**each, formula.variable: name} for each in context.bindings for name in names]
         needed = context.needed(number, len(names))
-        if len(bindings) < _LEAST_OBJECTS or not 0 < needed <= len(names):
+        if not 0 < needed <= len(names):
+            return self._constant(context, holds=needed <= 0)
+        if context.width == 1 and len(bindings) < _LEAST_OBJECTS:
             uses = [replace(context, bindings=[each]) for each in bindings]
             return self._joined(needed, [self._built(formula.body, each) for each in uses], context)
         body = self._built(formula.body, replace(context, bindings=bindings))

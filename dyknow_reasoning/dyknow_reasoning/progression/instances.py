@@ -209,8 +209,8 @@ def ground_atom(atom: StateAtom, binding: Binding, domains: Domains) -> StateAto
 
 def with_origin(formula: Over, binding: Binding) -> Binding:
     """Return a binding in which the variable of links is the object from which they lead."""
-    origin: str = formula.origin.name
-    return {**binding, formula.variable: binding.get(origin, origin)}
+    origin: str = ground(formula.origin, binding, {}).name
+    return {**binding, formula.variable: origin}
 
 
 def _ground_atoms(  # noqa: C901 - one for each kind
@@ -492,11 +492,12 @@ def ground(  # noqa: C901, PLR0911 - one for each kind
         return ground(part, binding, domains)
 
     match node:
+        case Object():  # A variable may have its name.
+            return node
         case Variable(name):
             return Object(binding[name])
         case Feature(name, arguments):
-            names = (binding.get(each.name, each.name) for each in arguments)
-            return Feature(name, tuple(map(Object, names)))
+            return Feature(name, tuple(map(grounded, arguments)))
         case Operation(operator, left, right):
             return type(node)(operator, grounded(left), grounded(right))
         case Function(name, operands):
