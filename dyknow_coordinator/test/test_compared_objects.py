@@ -43,6 +43,10 @@ def check(formula: str) -> str:
         'forall u in UAV: (forall d in Drone: (always (Altitude[u] = height[d])))',
         'forall u in UAV: (always (mode != "u != self"))',
         'always (self = uav2)',
+        'forall u in UAV: (let self = Mode[u] in (eventually (Mode[u] != self)))',
+        # A variable has the name of several objects, another one has two sorts.
+        'forall scout in UAV: (scout != uav1)',
+        '(exists u in UAV: (u = uav1)) and (exists u in Drone: (u = self))',
     ],
 )
 def test_objects_with_one_name_each(formula: str) -> None:
@@ -67,6 +71,22 @@ def test_objects_with_one_name_each(formula: str) -> None:
         (
             'count(truck = r for r in Rover) < 2',
             "'truck = r' compares names, but 'rover1' and 'truck' are one object",
+        ),
+        (
+            'over (a != self for a, b in UAV) from uav1 to s: (somewhere[0, 2 hops] (X[s] > 1))',
+            "'a != self' compares names, but 'self' and 'uav2' are one object",
+        ),
+        (
+            'over (X[a] < 3 for a, b in UAV) from uav1 to s: (somewhere[0, inf) (s != self))',
+            "'s != self' compares names, but 'self' and 'uav2' are one object",
+        ),
+        (
+            '(exists r in UAV: (X[r] > 1)) and (forall r in Rover: (r = truck))',
+            "'r = truck' compares names, but 'rover1' and 'truck' are one object",
+        ),
+        (
+            'forall u in UAV: ((Distance[u, uav2] > 3) or (self = uav2))',
+            "'self = uav2' compares names, but 'self' and 'uav2' are one object",
         ),
         (
             'exists u in UAV: ((scout = u) and (always (Altitude[u] < 30)))',

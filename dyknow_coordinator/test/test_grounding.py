@@ -51,6 +51,10 @@ def test_features_and_sorts_are_told_apart() -> None:
             Symbol(SymbolKind.FEATURE, 'XYDist', ('UAV', 'UAV')),
             'XYDist[object1, object2] for every object1 in UAV, object2 in UAV',
         ),
+        (
+            Symbol(SymbolKind.FEATURE, 'XYDist', ('UAV', 'object1')),
+            'XYDist[object1_2, object1] for every object1_2 in UAV',
+        ),
     ],
 )
 def test_a_feature_is_asked_for_as_a_concept(symbol: Symbol, concept: str) -> None:

@@ -45,7 +45,7 @@ def rewritten(text: str, statements: Sequence[str]) -> str:
 
     group = FormulaGroup()
     canonical = str(group.formulas[group.add_formula('', text)])
-    return asyncio.run(with_relations(canonical, domains, query))
+    return asyncio.run(with_relations(canonical, group.symbols(), domains, query))
 
 
 def verdict(text: str, trace: Sequence[int]) -> Verdict:

@@ -8,13 +8,14 @@ the UAVs is `uav2`.
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from dyknow_common import listed
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.declared_properties import QueryFunction, Rows
+from dyknow_coordinator.grounding.scopes import NAME, Scopes
 
 SYNONYM_QUERY: Final = """
     SELECT ?name ?other WHERE {
@@ -23,14 +24,9 @@ SYNONYM_QUERY: Final = """
 """
 """The SPARQL query for pairs of names of one object."""
 
-NAME: Final = r"[A-Za-z_]\w*'*"
-"""The pattern of the name of an object or a variable."""
-
-_TEXT: Final = re.compile(r'"(?:\\.|[^"\\])*"')
-_QUANTIFIER: Final = re.compile(
-    rf'\b(?:forall|exists|for|(?:at least|at most|exactly) [0-9]+) ({NAME}) in ({NAME})[:)]'
-)
 _COMPARISON: Final = re.compile(rf"(?<![\w.'])({NAME}) !?= ({NAME})(?![\w.'\[(])")
+# The arguments of a feature, or the object at which routes begin.
+_MENTIONED: Final = re.compile(rf'\[{NAME}(?:, {NAME})*\]|(?<= from ){NAME}(?= to )')
 
 
 async def check_compared_objects(
@@ -48,40 +44,68 @@ async def check_compared_objects(
             objects.
         DyKnowError: if the query fails.
     """
-    text, sorts = _TEXT.sub('', formula), bound_sorts(formula)
-    compared = [each for each in _COMPARISON.finditer(text) if sorts.keys() & {*each.groups()}]
+    compared = _object_comparisons(Scopes(formula))
     synonyms = _synonyms(await query(SYNONYM_QUERY)) if compared else {}
     for comparison in compared:
-        names = {name for each in comparison.groups() for name in _names(each, sorts, domains)}
+        names = set(comparison.objects).union(*(domains[each] for each in comparison.sorts))
         for name in sorted(names):
             if found := sorted(names & synonyms.get(name, frozenset()) - {name}):
                 raise CoordinationError(
-                    f"'{comparison[0]}' compares names, but '{name}' and '{found[0]}' are one "
+                    f"'{comparison.text}' compares names, but '{name}' and '{found[0]}' are one "
                     'object: use the sorts and the names of one ontology'
                 )
-        if alike := _alike(names, comparison.groups()):
+        if alike := _alike(names, comparison.objects):
             raise CoordinationError(
-                f"'{comparison[0]}' is ambiguous: there are {listed(alike)}; give the objects "
+                f"'{comparison.text}' is ambiguous: there are {listed(alike)}; give the objects "
                 'different names'
             )
 
 
-def bound_sorts(formula: str) -> dict[str, set[str]]:
-    """Return the sorts of each variable that the quantifiers of a canonical text bind."""
-    sorts: dict[str, set[str]] = defaultdict(set)
-    for variable, sort in _QUANTIFIER.findall(_TEXT.sub('', formula)):
-        sorts[variable].add(sort)
-    return dict(sorts)
+@dataclass(frozen=True, slots=True)
+class _Comparison:
+    """A comparison of two names, neither of which is bound by `let`.
+
+    Args:
+        text: of the comparison.
+        sorts: of the variables in it.
+        objects: the other names.
+    """
+
+    text: str
+    sorts: tuple[str, ...]
+    objects: tuple[str, ...]
 
 
-def _names(
-    name: str, sorts: Mapping[str, Iterable[str]], domains: Mapping[str, Sequence[str]]
-) -> Iterator[str]:
-    """Yield the objects that a variable stands for, or a name itself."""
-    if name not in sorts:
-        yield name
-    for sort in sorts.get(name, ()):
-        yield from domains[sort]
+def _object_comparisons(scopes: Scopes) -> list[_Comparison]:
+    """Return the comparisons of objects and variables.
+
+    A name is an object if it is an argument, the origin of routes, or compared with a variable or
+    an object; else it is a feature.
+    """
+    comparisons = list(_comparisons(scopes))
+    known = {
+        name for found in _MENTIONED.finditer(scopes.text) for name in re.findall(NAME, found[0])
+    }
+    while (
+        new := {
+            name
+            for each in comparisons
+            if each.sorts or known.intersection(each.objects)
+            for name in each.objects
+        }
+        - known
+    ):
+        known |= new
+    return [each for each in comparisons if each.sorts or known.intersection(each.objects)]
+
+
+def _comparisons(scopes: Scopes) -> Iterator[_Comparison]:
+    for found in _COMPARISON.finditer(scopes.text):
+        binders = {name: scopes.binder(name, found.start()) for name in found.groups()}
+        if all(each is None or each.sort is not None for each in binders.values()):
+            sorts = tuple(each.sort for each in binders.values() if each and each.sort)
+            objects = tuple(name for name, each in binders.items() if each is None)
+            yield _Comparison(found[0], sorts, objects)
 
 
 def _alike(names: Iterable[str], compared: Iterable[str]) -> list[str]:

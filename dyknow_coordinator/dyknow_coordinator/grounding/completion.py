@@ -7,11 +7,9 @@ is `forall u in UAV: always Power[u] < 200`.
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 from dyknow_common import Symbol, SymbolKind
 from dyknow_coordinator.errors import CoordinationError
@@ -22,14 +20,8 @@ from dyknow_coordinator.grounding.declared_properties import (
     property_query,
 )
 from dyknow_coordinator.grounding.region_relations import DomainFunction, with_relations
+from dyknow_coordinator.grounding.scopes import Scopes
 from dyknow_coordinator.grounding.units import find_uncertainties, find_units, has_units, with_units
-
-# A text in quotes, or a quantifier without a sort.
-_UNSORTED: Final = re.compile(
-    r'"(?:\\.|[^"\\])*"'
-    r'|\b(?:forall|exists|for|(?:at least|at most|exactly) [0-9]+) '
-    r"(?P<variable>[A-Za-z_]\w*'*)[:)]"
-)
 
 
 async def completed(
@@ -47,7 +39,7 @@ async def completed(
         DyKnowError: for a sort, a unit or relations that are not known, or if a request fails.
     """
     sorted_text = with_sorts(formula, await infer_sorts(symbols, query))
-    text = await with_relations(sorted_text, domains, query)
+    text = await with_relations(sorted_text, symbols, domains, query)
     units = await find_units(symbols, query) if has_units(formula) else {}
     return with_units(text, units, await find_uncertainties(formula, symbols, query))
 
@@ -138,9 +130,10 @@ def only_sort(variable: str, sorts: Mapping[ArgumentPlace, Iterable[str]]) -> st
 
 def with_sorts(formula: str, sorts: Mapping[str, str]) -> str:
     """Return a canonical text in which the quantifiers of some variables have their sorts."""
-
-    def completed(found: re.Match[str]) -> str:
-        sort = sorts.get(found['variable'] or '')
-        return f'{found[0][:-1]} in {sort}{found[0][-1]}' if sort else found[0]
-
-    return _UNSORTED.sub(completed, formula)
+    parts, end = [], 0
+    for binder in Scopes(formula).binders:
+        after = binder.position + len(binder.name)
+        if binder.sort == '' and (sort := sorts.get(binder.name)):
+            parts += [formula[end:after], f' in {sort}']
+            end = after
+    return ''.join(parts) + formula[end:]

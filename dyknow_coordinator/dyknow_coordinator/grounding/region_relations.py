@@ -8,21 +8,24 @@ text that is unknown at each state tells the cases apart:
         ((open_relation[warehouse, yard] != "yard part_of warehouse") and (...))
 
 It is read at the first state only, so the formula is decided when all cases decide it alike.
+
+A variable with the name of a region that the new text mentions has another name in it.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice, product
 from typing import Final
 
-from dyknow_common import Symbol
+from dyknow_common import Symbol, SymbolKind
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.candidate_search import OPEN_RELATION, feature_symbols
-from dyknow_coordinator.grounding.compared_objects import NAME, bound_sorts
 from dyknow_coordinator.grounding.declared_properties import QueryFunction
+from dyknow_coordinator.grounding.scopes import NAME, Scopes
 from dyknow_space import RELATION_NAMES, RegionRelation, SpatialKnowledge, SpatialStatement
 
 MAX_CASES: Final = 64
@@ -62,16 +65,20 @@ def ground_features(symbols: Iterable[Symbol]) -> tuple[str, ...]:
     return features
 
 
-async def with_relations(formula: str, domains: DomainFunction, query: QueryFunction) -> str:
+async def with_relations(
+    formula: str, symbols: Iterable[Symbol], domains: DomainFunction, query: QueryFunction
+) -> str:
     """Return a formula in which relations between regions are replaced by what is known of them.
 
     Args:
         formula: its canonical text, with all sorts.
+        symbols: of the formula.
         domains: returns the objects of sorts.
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:
-        CoordinationError: if the unknown relations have too many cases.
+        CoordinationError: if the unknown relations have too many cases, or for a region with the
+            name of a feature or a sort of the formula.
         DyKnowError: if nothing is known of a region, or a request fails.
     """
     if not any(each['relation'] for each in _ATOM.finditer(formula)):
@@ -79,14 +86,29 @@ async def with_relations(formula: str, domains: DomainFunction, query: QueryFunc
     rows = await query(_QUERY)
     if not rows:
         return formula  # They are features.
-    sorts = bound_sorts(formula)
-    objects = await domains(sorted({sort for each in sorts.values() for sort in each}))
-    of_variables = {
-        variable: tuple(dict.fromkeys(name for sort in found for name in objects[sort]))
-        for variable, found in sorts.items()
-    }
+    scopes = Scopes(formula)
+    objects = await domains(scopes.sorts)
     knowledge = _knowledge(tuple(sorted({statements for _, statements in rows})))
-    return _RelationTexts(formula, of_variables, knowledge).text()
+    text, regions = _RelationTexts(scopes, objects, knowledge).text()
+    _check_regions(regions, scopes, symbols)
+    captured = regions & scopes.names
+    if not captured:
+        return text
+    others = regions.union(*objects.values())
+    new_names = {name: scopes.unused_name(name, others) for name in sorted(captured)}
+    text, _ = _RelationTexts(Scopes(scopes.renamed(new_names)), objects, knowledge).text()
+    return text
+
+
+def _check_regions(regions: Iterable[str], scopes: Scopes, symbols: Iterable[Symbol]) -> None:
+    """Check that the regions that a new text mentions stand for nothing else in the formula."""
+    kinds = {each.name: 'feature' for each in symbols if each.kind is SymbolKind.FEATURE}
+    kinds |= dict.fromkeys(scopes.sorts, 'sort')
+    for name in sorted(regions):
+        if name in kinds:
+            raise CoordinationError(
+                f"'{name}' is a region and a {kinds[name]} of the formula; rename one of them"
+            )
 
 
 @lru_cache(8)
@@ -94,27 +116,57 @@ def _knowledge(texts: Sequence[str]) -> SpatialKnowledge:
     return SpatialKnowledge(statement for text in texts for statement in text.split(';'))
 
 
+@dataclass(frozen=True, slots=True)
+class _Atom:
+    """A relation in a formula.
+
+    Args:
+        relation: the relation.
+        names: of the regions, or of variables.
+        objects: that each variable stands for; None for a region.
+    """
+
+    relation: RegionRelation
+    names: tuple[str, str]
+    objects: tuple[Sequence[str] | None, ...]
+
+    def questions(self) -> dict[tuple[str, str], SpatialStatement]:
+        """Return what it asks for each two regions that it may be about."""
+        pairs = zip(self.names, self.objects, strict=True)
+        first, second = ((name,) if found is None else found for name, found in pairs)
+        both = product(first, second)
+        if self.names[0] == self.names[1]:
+            both = zip(first, second, strict=True)  # type: ignore[assignment]
+        return {(a, b): SpatialStatement(a, self.relation, b) for a, b in both}
+
+
 class _RelationTexts:
     """Replaces the relations in a formula.
 
     Args:
-        formula: its canonical text.
-        objects: those that each variable stands for.
+        scopes: of its canonical text.
+        domains: the objects of its sorts.
         knowledge: of the regions.
     """
 
     def __init__(
-        self, formula: str, objects: Mapping[str, Sequence[str]], knowledge: SpatialKnowledge
+        self, scopes: Scopes, domains: Mapping[str, Sequence[str]], knowledge: SpatialKnowledge
     ) -> None:
-        self._formula, self._objects, self._knowledge = formula, objects, knowledge
-        atoms = [each for each in _ATOM.finditer(formula) if each['relation']]
-        questions = {each for atom in atoms for each in self._questions(atom).values()}
+        self._formula, self._knowledge = scopes.formula, knowledge
+        self._regions: set[str] = set()
+        atoms = [each for each in _ATOM.finditer(self._formula) if each['relation']]
+        self._atoms = [_atom(each, scopes, domains) for each in atoms]
+        questions = {each for atom in self._atoms for each in atom.questions().values()}
         truths = {each: self._truth(each) for each in questions}
         self._known = {each: truth for each, truth in truths.items() if truth is not None}
         self._open = sorted(questions - self._known.keys(), key=str)
 
-    def text(self) -> str:
-        """Return the formula without relations."""
+    def text(self) -> tuple[str, frozenset[str]]:
+        """Return the formula without relations, and the regions that it mentions instead."""
+        text = self._without_relations()
+        return text, frozenset(self._regions)
+
+    def _without_relations(self) -> str:
         if not self._open:
             return self._replaced(self._formula, self._known)
         cases = list(islice(self._knowledge.cases(self._open), MAX_CASES + 1))
@@ -133,6 +185,7 @@ class _RelationTexts:
             return f'{head}({self._distinguished(body, cases)})'
         *others, last = cases
         regions = sorted({name for each in self._open for name in (each.first, each.second)})
+        self._regions.update(regions)
         feature = f'{OPEN_RELATION}[{", ".join(regions)}]'
         text = self._in_case(formula, last)
         for case in reversed(others):
@@ -147,39 +200,37 @@ class _RelationTexts:
         return self._replaced(formula, truths)
 
     def _replaced(self, formula: str, truths: Mapping[SpatialStatement, bool]) -> str:
+        """Return a text that contains all relations of the formula without them."""
+        atoms = iter(self._atoms)
+
         def replacement(found: re.Match[str]) -> str:
             if not found['relation']:
                 return found[0]
-            questions = self._questions(found)
+            atom = next(atoms)
+            questions = atom.questions()
             true = [names for names, each in questions.items() if truths[each]]
             other = [names for names, each in questions.items() if not truths[each]]
             if len(true) <= len(other):
-                return f'({self._equalities(found, true)})'
-            return f'(not ({self._equalities(found, other)}))'
+                return f'({self._equalities(atom, true)})'
+            return f'(not ({self._equalities(atom, other)}))'
 
         return _ATOM.sub(replacement, formula)
 
-    def _equalities(self, atom: re.Match[str], found: Iterable[tuple[str, str]]) -> str:
+    def _equalities(self, atom: _Atom, found: Iterable[tuple[str, str]]) -> str:
         """Return that the variables of an atom stand for one of some pairs."""
-        texts = list(self._pair_texts((atom['first'], atom['second']), found))
+        texts = list(self._pair_texts(atom, found))
         return 'true' if '' in texts else ' or '.join(texts) or 'false'
 
-    def _pair_texts(
-        self, variables: tuple[str, str], found: Iterable[tuple[str, str]]
-    ) -> Iterator[str]:
-        for names in found:
-            pairs = dict.fromkeys(zip(variables, names, strict=True))
-            equal = [f'({one} = {name})' for one, name in pairs if one in self._objects]
+    def _pair_texts(self, atom: _Atom, found: Iterable[tuple[str, str]]) -> Iterator[str]:
+        for regions in found:
+            compared = dict.fromkeys(
+                (name, region)
+                for name, objects, region in zip(atom.names, atom.objects, regions, strict=True)
+                if objects is not None
+            )
+            self._regions.update(region for _, region in compared)
+            equal = [f'({name} = {region})' for name, region in compared]
             yield f'({" and ".join(equal)})' if equal else ''
-
-    def _questions(self, atom: re.Match[str]) -> dict[tuple[str, str], SpatialStatement]:
-        """Return what an atom asks for each two regions that it may be about."""
-        first, second = (self._objects.get(name, (name,)) for name in atom.group('first', 'second'))
-        pairs = product(first, second)
-        if atom['first'] == atom['second']:
-            pairs = zip(first, second, strict=True)  # type: ignore[assignment]
-        relation = RELATION_NAMES[atom['relation']]
-        return {(a, b): SpatialStatement(a, relation, b) for a, b in pairs}
 
     def _truth(self, asked: SpatialStatement) -> bool | None:
         if asked.first == asked.second:
@@ -188,3 +239,12 @@ class _RelationTexts:
         if not possible & asked.relation:
             return False
         return None if possible & ~asked.relation else True
+
+
+def _atom(found: re.Match[str], scopes: Scopes, domains: Mapping[str, Sequence[str]]) -> _Atom:
+    names = found['first'], found['second']
+    binders = [scopes.binder(name, found.start()) for name in names]
+    objects = tuple(
+        None if each is None else tuple(dict.fromkeys(domains[each.sort or ''])) for each in binders
+    )
+    return _Atom(RELATION_NAMES[found['relation']], names, objects)
