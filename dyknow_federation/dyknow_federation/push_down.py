@@ -55,6 +55,7 @@ from dyknow_reasoning import (
     TextLiteral,
     Truth,
     Variable,
+    check_types,
     joined,
     parse_formula,
     walk,
@@ -140,7 +141,7 @@ class PushDown:
         """Return the formula over the verdicts of peers, on their topics.
 
         Parts that have no topic are evaluated here. It is empty if it names an object that no text
-        can name, such as `r-1`.
+        can name, such as `r-1`, or that has the name of a variable.
         """
         return _text(_filled(self._remaining, topics))
 
@@ -241,12 +242,14 @@ def _quantified(node: Forall | Exists | Count, bodies: Sequence[Formula]) -> For
 
 
 def _text(formula: Formula) -> str:
-    """Return the text of a formula; empty if it would be read as another one."""
+    """Return the text of a formula; empty if it would be refused or read as another one."""
     text = str(formula)
     try:
-        return text if parse_formula(text) == formula else ''
+        found = parse_formula(text)
+        check_types(found, text)
     except DyKnowError:
         return ''
+    return text if found == formula else ''
 
 
 def _filled(node: Any, topics: Mapping[PeerPart, str]) -> Any:

@@ -252,6 +252,18 @@ def test_an_object_that_no_text_can_name(name: str) -> None:
     assert with_others.remaining(dict.fromkeys(with_others.parts, '/v')) == ''
 
 
+@pytest.mark.parametrize('names', ['x y', 'r1 y', 'x r1', 'x r3'])
+def test_a_variable_with_the_name_of_an_object(names: str) -> None:
+    outer, inner = names.split()
+    text = f'forall {outer} in Robot: ((always P[{outer}]) or (exists {inner} in Robot: '
+    text += f'({inner} != {outer} and (always P[{outer}]))))'
+    found = PushDown(parse_formula(text), DOMAINS, STREAMS)
+    remaining = found.remaining(dict.fromkeys(found.parts, '/v'))
+    assert bool(remaining) is ('r1' not in names)
+    if remaining:
+        FormulaGroup().add_formula('', remaining)
+
+
 @pytest.mark.parametrize(
     ('formula', 'message'),
     [
