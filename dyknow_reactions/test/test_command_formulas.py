@@ -44,6 +44,12 @@ def test_what_a_formula_needs() -> None:
     }  # fmt: skip
 
 
+def test_a_feature_with_one_variable_twice() -> None:
+    found = formula(f'forall r in Rover: {SPEED} < Gap[r, r]').state_formula
+    assert found == '(forall r in Rover: (always[500000 h, 500000 h] (Gap[r, r] = Gap[r, r])))'
+    FormulaGroup().add_formula('', found)
+
+
 def test_states_are_presumably_fine() -> None:
     states = formula(f'{SPEED} > 0.5 and not docked and Mode = "a" -> Ahead > 1').state_formula
     group = FormulaGroup()

@@ -186,11 +186,11 @@ def _fields(
 ) -> Iterator[tuple[str, Feature | FieldReference]]:
     """Yield the fields of a formula, each with the quantifiers of its variables."""
     if isinstance(node, Feature | FieldReference):
-        variables = [
+        variables = dict.fromkeys(
             each.name
             for each in (node.arguments if isinstance(node, Feature) else ())
             if isinstance(each, Variable)
-        ]
+        )
         yield ''.join(f'forall {name} in {sorts[name]}: ' for name in variables), node
     if isinstance(node, Quantifier):
         sorts = {**sorts, node.variable: node.sort}
