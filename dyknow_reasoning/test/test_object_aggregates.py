@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import pytest
@@ -182,3 +183,34 @@ def test_symbols_and_sizes() -> None:
     group.add_formula('it', 'always max(P[r] for r in Robot) < 1')
     with pytest.raises(ReasoningError, match='parts for each choice'):
         group.begin({'Robot': [f'r{index}' for index in range(10)]})
+
+
+@pytest.mark.parametrize(
+    'formula',
+    [
+        (
+            '(exists k in S: max(X[NAME] - X[k] for NAME in S) < 1) and max(X[NAME] - X[NAME] for '
+            'NAME in S) < 1'
+        ),
+        (
+            'always (prev(max(X[NAME] - X[NAME] for NAME in S)) >= sum(prev(max(X[NAME] - X[k] for '
+            'NAME in S)) for k in S))'
+        ),
+    ],
+)
+def test_texts_tell_variables_from_objects(formula: str) -> None:
+    """Comparisons with one text share their values."""
+    for values in product((0, 1, 2), repeat=2):
+        found = []
+        for name in ('v', 'a', 'b'):
+            group = FormulaGroup()
+            number = group.add_formula(
+                '', formula.replace('NAME', name), margin='prev' not in formula
+            )
+            group.begin({'S': 'ab'})
+            state = {f'X[{each}]': value for each, value in zip('ab', values, strict=True)}
+            results = [*group.progress(0, state), *group.progress(1, state)]
+            margin = group.margin(number)
+            bounds = margin and (margin.lower, margin.upper)
+            found.append(([(each.verdict, each.decided_at) for each in results], bounds))
+        assert found == found[:1] * 3
