@@ -70,14 +70,13 @@ from dyknow_reasoning.margins.spatial_margins import (
 from dyknow_reasoning.margins.windows import ExtremaWindow, ExtremumWindow, SinceWindow, UntilWindow
 from dyknow_reasoning.progression.atoms import fields
 from dyknow_reasoning.progression.instances import (
-    Binding,
     Domains,
     ground,
     ground_atom,
     objects_of,
-    with_objects,
     with_origin,
 )
+from dyknow_reasoning.progression.shown_objects import Binding, with_objects
 from dyknow_reasoning.progression.spatial_atoms import GroundLinks, linked_objects, linked_places
 
 _ATOMS = Feature, FieldReference, Comparison

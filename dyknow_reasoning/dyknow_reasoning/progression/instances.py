@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple, TypeAlias, cast
 
-from dyknow_common import Symbol, Verdict, listed, numbered_names, shortened
+from dyknow_common import Symbol, Verdict, listed, shortened
 from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -81,14 +81,12 @@ from dyknow_reasoning.progression.nodes import (
 )
 from dyknow_reasoning.progression.past_operators import is_dual, memory_of
 from dyknow_reasoning.progression.residual import Wording, holds_at_the_end
+from dyknow_reasoning.progression.shown_objects import Binding, with_objects
 from dyknow_reasoning.progression.spatial_atoms import spatial_formula
 from dyknow_reasoning.progression.thresholds import Thresholds
 
 Domains: TypeAlias = Mapping[str, Sequence[str]]
 """The objects of each sort."""
-
-Binding: TypeAlias = Mapping[str, str]
-"""The object of each variable."""
 
 
 class Source(NamedTuple):
@@ -553,43 +551,6 @@ def _aggregated(aggregate: Aggregate, operands: Sequence[Any]) -> Term:
     if len(operands) == 1 and aggregate.function != 'count':
         return cast('Term', operands[0])
     return Function(aggregate.function, tuple(operands), aggregate=aggregate)
-
-
-def with_objects(node: Any, binding: Binding) -> Any:
-    """Return a formula or a term with objects in place of its bound variables, for its text.
-
-    An inner variable with the name of such an object has another name in the text.
-    """
-    if isinstance(node, Variable) and node.name in binding:
-        return Object(binding[node.name])
-    if isinstance(node, Quantifier) and node.variable in binding.values():
-        node = _apart_from_objects(node, binding)
-    return with_changed_parts(node, lambda part: with_objects(part, binding))
-
-
-def _apart_from_objects(node: Quantifier, binding: Binding) -> Quantifier:
-    """Return a quantifier whose variable has the name of no object that its body will have."""
-    nodes = list(walk(cast('Formula', node)))
-    variables = {each.name for each in nodes if isinstance(each, Variable)}
-    objects = {binding[each] for each in variables & binding.keys()}
-    if node.variable not in objects:
-        return node
-    taken = variables | objects | {each.name for each in nodes if isinstance(each, Object)}
-    taken |= {each.variable for each in nodes if isinstance(each, Quantifier)}
-    new = next(each for each in numbered_names(node.variable) if each not in taken)
-    found: Quantifier = _renamed(node, node.variable, new)
-    return found
-
-
-def _renamed(node: Any, variable: str, new: str) -> Any:
-    node = with_changed_parts(node, lambda part: _renamed(part, variable, new))
-    if isinstance(node, Variable) and node.name == variable:
-        return replace(node, name=new)
-    if isinstance(node, Quantifier) and node.variable == variable:
-        return replace(node, variable=new)
-    if isinstance(node, Spatial) and node.place == variable:
-        return replace(node, place=new)
-    return node
 
 
 def objects_of(sort: str, domains: Domains) -> list[str]:
