@@ -26,6 +26,7 @@ from dyknow_common.durations import (
     round_duration,
     round_time,
     time_since,
+    with_changed_times,
     with_readable_times,
 )
 from dyknow_common.errors import (
@@ -288,6 +289,7 @@ __all__ = [
     'unknown',
     'value_text',
     'visible',
+    'with_changed_times',
     'with_readable_times',
     'without_generated_text',
 ]

@@ -6,6 +6,7 @@ import argparse
 import os
 import re
 import time  # noqa: TID251 - it sets the zone, and reads no clock
+from collections.abc import Callable
 from datetime import datetime
 from decimal import Decimal
 from fractions import Fraction
@@ -191,7 +192,7 @@ def with_readable_times(text: str, start: int | None = None, *, now: int | None 
     """
 
     def readable(found: re.Match[str]) -> str:
-        nanoseconds = int(found[1]) * SECOND_NS + int(found[2].ljust(9, '0'))
+        nanoseconds = _nanoseconds(found)
         if start is None or abs(nanoseconds - start) > MAX_OFFSET_NS:
             return near_time(nanoseconds, now)
         return round_time(nanoseconds - start)
@@ -199,6 +200,21 @@ def with_readable_times(text: str, start: int | None = None, *, now: int | None 
     if start is not None and start < UNIX_TIMES:
         text = _MOMENT.sub(lambda moment: _with_offsets(moment[0], start), text)
     return _UNIX_TIME.sub(readable, text)
+
+
+def with_changed_times(text: str, change: Callable[[int], int]) -> str:
+    """Return a text for people with other times.
+
+    Args:
+        text: with times as from `format_time`; those before UNIX_TIMES stay as they are.
+        change: returns the new time of a time, in nanoseconds.
+    """
+    return _UNIX_TIME.sub(lambda found: format_time(change(_nanoseconds(found))), text)
+
+
+def _nanoseconds(found: re.Match[str]) -> int:
+    """Return a time that _UNIX_TIME has found."""
+    return int(found[1]) * SECOND_NS + int(found[2].ljust(9, '0'))
 
 
 def _with_offsets(text: str, start: int) -> str:

@@ -66,13 +66,19 @@ from dyknow_coordinator.reporting.evaluation_status import (
     diagnose,
 )
 from dyknow_coordinator.reporting.node_status import has_loaded
-from dyknow_coordinator.reporting.peer_reasons import PEER_VERDICT, with_reasons_of_peers
+from dyknow_coordinator.reporting.peer_reasons import (
+    PEER_VERDICT,
+    PEER_WAITS,
+    with_reasons_of_peers,
+    with_waits_of_peers,
+)
 from dyknow_coordinator.reporting.verdict_topics import verdict_token
 
 __all__ = [
     'EXCLUSION_NS',
     'FOLLOWED',
     'PEER_VERDICT',
+    'PEER_WAITS',
     'SILENCE_LIMITS_S',
     'SILENCE_LIMIT_NS',
     'TRANSIENT',
@@ -127,5 +133,6 @@ __all__ = [
     'with_caveat',
     'with_reasons_of_peers',
     'with_unit',
+    'with_waits_of_peers',
     'worst_fault',
 ]

@@ -24,7 +24,7 @@ from typing import Any, Final, get_args, get_origin, get_type_hints
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import Content, Message, Packet, Time
 
-VERSION: Final = 6
+VERSION: Final = 7
 """The version of the protocol; peers of different versions refuse each other, and say so."""
 
 MAX_PACKET: Final = 1024 * 1024

@@ -77,6 +77,15 @@ class FormulaAnswered:
 
 
 @dataclass(frozen=True, slots=True)
+class FormulaWaits:
+    """Why a formula has no state that a peer evaluates; until something is known of its verdict."""
+
+    peer: str
+    stream: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class ClockJumped:
     """The clock of a peer, whose samples may have wrong times, or the own one, has jumped."""
 
@@ -93,6 +102,7 @@ Event = (
     | StreamViolated
     | WatermarkArrived
     | FormulaAnswered
+    | FormulaWaits
     | ClockJumped
 )
 """An event."""

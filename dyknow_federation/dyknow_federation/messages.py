@@ -146,7 +146,7 @@ class FormulaRequest:
 
     def __post_init__(self) -> None:
         check_name(self.stream, FederationError)
-        if not self.stream.startswith('_') or self.sample_period < 0:
+        if not is_verdict(self.stream) or self.sample_period < 0:
             raise FederationError(f"'{self.stream}' names no verdict, or its period is negative")
 
 
@@ -156,6 +156,19 @@ class FormulaReply:
 
     stream: str
     refusal: str
+
+
+@dataclass(frozen=True, slots=True)
+class FormulaWait:
+    """Why a formula has no state that a peer evaluates; until its verdict is told again.
+
+    Args:
+        stream: of the verdict.
+        reason: for users.
+    """
+
+    stream: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +205,11 @@ class StreamFault:
         check_name(self.constraint, FederationError)
         if len(self.reason) > MAX_REASON:
             raise FederationError(f'a reason has {len(self.reason)} characters; cut it')
+
+
+def is_verdict(stream: str) -> bool:
+    """Return True for the name of a stream of the verdicts of a formula; no shared one is like."""
+    return stream.startswith('_')
 
 
 Content = Value | StreamFault
@@ -273,6 +291,7 @@ Message = (
     | RequestRefusal
     | FormulaRequest
     | FormulaReply
+    | FormulaWait
     | Grant
     | StreamMessage
     | Probe

@@ -161,6 +161,12 @@ class Peer:
             each.violate(fault)
             self._flush_at = min(self._flush_at, at + BATCH_DELAY)
 
+    def explain(self, stream: str, reason: str) -> None:
+        """Tell who asks for the verdict of a formula why it has no states."""
+        if stream in self.formulas:
+            message = messages.FormulaWait(stream, reason[:MAX_REASON])
+            self._send(self.formulas[stream].asker, message)
+
     def promise(self, stream: str, time: int, at: int) -> None:
         """Promise that all later samples of an own stream are valid after a time."""
         for each in self._named(stream):

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
-from dyknow_common import DyKnowError, shortened
+from dyknow_common import SECOND_NS, DyKnowError, shortened
 from dyknow_federation.encoding import MAX_LENGTH
 from dyknow_federation.errors import FederationError
 from dyknow_federation.offers import VALUE
@@ -70,6 +70,9 @@ PRESUMABLY_FALSE: Final = 'presumably false'
 
 _TRUE: Final = 'true'
 _FALSE: Final = 'false'
+
+MAX_TIMEOUT: Final = 365 * 86_400 * SECOND_NS
+"""How long a peer evaluates a part at most, in nanoseconds."""
 
 MAX_NODES: Final = 10_000
 """The size of a formula for given objects of which parts are pushed down."""
@@ -197,6 +200,9 @@ class PushDown:
         nodes = [[*walk(each)] for each in instances]
         if not all(any(isinstance(each, FutureFormula) for each in found) for found in nodes):
             return None
+        times = [each for found in nodes for each in found if isinstance(each, FutureFormula)]
+        if any(each.interval.start > MAX_TIMEOUT for each in times):
+            return None  # There will be no verdict: a guard asks for the values in this way.
         peers: set[str | None] = set()
         for node in (each for found in nodes for each in found):
             if not isinstance(node, _EVALUATED) or isinstance(node, FieldReference):

@@ -8,11 +8,19 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
-from dyknow_common import NANOSECONDS, SECOND_NS, format_duration, round_duration, round_time
+from dyknow_common import (
+    NANOSECONDS,
+    SECOND_NS,
+    format_duration,
+    round_duration,
+    round_time,
+    with_changed_times,
+)
 from dyknow_configuration import RequestedFederation
 from dyknow_federation import events, messages
 from dyknow_federation.clocks import NEVER, PairClock
 from dyknow_federation.events import Event
+from dyknow_federation.messages import is_verdict
 from dyknow_federation.possible_values import TOO_CLOSE, PossibleValues, Precision
 from dyknow_federation.receiving import Lost, Promise, Received, ReceivedStream
 from dyknow_stream_processing import ViolationKind
@@ -253,6 +261,8 @@ class RemotePeer:
                 return self._take_refusal(stream, reason, at)
             case messages.FormulaReply(stream, refusal) if self._formulas.pop(stream, None):
                 return [events.FormulaAnswered(self.name, stream, refusal)]
+            case messages.FormulaWait(stream, reason) if stream in self.requested:
+                return [events.FormulaWaits(self.name, stream, self._with_own_times(reason))]
             case messages.ProbeReply():
                 return self._take_reply(message, at)
         return []
@@ -276,7 +286,7 @@ class RemotePeer:
         if grant.constants != requested.precision.constants:
             return []  # It is a late answer to an earlier request.
         shared = self.shares.features if self._version else ()
-        exact = 0.0 if name.startswith('_') else None  # The verdict of a formula.
+        exact = 0.0 if is_verdict(name) else None
         deadband = next((each.deadband for each in shared if each.stream == name), exact)
         former = requested.stream.epoch
         if epoch <= former or deadband is None:  # Without shares, the next request is granted, too.
@@ -337,7 +347,7 @@ class RemotePeer:
                 case Lost():
                     yield self._lose(name, *each)
                 case messages.StreamFault():
-                    text = f"peer '{self.name}' reports: {each.reason}"
+                    text = f"peer '{self.name}' reports: {self._with_own_times(each.reason)}"
                     time = min(self.clock.own_time(each.valid_time).earliest, at)
                     yield self._violation(name, each.constraint, text, time)
                 case Received():
@@ -364,11 +374,23 @@ class RemotePeer:
         faults: list[str] = []
         if latest - earliest > 2 * limit:
             faults.append(f'more than a max_uncertainty of {format_duration(limit)}')
-        if not self.requested[name].values.put(earliest, latest, received.value):
+        value = received.value
+        if is_verdict(name) and isinstance(value, str):
+            value = self._with_own_times(value)
+        if not self.requested[name].values.put(earliest, latest, value):
             faults.append(TOO_CLOSE)
         for each in faults:
             text = f'{self.difference(at)}; {each}'
             yield self._violation(name, ViolationKind.CLOCK, text, earliest)
+
+    def _with_own_times(self, text: str) -> str:
+        """Return a text of the peer for people with its times on the own clock.
+
+        They are the latest possible ones, as is the valid time of a verdict.
+        """
+        if self.clock.latest is None:
+            return text
+        return with_changed_times(text, lambda time: self.clock.own_time(time).latest)
 
     def _lose(self, name: str, count: int, reason: str) -> Event:
         self.requested[name].values.lose()

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dyknow_common import SECOND_NS, Verdict
-from dyknow_coordinator import PEER_VERDICT, with_reasons_of_peers
+from dyknow_coordinator import PEER_VERDICT, with_reasons_of_peers, with_waits_of_peers
 from dyknow_federation.errors import FederationError
 from dyknow_federation.push_down import (
     MAX_NODES,
@@ -34,6 +34,8 @@ STREAMS = {
     f'{feature}[{peer}]': (peer, f'{feature}_{peer}') for peer in PEERS for feature in ('P', 'X')
 }
 FEATURES = [f'{feature}[{robot}]' for robot in DOMAINS['Robot'] for feature in ('P', 'X')]
+
+VERDICT = f'/dyknow/federation/r1/{PEER_VERDICT}1f_1'
 
 
 def verdict_topic(part: PeerPart, number: int) -> str:
@@ -176,6 +178,23 @@ def test_the_explanation_of_a_peer_is_given_once(told: str, explanation: str) ->
     assert with_reasons_of_peers(result.explanation) == explanation
 
 
+@pytest.mark.parametrize(
+    ('waits_for', 'explanation'),
+    [
+        ('/odom has fallen silent', '/odom has fallen silent'),
+        (f'{VERDICT} has fallen silent', "peer 'r1' waits: /r1/odom has fallen silent"),
+        (f'{VERDICT} has a publisher but no message has come; nobody publishes /odom',
+         "peer 'r1' waits: /r1/odom has fallen silent; nobody publishes /odom"),
+        (f'nobody publishes {VERDICT} any more', "peer 'r1' waits: /r1/odom has fallen silent"),
+        (f'stream v waits: {VERDICT}2 has fallen silent',
+         "stream v waits: peer 'r1' waits: it has not told how far it is"),
+    ],
+)  # fmt: skip
+def test_a_host_waits_for_what_its_peer_waits_for(waits_for: str, explanation: str) -> None:
+    waits = {VERDICT: '/r1/odom has fallen silent'}
+    assert with_waits_of_peers(waits_for, waits) == explanation
+
+
 def may_contradict(found: PushDown, topics: dict[PeerPart, str]) -> bool:
     """True if two parts, or a part and what remains, are about the same feature."""
     rest = parse_formula(found.remaining(topics))
@@ -216,6 +235,10 @@ def features(formula: Any) -> set[str]:
         ('P(always normal(X[r1], 1) > 1) > 0.9', []),
         ('always P[r3]', []),
         ('always "/r1/battery".percentage > 1', []),
+        # A guard asks for states in this way: no verdict would come.
+        ('forall x in Robot: (always[500000 h, 500000 h] (X[x] = X[x]))', []),
+        ('always (P[r1] -> eventually[500000 h, 500000 h] P[r1])', []),
+        ('always[0 s, 500000 h] P[r1]', ['r1: always[0 s, 1800000000 s] P_r1.value']),
     ],
 )  # fmt: skip
 def test_parts(formula: str, parts: list[str]) -> None:

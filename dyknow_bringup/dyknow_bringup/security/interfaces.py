@@ -240,7 +240,7 @@ def federation_interfaces(engines: Collection[str]) -> Interfaces:
         DYKNOW_NODE
         | MONITOR
         | Interfaces(
-            publishes=frozenset({'~/federation', REMOTE_STREAMS}),
+            publishes=frozenset({'~/federation', '~/_waits', REMOTE_STREAMS}),
             serves=frozenset({'~/push_down'}),
             subscribes=_watched(*watched)
             | frozenset(f'{each}/_heartbeat' for each in engines)
@@ -375,6 +375,7 @@ def _coordinator(engines: Collection[str], streams: Collection[str]) -> Interfac
         | {f'{each}/violations' for each in streams}
         | {
             '~/_results_*',
+            f'{FEDERATION}/_waits',
             'ontology_manager/version',
             'stream_semantics_manager/version',
             'stream_manager/streams',

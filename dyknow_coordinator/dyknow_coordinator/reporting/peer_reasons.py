@@ -11,10 +11,14 @@ The fact is that a text has come. Its reader wants what it says:
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Final
 
 PEER_VERDICT: Final = '_verdict_'
 """The first part of the names of streams of verdicts; see `dyknow_federation.push_down`."""
+
+PEER_WAITS: Final = '_waits'
+"""The topic of the federation, below its name, with the reasons why verdicts do not come."""
 
 _TEXT: Final = r'"(?:[^"\\]|\\.)*"'
 _FACT: Final = (
@@ -23,6 +27,27 @@ _FACT: Final = (
 )
 _FACTS: Final = re.compile(rf'(; )?({_FACT}(?: and {_FACT})*)(?: \([^()]*\))?', re.DOTALL)
 _REASON: Final = re.compile(r'"\.value = "(?:true|false): ((?:[^"\\]|\\.)*)"', re.DOTALL)
+
+
+_SILENCE: Final = re.compile(
+    rf'(?:nobody publishes )?(/\S*/([^/\s]+)/{PEER_VERDICT}\w+)'
+    r'(?: any more| has a publisher but no message has come| has fallen silent)?'
+)
+
+
+def with_waits_of_peers(waits_for: str, waits: Mapping[str, str]) -> str:
+    """Return why no state comes, with the reasons of peers that evaluate parts of the formula.
+
+    Args:
+        waits_for: as the engine reports it: the topics of verdicts are silent.
+        waits: why the verdicts of peers do not come, by their topics.
+    """
+
+    def reason(found: re.Match[str]) -> str:
+        known = waits.get(found[1], 'it has not told how far it is')
+        return f"peer '{found[2]}' waits: {known}"
+
+    return _SILENCE.sub(reason, waits_for)
 
 
 def with_reasons_of_peers(explanation: str) -> str:

@@ -15,6 +15,7 @@ from dyknow_coordinator.evaluation import FOLLOWED
 from dyknow_coordinator.grounding.candidate_search import feature_symbols
 from dyknow_coordinator.grounding.known_streams import stream_topic
 from dyknow_coordinator.ros.cleanup import Cleanup
+from dyknow_coordinator.ros.peer_waits import PeerWaits
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
@@ -37,6 +38,7 @@ class CoordinatorContext:
     Args:
         clients: clients of the services that it calls.
         streams: all streams of the system.
+        peer_waits: why verdicts of peers do not come.
         results: of the reasoning engine.
         cleanup: destroys unused streams and formula groups.
         background: runs long computations.
@@ -47,6 +49,7 @@ class CoordinatorContext:
     node: DyKnowNode
     clients: ServiceClients
     streams: StreamsMirror
+    peer_waits: PeerWaits
     results: Results
     cleanup: Cleanup
     background: Background

@@ -45,6 +45,7 @@ from dyknow_coordinator.ros.context import LIMITS, CoordinatorContext
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
+from dyknow_coordinator.ros.peer_waits import PeerWaits
 from dyknow_coordinator.ros.plan_monitoring import PlanMonitoring
 from dyknow_coordinator.ros.reporting.changes import ChangeListener
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
@@ -117,6 +118,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             streams=StreamsMirror(
                 self, clients.streams_topic, clients.streams_namespace, self._on_streams_changed
             ),
+            peer_waits=PeerWaits(self, clients.federation.name),
             results=Results(self, clients.stream_reasoning_engine.name),
             cleanup=Cleanup(self, clients),
             background=background,

@@ -6,7 +6,7 @@ ros2 run dyknow_federation federation --ros-args -p robot:=robot.yaml
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -20,6 +20,7 @@ from std_msgs.msg import String
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_time
 from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
 from dyknow_configuration import RequestedFederation, read_robot
+from dyknow_coordinator import PEER_WAITS
 from dyknow_federation import events
 from dyknow_federation.encoding import encode
 from dyknow_federation.errors import FederationError
@@ -70,6 +71,8 @@ class Federation(DyKnowNode):
         self._packets = self.create_guard_condition(self._take, group)
         self._transport = ZenohTransport(settings, self.now, self._wake)
         self._report = self.create_publisher(String, '~/federation', LATCHED)
+        self._waits = self.create_publisher(String, f'~/{PEER_WAITS}', LATCHED)
+        self._published_waits: Mapping[str, str] = {}
         timer = partial(self.create_timer, callback_group=group, clock=self.wall_clock)
         self._deadline = timer(PERIOD_S, self._advance)
         timer(PERIOD_S, self._update)
@@ -127,6 +130,7 @@ class Federation(DyKnowNode):
         """Act on an event of a stream, or of a peer."""
         match event:
             case events.ValueKnown(peer, stream, time, value):
+                self._formulas.note_states(peer, stream)
                 for each in self._remote.of(peer, stream):
                     each.publish(time, value)
             case events.WatermarkArrived(peer, stream, time):
@@ -142,6 +146,8 @@ class Federation(DyKnowNode):
         match event:
             case events.FormulaAnswered():
                 self._formulas.take(event)
+            case events.FormulaWaits():
+                self._formulas.note_wait(event)
             case events.SharesChanged(peer):
                 self._meaning_of = None
                 if peer not in self._peer.remotes:
@@ -175,10 +181,18 @@ class Federation(DyKnowNode):
             self._peer.release(*name)
         self._own_formulas.reconcile()
         self._own.reconcile()
+        self._publish_waits()
         version = self._vocabulary.version
         if version not in (None, self._meaning_of) and not self._is_working:
             self._is_working, self._meaning_of = True, version
             self.spawn(self._update_meaning)
+
+    def _publish_waits(self) -> None:
+        """Publish why the verdicts of peers do not come, when that has changed."""
+        waits = self._formulas.waits()
+        if waits != self._published_waits:
+            self._published_waits = waits
+            self._waits.publish(String(data=json.dumps(waits)))
 
     def _compared(self, name: StreamName) -> tuple[float, ...]:
         """Return the numbers with which a stream is compared; none if its values are needed."""

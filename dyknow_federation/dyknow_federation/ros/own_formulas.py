@@ -2,40 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
 
-from dyknow_common import SECOND_NS, StreamConstraints, Verdict
+from dyknow_common import SECOND_NS, StreamConstraints
 from dyknow_coordinator import Answer, Grounding, Progress
 from dyknow_coordinator.ros import FormulaClient, Monitor
 from dyknow_federation.offers import VALUE
+from dyknow_federation.own_verdict import OwnVerdict
 from dyknow_federation.peer import FormulaForPeer
-from dyknow_federation.push_down import PRESUMABLY_FALSE, UNDECIDED, verdict_text, with_prefix
+from dyknow_federation.push_down import MAX_TIMEOUT, with_prefix
 from dyknow_federation.ros.own_streams import NAME, OwnStreams
-from dyknow_stream_processing import ViolationKind
-
-MAX_TIMEOUT_S: Final = 365 * 86_400.0
-"""The timeout of their evaluations, in seconds: they end when their peer needs them no more."""
-
-REPEAT_NS: Final = 2 * SECOND_NS
-"""The time after which a verdict is told again: no reader takes its stream for silent."""
 
 
-@dataclass(slots=True)
-class _Running:
-    """A formula that is evaluated.
+@dataclass(eq=False, slots=True)
+class _Asked:
+    """A formula that a peer has asked for, and its evaluation, once that has begun."""
 
-    Args:
-        told_at: when its verdict was told last.
-        promised: the time until which its verdict is as it was told.
-        has_failed: True if it has ended without a verdict.
-    """
-
-    monitor: Monitor
-    told_at: int
-    promised: int
-    verdict: str = UNDECIDED
-    has_failed: bool = False
+    about: frozenset[str]
+    verdict: OwnVerdict
+    monitor: Monitor | None = None
 
 
 class OwnFormulas:
@@ -48,7 +33,7 @@ class OwnFormulas:
     def __init__(self, streams: OwnStreams) -> None:
         self._streams = streams
         self._client = FormulaClient(streams.node)
-        self._running: dict[str, _Running] = {}
+        self._asked: dict[str, _Asked] = {}
 
     def close(self) -> None:
         """End all evaluations."""
@@ -56,70 +41,59 @@ class OwnFormulas:
 
     def reconcile(self) -> None:
         """Evaluate those whose verdict is requested, and no others; tell that this goes on."""
-        peer, now = self._streams.peer, self._streams.node.now()
-        asked = {name: each for name, each in peer.formulas.items() if name in peer.sent}
-        for name in self._running.keys() - asked.keys():
-            self._running.pop(name).monitor.cancel()
-        self._streams.needed = frozenset().union(*(each.streams for each in asked.values()))
-        for name, each in asked.items():
-            if name in self._running:
-                self._go_on(name, now)
-            elif each.streams <= self._streams.made:
-                self._start(name, each)
+        streams, now = self._streams, self._streams.node.now()
+        peer = streams.peer
+        due = {name: each for name, each in peer.formulas.items() if name in peer.sent}
+        for name in self._asked.keys() - due.keys():
+            if (monitor := self._asked.pop(name).monitor) is not None:
+                monitor.cancel()
+        streams.needed = frozenset().union(*(each.streams for each in due.values()))
+        for name, each in due.items():
+            if name not in self._asked:
+                self._asked[name] = _Asked(each.streams, OwnVerdict(peer, name))
+            self._go_on(name, each, now)
 
-    def _start(self, name: str, asked: FormulaForPeer) -> None:
-        request, now = asked.request, self._streams.node.now()
+    def _go_on(self, name: str, requested: FormulaForPeer, now: int) -> None:
+        """Begin with an evaluation once its streams are made; tell how far it has come."""
+        asked, streams = self._asked[name], self._streams
+        is_made = asked.about <= streams.made
+        if asked.monitor is None and is_made:
+            asked.monitor = self._begin(asked, requested)
+        elif asked.monitor is None:
+            asked.verdict.wait('; '.join(streams.faults), now)
+        asked.verdict.advance(streams.known_until(asked.about) if is_made else None, now)
+
+    def _begin(self, asked: _Asked, requested: FormulaForPeer) -> Monitor:
+        request = requested.request
         monitor = self._client.monitor(
             with_prefix(request.formula, NAME),
-            on_feedback=lambda progress: self._on_progress(name, monitor, progress),
+            on_feedback=lambda progress: self._note(asked, progress),
             grounding=Grounding.SYNTACTIC,
             constraints=StreamConstraints(sample_period=request.sample_period or None),
-            timeout=MAX_TIMEOUT_S,
+            timeout=MAX_TIMEOUT / SECOND_NS,
         )
-        self._running[name] = _Running(monitor, told_at=now, promised=now - 1)
-        self._tell(name, UNDECIDED, now)
-        monitor.outcome.add_done_callback(lambda _: self._end(name, asked.streams, monitor))
+        monitor.outcome.add_done_callback(lambda _: self._end(asked, monitor.outcome.result()))
+        return monitor
 
-    def _on_progress(self, name: str, monitor: Monitor, progress: Progress) -> None:
-        """Tell if it would be false without further states, when that has changed."""
-        running = self._running.get(name)
-        if running is None or running.monitor is not monitor or monitor.outcome.done():
-            return  # Feedback may arrive after the verdict.
-        verdict = PRESUMABLY_FALSE if progress.presumably_false else UNDECIDED
-        if verdict != running.verdict:
-            self._tell(name, verdict, self._streams.node.now())
-
-    def _go_on(self, name: str, now: int) -> None:
-        """Promise that the verdict is as it was told, which is told again once in a while."""
-        running = self._running[name]
-        if running.has_failed:
-            return
-        running.promised = max(running.promised, now - 1)
-        self._streams.peer.promise(name, running.promised, now)
-        if now - running.told_at >= REPEAT_NS:
-            self._tell(name, running.verdict, now)
-
-    def _tell(self, name: str, verdict: str, now: int) -> None:
-        """Tell a verdict, which is certain at the peer as soon as the promise has crossed, too."""
-        running = self._running[name]
-        self._streams.peer.publish(name, running.promised + 1, verdict, now)
-        running.verdict, running.told_at = verdict, now
-        running.promised = max(running.promised + 1, now - 1)
-        self._streams.peer.promise(name, running.promised, now)
+    def _note(self, asked: _Asked, progress: Progress) -> None:
+        waits_for = self._in_words(progress.waits_for, asked)
+        asked.verdict.note(replace(progress, waits_for=waits_for), self._streams.node.now())
         self._streams.changed()
 
-    def _end(self, name: str, about: frozenset[str], monitor: Monitor) -> None:
-        """Tell the verdict, or why there is none, in the words of the ontology."""
-        if name not in self._running:
+    def _end(self, asked: _Asked, answer: Answer) -> None:
+        """Tell the verdict, or why there is none."""
+        if asked not in self._asked.values():
             return  # The peer needs it no more.
-        answer: Answer = monitor.outcome.result()
-        streams, error = self._streams, answer.error
-        text = answer.explanation if error is None else error.message
-        for stream in about & streams.offers.keys():
-            text = text.replace(f'{NAME}{stream}.{VALUE}', str(streams.offers[stream].ground))
-        if error is not None:
-            self._running[name].has_failed = True
-            streams.violate(name, ViolationKind.MESSAGE, text)
-            return
-        verdict = verdict_text(is_true=answer.verdict is Verdict.TRUE, reason=text)
-        self._tell(name, verdict, streams.node.now())
+        now = self._streams.node.now()
+        if answer.error is None:
+            asked.verdict.decide(answer, self._in_words(answer.explanation, asked), now)
+        else:
+            asked.verdict.fail(self._in_words(answer.error.message, asked), now)
+        self._streams.changed()
+
+    def _in_words(self, text: str, asked: _Asked) -> str:
+        """Return a text in the words of the ontology."""
+        offers = self._streams.offers
+        for stream in asked.about & offers.keys():
+            text = text.replace(f'{NAME}{stream}.{VALUE}', str(offers[stream].ground))
+        return text

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from dyknow_interfaces.msg import Sample as SampleMessage
 from dyknow_interfaces.msg import StreamSpec
@@ -33,6 +33,8 @@ class OwnStream:
 
     streams: OwnStreams
     name: str
+    known_until: int | None = None
+    """No later sample is valid until this time; None before the first one."""
     fault: str = ''
     """Why no sample is passed on any more."""
 
@@ -61,15 +63,21 @@ class OwnStream:
         if self.fault:
             return
         own.peer.publish(self.name, valid_time, value, now)
+        self.known_until = max(valid_time, self.known_until or 0)
         if message.watermark:
-            own.peer.promise(self.name, time_to_nanoseconds(message.watermark[0]) - 1, now)
+            self._promise(time_to_nanoseconds(message.watermark[0]) - 1, now)
         own.changed()
 
     def on_watermark(self, watermark: int, now: int) -> None:
         """Promise that no sample valid before a time follows."""
         if not self.fault:
-            self.streams.peer.promise(self.name, watermark - 1, now)
+            self._promise(watermark - 1, now)
             self.streams.changed()
+
+    def _promise(self, time: int, now: int) -> None:
+        if self.known_until is not None:
+            self.known_until = max(time, self.known_until)
+        self.streams.peer.promise(self.name, time, now)
 
     def on_dropped(self, reason: str, count: int) -> None:
         """Report samples that were lost between the engine and this node."""
@@ -79,6 +87,14 @@ class OwnStream:
         """Tell the peers, as their readers cannot know why samples are missing or wrong."""
         time, kind = violation.valid_time, violation.constraint
         self.streams.violate(self.name, kind, violation.message, time)
+
+
+class _Made(NamedTuple):
+    """A stream that is made."""
+
+    offer: Offer
+    listener: OwnStream
+    remove: Callable[[], None]
 
 
 class OwnStreams:
@@ -106,7 +122,7 @@ class OwnStreams:
         self._topics = NodeTopics.of(node)
         self._failed: set[str] = set()
         """The streams of which peers know that they cannot be made."""
-        self._made: dict[str, tuple[Offer, Callable[[], None]]] = {}
+        self._made: dict[str, _Made] = {}
         self._is_working = False
 
     @property
@@ -114,19 +130,25 @@ class OwnStreams:
         """The names of those that are made."""
         return frozenset(self._made)
 
+    def known_until(self, names: Collection[str]) -> int | None:
+        """Return until when all samples of streams that are made are known; None before that."""
+        times = [self._made[each].listener.known_until for each in names]
+        known = [each for each in times if each is not None]
+        return min(known, default=None) if len(known) == len(times) else None
+
     def reconcile(self) -> None:
         """Make the streams that are asked for, and destroy those that are not, or are outdated."""
         asked = self.peer.sent.keys() | self.needed
         self._failed &= asked
         due = {name: self.offers[name] for name in asked & self.offers.keys()}
-        if not self._is_working and due != {name: each for name, (each, _) in self._made.items()}:
+        if not self._is_working and due != {name: each.offer for name, each in self._made.items()}:
             self._is_working = True
             self.node.spawn(self._reconcile, due)
 
     async def _reconcile(self, due: Mapping[str, Offer]) -> None:
         faults: list[str] = []
         try:
-            for name in [name for name, (each, _) in self._made.items() if due.get(name) != each]:
+            for name in [name for name, each in self._made.items() if due.get(name) != each.offer]:
                 await self._remove(name)
                 if name in due:
                     reason = 'its host makes it from another source now'
@@ -163,11 +185,10 @@ class OwnStreams:
         listener = OwnStream(self, name)
         remove = self._topics.listen(created.stream_topic, listener, STREAM, SampleMessage)
         self._topics.refresh()
-        self._made[name] = offer, remove
+        self._made[name] = _Made(offer, listener, remove)
 
     async def _remove(self, name: str) -> None:
-        _, remove = self._made.pop(name)
-        remove()
+        self._made.pop(name).remove()
         self._topics.refresh()
         try:
             await self._manager.call(StreamDestroy, stream_name=NAME + name)

@@ -11,7 +11,7 @@ from rclpy.task import Future
 from dyknow_common import shortened
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_coordinator import PEER_VERDICT
-from dyknow_federation.events import FormulaAnswered
+from dyknow_federation.events import FormulaAnswered, FormulaWaits
 from dyknow_federation.messages import FormulaRequest
 from dyknow_federation.offers import VALUE
 from dyknow_federation.peer import Peer
@@ -37,12 +37,28 @@ class RemoteFormulas:
         run = crc32(f'{name} {streams.node.started_at}'.encode())
         self._names = (f'{PEER_VERDICT}{run:08x}_{each}' for each in count(1))
         self._waiting: dict[StreamName, Future] = {}
+        self._waits: dict[StreamName, str] = {}
 
     def take(self, event: FormulaAnswered) -> None:
         """Take the answer of a peer."""
         waiting = self._waiting.pop(StreamName(event.peer, event.stream), None)
         if waiting is not None:
             waiting.set_result(event.refusal)
+
+    def note_wait(self, event: FormulaWaits) -> None:
+        """Note why a peer has no states of a formula."""
+        self._waits[StreamName(event.peer, event.stream)] = event.reason
+
+    def note_states(self, peer: str, stream: str) -> None:
+        """Note that the verdict of a peer is known until a later time."""
+        self._waits.pop(StreamName(peer, stream), None)
+
+    def waits(self) -> dict[str, str]:
+        """Return why verdicts do not come that are read, by their topics."""
+        topics = self._streams.by_topic.items()
+        found = {name: (topic, self._waits[name]) for topic, name in topics if name in self._waits}
+        self._waits = {name: reason for name, (_, reason) in found.items()}
+        return dict(found.values())
 
     async def push_down(self, request: Any, response: Any) -> None:
         """Serve PushDown: what no peer takes on remains to be evaluated here."""
