@@ -92,6 +92,8 @@ class Host:
         self.running: dict[str, subprocess.Popen[bytes]] = {}
         self.percentage = 0.9
         self.battery_age_s = 0.0
+        self.voltage = 12.0
+        self.has_battery = True
         self.reports: list[FederationReport] = []
         self.client.node.create_subscription(
             String,
@@ -120,7 +122,9 @@ class Host:
         topic = node.create_publisher(BatteryState, f'/{name}/battery', 10)
 
         def publish() -> None:
-            message = BatteryState(percentage=self.percentage, voltage=12.0)
+            if not self.has_battery:
+                return
+            message = BatteryState(percentage=self.percentage, voltage=self.voltage)
             age = Duration(seconds=self.battery_age_s)
             message.header.stamp = (node.get_clock().now() - age).to_msg()
             topic.publish(message)

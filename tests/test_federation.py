@@ -6,15 +6,22 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
-from dyknow_interfaces.msg import ExitStatus, FormulaResult, GuardStatus, Sample
+from dyknow_interfaces.msg import (
+    EvaluationStatus,
+    EvaluationStatusArray,
+    ExitStatus,
+    FormulaResult,
+    GuardStatus,
+    Sample,
+)
 
 from dyknow_bringup.security.systems import SecuredSystem, policy_text
 from dyknow_bringup.simulation.link import FailingLink, free_port
-from dyknow_common import Alternatives, Value
-from dyknow_common.ros import STREAM
+from dyknow_common import Alternatives, Value, format_time
+from dyknow_common.ros import LATCHED, STREAM, time_to_nanoseconds
 from dyknow_configuration import RequestedFederation
 from dyknow_federation.encoding import VERSION
 from dyknow_federation.report import LinkState
@@ -67,6 +74,13 @@ def is_asked(host: Host, *, here: bool) -> bool:
     return len(asked) == 1 and asked[0].startswith('Charge_' if here else '_verdict_')
 
 
+def running(heard: list[Any]) -> Any:
+    """Return the evaluation that runs, as last reported; an empty status if there is none."""
+    reported = [each for report in heard[-1:] for each in report.evaluations]
+    found = (each for each in reported if each.phase != EvaluationStatus.ENDED)
+    return next(found, EvaluationStatus())
+
+
 def assert_permitted(recorders: list[GraphRecorder]) -> None:
     """What the federation nodes use is in the policy of a host with peers."""
     policy = policy_text(SecuredSystem(has_peers=True).enclaves(), 'a host with peers')
@@ -108,6 +122,27 @@ def test_a_verdict_crosses_after_an_outage(fleet: Fleet) -> None:
     assert answer.explanation.startswith('Charge[carrier1] = 0.25')
     assert 'verdict' not in answer.explanation
     fleet.wait(lambda: not fleet.base.reports[-1].peers[0].asked, 'the release')
+
+
+def test_a_host_waits_for_the_sensor_of_a_peer(fleet: Fleet) -> None:
+    """No state is told that the peer has not evaluated, and no verdict is later than its state."""
+    wait_for_streams(2, fleet.base, fleet.carrier)
+    topic = '/stream_reasoning_coordinator/evaluations'
+    heard = fleet.base.client.collect(EvaluationStatusArray, topic, LATCHED)
+    fleet.wait(lambda: not fleet.base.reports[-1].peers[0].asked, 'the release')
+    asked = fleet.base.ask('always Voltage[carrier1] > 5')
+    fleet.wait(lambda: running(heard).states_progressed, 'a state')
+    fleet.carrier.has_battery = False
+    reason = "peer 'carrier1' waits: /carrier1/battery has fallen silent"
+    fleet.wait(lambda: running(heard).waits_for == reason, reason)
+    assert running(heard).phase == EvaluationStatus.WAITING
+    fleet.carrier.has_battery, fleet.carrier.voltage = True, 3.0
+    fleet.wait(asked.done, 'the answer')
+    fleet.carrier.voltage = 12.0
+    answer = asked.result()
+    decided_at = format_time(time_to_nanoseconds(answer.decided_at))
+    assert answer.verdict == FormulaResult.FALSE, answer
+    assert answer.explanation.startswith(f'Voltage[carrier1] = 3.0 at {decided_at} is not > 5')
 
 
 def test_of_a_feature_that_is_compared_only_the_comparison_is_known(fleet: Fleet) -> None:
@@ -188,7 +223,9 @@ def test_a_guard_closes_when_the_link_is_older_than_its_timeout(
     node, carrier = fleet.base.client.node, fleet.carrier.client.executor
     # The carrier publishes while others than it wait.
     timer = node.create_timer(0.01, lambda: carrier.spin_once(timeout_sec=0.0))
-    with guarded_base(fleet.base, tmp_path, "['Charge[carrier1] > 0.5']", timeout='2 s') as base:
+    of_commands = '"/cmd_vel_in".linear.x > 0.1 -> Charge[carrier1] > 0.4'
+    formulas = f"['Charge[carrier1] > 0.5', '{of_commands}']"
+    with guarded_base(fleet.base, tmp_path, formulas, timeout='2 s') as base:
         base.wait_until_open()
         fleet.link.cut()
         base.assert_safe_after(time.time(), 2.0)

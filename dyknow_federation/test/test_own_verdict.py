@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from test_peer import LEVEL, MS, Net
+
 from dyknow_common import SECOND_NS, UNIX_TIMES, Alternatives, Verdict, format_time
 from dyknow_coordinator import Answer, Progress
 from dyknow_federation.events import FormulaWaits, StreamViolated, ValueKnown, WatermarkArrived
 from dyknow_federation.messages import FormulaRequest
 from dyknow_federation.own_verdict import EVALUATION_NS, OwnVerdict
 from dyknow_federation.push_down import PRESUMABLY_FALSE, UNDECIDED
-from test_peer import LEVEL, MS, Net
 
 VERDICT = '_verdict_1'
 CAUSE = 'its sensor has fallen silent'
@@ -47,7 +48,9 @@ class Evaluation:
         """The engine reports, after further states until now."""
         self.states += states
         latest = self.now if self.states else 0
-        self.verdict.note(Progress(self.states, latest, '', is_false, waits_for=waits_for), self.now)
+        self.verdict.note(
+            Progress(self.states, latest, '', is_false, waits_for=waits_for), self.now
+        )
 
     def known_until(self) -> int:
         """Until when `b` knows how the formula stands, by the clock of `a`; 0: never."""
