@@ -4,6 +4,7 @@ from dyknow_stream_processing.aggregates import NoValueError
 from dyknow_stream_processing.dataflow.batches import (
     NeedsStepsError,
     SampleBatch,
+    column_of,
     concatenated,
     never,
     rows_of,
@@ -52,7 +53,7 @@ from dyknow_stream_processing.reporting.silence import (
     nearest_topics,
 )
 from dyknow_stream_processing.reporting.stream_report import SAMPLE_TYPE
-from dyknow_stream_processing.sample import PartialFields, Sample, WholeMessage
+from dyknow_stream_processing.sample import VALUE_PARSERS, PartialFields, Sample, WholeMessage
 from dyknow_stream_processing.violation import Violation, ViolationKind
 
 __all__ = [
@@ -66,6 +67,7 @@ __all__ = [
     'SILENT_PERIODS',
     'STATELESS_UNITS',
     'TF_STATIC',
+    'VALUE_PARSERS',
     'WHOLE',
     'Approximation',
     'BuiltInSource',
@@ -103,6 +105,7 @@ __all__ = [
     'ViolationKind',
     'WholeMessage',
     'built_in_fields',
+    'column_of',
     'concatenated',
     'free_names',
     'ignore',

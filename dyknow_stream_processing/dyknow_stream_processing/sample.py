@@ -2,15 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
-from dyknow_common import Value
+from dyknow_common import Alternatives, Value, ValueType
 
 Rows = Sequence[Mapping[str, Value]]
 """The fields of each element of an array."""
+
+MAX_DIGITS: Final = 100
+"""The characters of an integer in a message: a longer one may be too large for a float."""
+
+ALTERNATIVES: Final = 'alternatives'
+"""The type of a field of a message whose value is one of several."""
+
+
+def _integer(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise ValueError
+    return int(text)
+
+
+VALUE_PARSERS: Final[Mapping[str, Callable[[str], Value]]] = {
+    ValueType.FLOAT.value: float,
+    ValueType.INT.value: _integer,
+    ValueType.STRING.value: str,
+    ValueType.BOOLEAN.value: {'true': True, 'false': False}.__getitem__,
+    ALTERNATIVES: Alternatives,
+}
+"""Functions that return the value of a field of a message, given as text, by its type.
+
+They raise a KeyError or a ValueError if it has none."""
 
 
 class AbsentElement(str):

@@ -486,11 +486,15 @@ class StandingEpisodes:
         if self._margins is not None:
             self._margins.keep_all()
         self._times: list[int] = []
+        self._left_out: list[int] = []
+        """The states that the monitor leaves out: one of several values decides the formula."""
 
     def progress(self, valid_time: int, values: Mapping[str, Value]) -> DyKnowError | None:
         """Begin an episode and progress all; return the error by which the formula fails."""
+        before = self._formula.monitor.states
         results = self._group.progress(valid_time, values)
-        self._times.append(valid_time)
+        is_left_out = self._formula.monitor.states == before
+        (self._left_out if is_left_out else self._times).append(valid_time)
         return results[0].error if results else None
 
     def gap(self) -> None:
@@ -523,8 +527,9 @@ class StandingEpisodes:
                     wants=tuple(each.wants.items()),
                 )
             )
-        found += [Episode(time, error=error) for time in self._times[monitor.states :]]
-        return found
+        unknown = (*self._times[monitor.states :], *self._left_out)
+        found += [Episode(time, error=error) for time in unknown]
+        return sorted(found, key=lambda each: each.begin or 0)
 
     def _margins_of(self, states: Sequence[int]) -> list[Margin | None]:
         if self._margins is None:

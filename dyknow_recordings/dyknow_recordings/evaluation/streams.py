@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dyknow_common import (
     NO_CONSTRAINTS,
+    Alternatives,
     DyKnowError,
     ExitCode,
     StreamConstraints,
@@ -360,6 +361,8 @@ class RecordedStreams:
             is_known = part.message_type == content.message_type and is_timed
             if not is_known or part.absent or part.values.keys() != names:
                 return None
+            if Alternatives.exist and any(map(_has_alternatives, part.values.values())):
+                return None
         batch = _batch_of(parts)
         times = np.append(max(self.latest_valid_time(topic), 0), batch.valid_times)
         return batch if (np.diff(times) > 0).all() else None
@@ -543,6 +546,10 @@ def _optional_cells(terms: Iterable[tuple[bool, Term]]) -> AbstractSet[str]:
             required |= (select.demand - values) | {each.field for each in tests if each}
             optional |= values if may_be_unknown else set()
     return optional - required
+
+
+def _has_alternatives(column: NDArray[np.generic]) -> bool:
+    return column.dtype == np.object_ and Alternatives.are_among(column.tolist())
 
 
 def _batch_of(parts: Sequence[MessageColumns]) -> SampleBatch:

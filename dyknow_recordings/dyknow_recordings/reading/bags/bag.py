@@ -35,6 +35,7 @@ from dyknow_recordings.reading.messages.definitions import (
 )
 from dyknow_recordings.reading.messages.json_messages import JSON, JsonLayout, JsonReader
 from dyknow_recordings.reading.messages.layouts import MessageLayout, TypeLayout
+from dyknow_recordings.reading.messages.samples import NamedValueReader, SampleLayout
 from dyknow_recordings.reading.messages.stored_messages import StoredBlock, StoredMessages, joined
 from dyknow_recordings.reading.recording import (
     FaultCounter,
@@ -45,7 +46,7 @@ from dyknow_recordings.reading.recording import (
     count_silences,
     count_steps_back,
 )
-from dyknow_stream_processing import WHOLE
+from dyknow_stream_processing import SAMPLE_TYPE, WHOLE
 
 _BATCH_BYTES: Final = 1 << 24
 _BATCH_MESSAGES: Final = 1 << 15
@@ -99,6 +100,7 @@ class Bag(RecordingReader):
             types = replace(types, distro=known)
         self._types = types
         self._unreadable: dict[str, str] = {}
+        self._samples: dict[StoredChannel, SampleLayout] = {}
         filled = [file for file in self._files if file.span is not None]
         self._has_sent_times = bool(filled) and all(file.has_sent_times for file in filled)
         self._is_open = True
@@ -174,10 +176,13 @@ class Bag(RecordingReader):
             channels = [self._readable(each) for each in self._channels if each.topic == topic]
             for channel in channels:
                 try:
-                    readers[self._numbers[channel]] = _ChannelReader(channel, self._types, paths)
+                    layout = self._layout(channel)
+                    reader = _ChannelReader(channel, layout, self._types, paths)
+                    readers[self._numbers[channel]] = reader
                 except RecordingError as error:
                     left_out[self._numbers[channel]] = error
-                    readers[self._numbers[channel]] = _ChannelReader(channel, self._types, None)
+                    reader = _ChannelReader(channel, None, self._types, ())
+                    readers[self._numbers[channel]] = reader
             errors = [left_out.get(self._numbers[channel]) for channel in channels]
             if (first := errors[0]) and all(errors):
                 raise RecordingError(f"{self.path}: topic '{topic}': {first}", first.code)
@@ -261,7 +266,22 @@ class Bag(RecordingReader):
         return TopicContent(used[0].definition.name, None, has_stamp=False, count=count)
 
     def _layout(self, channel: StoredChannel) -> MessageLayout:
-        return _layout(self._readable(channel), self._types)
+        layout = _layout(self._readable(channel), self._types)
+        if channel.definition.name != SAMPLE_TYPE or not isinstance(layout, TypeLayout):
+            return layout
+        if channel not in self._samples:
+            first = self._first(channel)
+            self._samples[channel] = SampleLayout(channel.definition, self._types, first)
+        return self._samples[channel]
+
+    def _first(self, channel: StoredChannel) -> bytes:
+        """Return the first message of a channel; empty if there is none."""
+        reading = self._reading
+        try:
+            found = next(self._batches([channel]), None)
+        finally:
+            self._reading = reading
+        return b'' if found is None else next(found.contents(), b'')
 
     def _readable(self, channel: StoredChannel) -> StoredChannel:
         if channel.serialisation not in {'cdr', JSON}:
@@ -320,29 +340,37 @@ class _ChannelReader:
 
     Args:
         channel: the channel.
+        layout: of its messages; None to read no message, only the times.
         types: where the definition of its type is if the bag lacks it.
-        paths: of the fields; None to read no message, only the times.
+        paths: of the fields.
 
     Raises:
         RecordingError: if the type is unknown, or lacks a field (NOT_FOUND).
     """
 
     def __init__(
-        self, channel: StoredChannel, types: MessageTypes, paths: Collection[str] | None
+        self,
+        channel: StoredChannel,
+        layout: MessageLayout | None,
+        types: MessageTypes,
+        paths: Collection[str],
     ) -> None:
         self._channel = channel
-        self._paths = sorted(paths or ())
+        self._paths = sorted(paths)
         self._stamp: tuple[str, ...] = ()
-        self._reader: CdrReader | JsonReader | None = None
+        self._reader: CdrReader | JsonReader | NamedValueReader | None = None
         self._by = '' if channel.definition.text else f' by its definition in {types.release}'
-        if paths is not None:
-            layout = _layout(channel, types)
+        if layout is not None:
             layout.check(set(paths) - {WHOLE})
             self._stamp = layout.stamp_fields
-            if isinstance(layout, JsonLayout):
-                self._reader = JsonReader(layout, paths)
-                return
-            self._reader = CdrReader(layout, {*paths, *self._stamp}, is_exact=bool(self._by))
+            wanted = {*paths, *self._stamp}
+            match layout:
+                case JsonLayout():
+                    self._reader = JsonReader(layout, paths)
+                case SampleLayout():
+                    self._reader = NamedValueReader(layout, wanted)
+                case TypeLayout():
+                    self._reader = CdrReader(layout, wanted, is_exact=bool(self._by))
 
     def read(self, messages: StoredMessages, faults: FaultCounter) -> DecodedFields:
         """Return the fields of some messages, and count unreadable ones."""

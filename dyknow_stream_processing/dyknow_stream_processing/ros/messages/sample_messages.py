@@ -16,10 +16,7 @@ from rclpy.serialization import deserialize_message
 from dyknow_common import SECOND_NS, Alternatives, Value, ValueType
 from dyknow_common.ros import time_to_nanoseconds
 from dyknow_stream_processing.errors import StreamError
-from dyknow_stream_processing.sample import Sample
-
-MAX_DIGITS: Final = 100
-"""The number of characters of an integer: a longer one may be too large for a float."""
+from dyknow_stream_processing.sample import ALTERNATIVES, MAX_DIGITS, VALUE_PARSERS, Sample
 
 MAX_LEARNT: Final = 16_384
 """The largest samples that a `SampleReader` makes a pattern of: Python keeps hundreds of these."""
@@ -28,30 +25,12 @@ _LEAST: Final = 1 - 10 ** (MAX_DIGITS - 1)
 _GREATEST: Final = 10**MAX_DIGITS - 1
 """The integers with so many characters."""
 
-_ALTERNATIVES: Final = 'alternatives'
-"""The type of a field whose value is one of several."""
-
 _FORMATS: Final[Mapping[type, tuple[str, Callable[[Any], str]]]] = {
     float: (ValueType.FLOAT.value, repr),
     int: (ValueType.INT.value, repr),
     str: (ValueType.STRING.value, str),
     bool: (ValueType.BOOLEAN.value, {True: 'true', False: 'false'}.__getitem__),
-    Alternatives: (_ALTERNATIVES, str),
-}
-
-
-def _integer(text: str) -> int:
-    if len(text) > MAX_DIGITS:
-        raise ValueError
-    return int(text)
-
-
-_PARSERS: Final[Mapping[str, Callable[[str], Value]]] = {
-    ValueType.FLOAT.value: float,
-    ValueType.INT.value: _integer,
-    ValueType.STRING.value: str,
-    ValueType.BOOLEAN.value: {'true': True, 'false': False}.__getitem__,
-    _ALTERNATIVES: Alternatives,
+    Alternatives: (ALTERNATIVES, str),
 }
 
 
@@ -94,7 +73,7 @@ class SampleReader:
 
     def _learn(self, message: Any) -> None:
         """Make the pattern of samples with the fields of a message."""
-        self._parsers = {each.name: _PARSERS[each.type] for each in message.fields}
+        self._parsers = {each.name: VALUE_PARSERS[each.type] for each in message.fields}
         self._pattern = re.compile(
             rb'[\0-\xff]{0,3}?'.join(
                 _text_pattern(each.type) + _text_pattern(each.name) + _VALUE
@@ -223,7 +202,7 @@ def sample_fields(message: Any) -> dict[str, Value]:
     fields: dict[str, Value] = {}
     for field in message.fields:
         try:
-            fields[field.name] = _PARSERS[field.type](field.value)
+            fields[field.name] = VALUE_PARSERS[field.type](field.value)
         except (KeyError, ValueError):
             raise _wrong_value(field.name, field.type, field.value) from None
     return fields
