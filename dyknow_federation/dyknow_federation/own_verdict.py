@@ -49,7 +49,7 @@ class OwnVerdict:
         self._told_until = self._promised = BEGINNING
         self._waits_for = ''
         self._explained_at = BEGINNING
-        self.is_decided = self.has_failed = False
+        self._is_decided = self._has_failed = False
 
     def wait(self, reason: str, now: int) -> None:
         """Note why no state comes; empty if states come."""
@@ -59,7 +59,7 @@ class OwnVerdict:
 
     def note(self, progress: Progress, now: int) -> None:
         """Tell if it would be false without further states, when that has changed."""
-        if self.is_decided or self.has_failed:
+        if self._has_ended:
             return  # Feedback may arrive after the verdict.
         self.wait(progress.waits_for, now)
         if not progress.states_progressed:
@@ -76,9 +76,9 @@ class OwnVerdict:
                 has none yet.
             now: the time.
         """
-        if self.has_failed:
+        if self._has_failed:
             return
-        if self.is_decided:
+        if self._is_decided:
             known_until = now - 1
         else:
             self._explain(now)
@@ -93,16 +93,24 @@ class OwnVerdict:
 
     def decide(self, answer: Answer, reason: str, now: int) -> None:
         """Tell the verdict of an answer, since the state that has decided it, and its reason."""
-        self.is_decided = True
+        if self._has_ended:
+            return
+        self._is_decided = True
         verdict = verdict_text(is_true=answer.verdict is Verdict.TRUE, reason=reason)
         self._tell(verdict, now - 1 if answer.decided_at is None else answer.decided_at, now)
         self._promise(now - 1, now)
 
     def fail(self, reason: str, now: int) -> None:
         """Tell why there is no verdict."""
-        self.has_failed = True
+        if self._has_ended:
+            return
+        self._has_failed = True
         fault = StreamFault(now, str(ViolationKind.MESSAGE), reason[:MAX_REASON])
         self._peer.violate(self._name, fault, now)
+
+    @property
+    def _has_ended(self) -> bool:
+        return self._is_decided or self._has_failed
 
     def _tell(self, verdict: str, time: int, now: int) -> None:
         time = max(time, self._promised + 1)

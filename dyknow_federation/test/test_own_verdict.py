@@ -151,6 +151,8 @@ def test_after_a_failure_nothing_is_promised() -> None:
     evaluation.run(1)
     evaluation.verdict.fail(CAUSE, evaluation.now)
     failed = evaluation.now
+    evaluation.verdict.fail('another reason', evaluation.now)
+    evaluation.verdict.decide(Answer(Verdict.TRUE, evaluation.now), '', evaluation.now)
     evaluation.report()
     evaluation.run(5)
     [violation] = evaluation.net.take('b', StreamViolated)

@@ -57,6 +57,8 @@ class OwnFormulas:
         """Begin with an evaluation once its streams are made; tell how far it has come."""
         asked, streams = self._asked[name], self._streams
         is_made = asked.about <= streams.made
+        if is_made and (fault := streams.fault_of(asked.about)):
+            asked.verdict.fail(fault, now)
         if asked.monitor is None and is_made:
             asked.monitor = self._begin(asked, requested)
         elif asked.monitor is None:

@@ -136,6 +136,10 @@ class OwnStreams:
         known = [each for each in times if each is not None]
         return min(known, default=None) if len(known) == len(times) else None
 
+    def fault_of(self, names: Collection[str]) -> str:
+        """Return why samples of some streams that are made cannot be used; empty if they can."""
+        return next((fault for each in names if (fault := self._made[each].listener.fault)), '')
+
     def reconcile(self) -> None:
         """Make the streams that are asked for, and destroy those that are not, or are outdated."""
         asked = self.peer.sent.keys() | self.needed
