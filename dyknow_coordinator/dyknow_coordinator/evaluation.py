@@ -148,6 +148,14 @@ class Progress:
     probability: ProbabilityInterval | None = None
     episodes: StandingVerdicts | None = None
 
+    def of_remainder(self) -> Progress:
+        """Return the progress of a formula, given that of what its peers leave of it.
+
+        That is false before they tell of their parts, whatever these are.
+        """
+        has_begun = self.states_progressed > 0
+        return replace(self, presumably_false=has_begun and self.presumably_false)
+
     def with_episodes(self, episodes: StandingVerdicts | None) -> Progress:
         """Return the progress with the verdicts at every state; None: the formula is asked once.
 

@@ -115,6 +115,12 @@ def test_no_state_is_known_before_its_verdict() -> None:
     assert progress.with_episodes(CALM) == replace(progress, episodes=CALM)
 
 
+@pytest.mark.parametrize('states', [0, 1])
+def test_what_peers_leave_of_a_formula_is_not_false_before_they_tell(states: int) -> None:
+    found = Progress(states, presumably_false=True).of_remainder()
+    assert found.presumably_false is (states > 0)
+
+
 def test_the_status() -> None:
     assert outcome(STATUS) == 'running'
     assert outcome(replace(STATUS, episodes=VIOLATED)) == 'violated'

@@ -262,8 +262,8 @@ class FormulaEvaluation(Evaluation):
 
     def receive_progress(self, message: Any) -> None:
         """Record a FormulaProgress of the reasoning engine."""
-        before, self.progress = self.progress, from_message(Progress, message)
-        progress = self.progress
+        before, progress = self.progress, from_message(Progress, message)
+        self.progress = progress = progress.of_remainder() if self.needs_peers else progress
         self._note_margin(progress.margin)
         for event in progress.events:
             self.add_event(event)
