@@ -72,8 +72,8 @@ class OwnVerdict:
         """Promise that the verdict is as it was told, as far as that is known.
 
         Args:
-            known_until: until when all samples are known that it depends on; None if some stream
-                has none yet.
+            known_until: until when all samples are known that it depends on; None if nothing is
+                known of some stream.
             now: the time.
         """
         if self._has_failed:

@@ -34,7 +34,7 @@ class OwnStream:
     streams: OwnStreams
     name: str
     known_until: int | None = None
-    """No later sample is valid until this time; None before the first one."""
+    """No later sample is valid until this time; None if nothing has come yet."""
     fault: str = ''
     """Why no sample is passed on any more."""
 
@@ -75,8 +75,7 @@ class OwnStream:
             self.streams.changed()
 
     def _promise(self, time: int, now: int) -> None:
-        if self.known_until is not None:
-            self.known_until = max(time, self.known_until)
+        self.known_until = max(time, self.known_until or 0)
         self.streams.peer.promise(self.name, time, now)
 
     def on_dropped(self, reason: str, count: int) -> None:
@@ -131,7 +130,7 @@ class OwnStreams:
         return frozenset(self._made)
 
     def known_until(self, names: Collection[str]) -> int | None:
-        """Return until when all samples of streams that are made are known; None before that."""
+        """Return until when all samples of streams that are made are known; None if unknown."""
         times = [self._made[each].listener.known_until for each in names]
         known = [each for each in times if each is not None]
         return min(known, default=None) if len(known) == len(times) else None
