@@ -20,7 +20,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Final
 
-from dyknow_common import ExitCode, Margin, Symbol, quoted
+from dyknow_common import ExitCode, Margin, StandingVerdicts, Symbol, quoted
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.candidate_search import feature_symbols
 from dyknow_coordinator.grounding.declared_properties import (
@@ -179,6 +179,15 @@ def with_unit(margin: Margin, units: Mapping[str, str]) -> Margin:
         units: the unit of each feature.
     """
     return replace(margin, unit=_unit_of(margin.atom, units))
+
+
+def with_units_of_margins(verdicts: StandingVerdicts, units: Mapping[str, str]) -> StandingVerdicts:
+    """Return verdicts whose margins are in the units of their comparisons; see `with_unit`."""
+    episodes = (
+        replace(each, worst=each.worst and with_unit(each.worst, units))
+        for each in verdicts.latest_episodes
+    )
+    return replace(verdicts, latest_episodes=tuple(episodes))
 
 
 def _unit_of(atom: str, units: Mapping[str, str]) -> str:

@@ -44,7 +44,7 @@ from dyknow_stream_processing.ros.management.placement import Placement
 from dyknow_stream_processing.ros.messages.message_types import message_class
 from dyknow_stream_processing.ros.messages.stream_report_messages import StreamReportPublisher
 from dyknow_stream_processing.ros.stream_limits import StreamLimits, parse_beside
-from dyknow_stream_processing.ros.topics.publications import find_publication
+from dyknow_stream_processing.ros.topics.publications import find_publication, is_kept
 from dyknow_stream_processing.ros.topics.violation_relay import VIOLATIONS_SUFFIX
 
 ERROR_PERIOD_S = 10.0
@@ -84,12 +84,9 @@ class StreamManager(DyKnowNode):
             self._on_engine_report,
             self._on_engine_lost,
         )
+        parse = partial(parse_beside, Background(self))
         self._placement = Placement(
-            self,
-            self._registry,
-            self._engines,
-            partial(parse_beside, Background(self)),
-            self._on_change,
+            self, self._registry, self._engines, parse, partial(is_kept, self), self._on_change
         )
         self._report_publisher = StreamReportPublisher(
             self, self._engines.ready, self._reports, self._engines.known_until

@@ -36,7 +36,8 @@ def identities(registry: StreamRegistry, source: SourceReport) -> dict[str, int]
     )
     engines: Any = SimpleNamespace(reports=lambda engine: {'half': half} if engine == 'two' else {})
     node: Any = SimpleNamespace(create_timer=lambda *_, **__: None, wall_clock=None)
-    placement = Placement(node, registry, engines, lambda _: None, lambda: None)  # type: ignore[arg-type,return-value]
+    nothing: Any = lambda *_: None  # noqa: E731
+    placement = Placement(node, registry, engines, nothing, nothing, nothing)
     placement._compared['two', 'half'] = HALF, NO_CONSTRAINTS
     return dict(placement.identities())
 

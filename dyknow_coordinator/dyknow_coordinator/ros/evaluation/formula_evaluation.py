@@ -46,7 +46,11 @@ from dyknow_coordinator.grounding.declared_properties import unknown_features
 from dyknow_coordinator.grounding.feature_sources import Grounding, SymbolGrounding, with_caveat
 from dyknow_coordinator.grounding.region_relations import ground_features
 from dyknow_coordinator.grounding.state_specification import FormulaInputs, PreparedFormula
-from dyknow_coordinator.grounding.units import feature_units, with_unit
+from dyknow_coordinator.grounding.units import (
+    feature_units,
+    with_unit,
+    with_units_of_margins,
+)
 from dyknow_coordinator.reporting.evaluation_status import EvaluationStatus
 from dyknow_coordinator.reporting.peer_reasons import with_reasons_of_peers
 from dyknow_coordinator.ros.context import CoordinatorContext, check_domains
@@ -301,20 +305,14 @@ class FormulaEvaluation(Evaluation):
         if self.has_ended:
             return
         before = self.episodes
-        self.episodes = self._with_units(from_message(StandingVerdicts, episodes))
+        verdicts = from_message(StandingVerdicts, episodes)
+        self.episodes = with_units_of_margins(verdicts, self._units)
         if change := self.episodes.change(before):
             self.history.add(change)
             self._log_change(change)
             self._on_change()
         self._note_last_report()
         self.on_progress()
-
-    def _with_units(self, verdicts: StandingVerdicts) -> StandingVerdicts:
-        episodes = (
-            replace(each, worst=each.worst and with_unit(each.worst, self._units))
-            for each in verdicts.latest_episodes
-        )
-        return replace(verdicts, latest_episodes=tuple(episodes))
 
     @property
     def logger(self) -> RcutilsLogger:

@@ -27,7 +27,7 @@ from rclpy.task import Future
 
 from dyknow_common import SECOND_NS, DyKnowError, ExitCode, round_time
 from dyknow_common.ros import DyKnowNode, constraints_to_message, identities_to_message
-from dyknow_stream_processing.errors import StreamError, stream_replaced
+from dyknow_stream_processing.errors import stream_replaced
 from dyknow_stream_processing.management.naming import namespace_of
 from dyknow_stream_processing.management.registry import (
     StreamRegistry,
@@ -38,7 +38,6 @@ from dyknow_stream_processing.management.registry import (
 from dyknow_stream_processing.management.streams import CreatedStream, Stream
 from dyknow_stream_processing.reporting.stream_report import StreamReport
 from dyknow_stream_processing.ros.management.engines import Engines
-from dyknow_stream_processing.ros.topics.publications import find_publication
 
 ENGINE_TIMEOUT_NS: Final = 3 * SECOND_NS
 FIRST_ENGINE_TIMEOUT_NS: Final = 10 * SECOND_NS
@@ -65,6 +64,7 @@ class Placement:
 
     Args:
         parse: checks a specification, and caches what it says.
+        is_kept: returns True if the publishers of a topic keep messages for late subscribers.
         on_change: is called when a stream has changed.
     """
 
@@ -74,6 +74,7 @@ class Placement:
         registry: StreamRegistry,
         engines: Engines,
         parse: Callable[[str], Awaitable[object]],
+        is_kept: Callable[[str], bool],
         on_change: Callable[[], None],
     ) -> None:
         self.conflicts: dict[tuple[str, str], str] = {}
@@ -82,6 +83,7 @@ class Placement:
         self._registry = registry
         self._engines = engines
         self._parse = parse
+        self._is_kept = is_kept
         self._on_change = on_change
         self._locks = KeyedLock()
         self._unwanted: set[tuple[str, str]] = set()
@@ -385,14 +387,6 @@ class Placement:
             except DyKnowError as error:
                 if error.code is not ExitCode.UNAVAILABLE or self._engines.is_ready(engine):
                     raise
-
-    def _is_kept(self, topic: str) -> bool:
-        """Return True if the publishers of a topic keep messages for late subscribers."""
-        try:
-            publication = find_publication(self._node, topic)
-        except StreamError:
-            return False  # It has several types, or the name is invalid.
-        return publication is not None and publication.latched
 
     async def _others(self, stream: CreatedStream) -> dict[str, CreatedStream]:
         """Return other streams of the name of a requested stream, by the engines that make them."""

@@ -109,6 +109,15 @@ def find_publication(node: Node, topic: str) -> Publication | None:
     )
 
 
+def is_kept(node: Node, topic: str) -> bool:
+    """Return True if the publishers of a topic keep messages for late subscribers."""
+    try:
+        found = find_publication(node, topic)
+    except StreamError:
+        return False  # It has several types, or the name is invalid.
+    return found is not None and found.latched
+
+
 def next_request(held: Publication | None, found: Publication) -> Publication:
     """Return what to request from the publishers found, given the current request.
 
