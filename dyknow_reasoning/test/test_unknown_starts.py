@@ -100,6 +100,63 @@ def test_a_guard_that_is_open_would_be_so_for_all_completions(
         assert all(map(bool.__ge__, found, alone)), (str(formula), trace, each)
 
 
+def seconds(names: str, *states: tuple[bool | None, ...]) -> PartialTrace:
+    return [
+        (second * SECOND, dict(zip(names, values, strict=True)))
+        for second, values in enumerate(states)
+    ]
+
+
+def test_a_guard_closes_at_each_state_at_which_an_unknown_start_may_fail() -> None:
+    trace = seconds(
+        'gkuw',
+        (False, True, False, False),
+        (True, None, None, False),  # False if u.
+        (False, True, False, False),
+        (False, True, False, True),  # False if not u, and not k.
+        (False, True, False, True),  # Known by now.
+    )
+    group = standing('g -> (k or (not u and always(0 s, 2 s] not w))')
+    assert closes(group, trace) == [False, True, False, True, False]
+    counts = group.standing.summary(1)
+    assert (counts.holds, counts.fails, counts.undecided, counts.unknown) == (4, 0, 0, 1)
+
+
+def test_a_guard_is_closed_while_a_start_after_a_possible_failure_is_undecided() -> None:
+    trace = seconds(
+        'kuw',
+        (None, None, False),  # False if u.
+        (None, None, False),  # The same; else open until 3 s if not k.
+        (True, False, False),
+        (True, False, False),
+        (True, False, False),
+    )
+    group = standing('k or (not u and always(0 s, 2 s] not w)')
+    assert closes(group, trace) == [True, True, True, False, False]
+
+
+def test_a_guard_stays_closed_with_more_cases_of_an_unknown_start_than_the_limit() -> None:
+    text = 'k or (not u and always(0 s, 4 s] (a -> eventually[0 s, 2 s] b))'
+    first, unknown, known = (None, None, True, True), (True, True, None, None), (True,) * 4
+    trace = seconds('kuab', first, known, unknown, unknown, *[known] * 8)
+    for limit, last in ((4, True), (10, False)):
+        group = standing(text, limits=FormulaLimits(possibility_limit=limit))
+        found = closes(group, trace)
+        assert found[:3] == [True, False, False]
+        assert found[3:] == [last] * 9
+        counts = group.standing.summary(1)
+        assert (counts.holds, counts.fails, counts.undecided, counts.unknown) == (11, 0, 0, 1)
+
+
+def test_a_gap_ends_the_cases_of_unknown_starts() -> None:
+    group = standing('k or (not u and always(0 s, 9 s] not w)')
+    before = seconds('kuw', (None, None, False), (None, None, False), (True, False, False))
+    assert closes(group, before) == [True, True, True]
+    group.gap()
+    after = [(5 * SECOND, {'k': True, 'u': False, 'w': False})]
+    assert closes(group, after) == [False]
+
+
 def test_a_start_that_no_state_decides_is_unknown() -> None:
     group = standing('always[0 s, 1 s] x > 1')
     for second, x in enumerate((2, None, 2, 2, 0, 2, 2)):

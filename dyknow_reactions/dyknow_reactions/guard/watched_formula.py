@@ -43,10 +43,8 @@ class WatchedFormula:
 
         It does not hold at a state with which an episode becomes known, or before whose end
         the latest one has not ended; nor where that is so for some of the values that unknown
-        features may have, or of the orders that the clocks of hosts allow. For each state that the
-        formula is asked from, such a possible failure counts only once: at the first state with
-        which it may be known, not at later ones with which it would be for other values. Once it
-        cannot be asked any more, it never holds again.
+        features may have, or of the orders that the clocks of hosts allow. Once it cannot be asked
+        any more, it never holds again.
 
         Args:
             valid_time: of the state, in nanoseconds.

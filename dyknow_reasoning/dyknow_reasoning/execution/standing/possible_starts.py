@@ -9,6 +9,10 @@ to is progressed once for all (`PossibleFormula.remember`). Example, `p -> event
     1          unknown    false    E(2 s): 0; true or E(3 s): 1
     3          false      false    true or E(3 s): 1          false from 0; true from 3
     4          false      false                               from 1, no state decides it any more
+
+A start that no state decides any more is *unknown*. In some cases, the formula may still be
+undecided from it, and become false later: a guard must then be closed. So these cases are
+progressed further, without a verdict. If they become too many, the doubt lasts.
 """
 
 from __future__ import annotations
@@ -19,7 +23,14 @@ from typing import Any, Final, NamedTuple, TypeAlias
 from dyknow_common import amount, listed
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.execution.automata.instance_states import InstanceVerdict
-from dyknow_reasoning.execution.standing.runs import Run, StateTimes, number_in, union
+from dyknow_reasoning.execution.standing.runs import (
+    Run,
+    StateTimes,
+    difference,
+    number_in,
+    union,
+    union_of,
+)
 from dyknow_reasoning.execution.unknown.possible_formulas import PossibleFormula, PossibleVerdict
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.gaps import Gap, Half
@@ -64,10 +75,19 @@ class PossibleStarts:
     def __init__(self, beginning: PossibleFormula, times: StateTimes, limit: int) -> None:
         self._beginning, self._times, self._limit = beginning, times, _MOST * limit
         self._groups: dict[Any, tuple[PossibleFormula, list[Run]]] = {}
+        # Starts that are unknown, in the cases in which they are still undecided, and what remained
+        # when they became unknown.
+        self._cases: dict[Any, tuple[PossibleFormula, list[Run], PossibleFormula]] = {}
+        # Those whose cases are too many, and what remained of one of them.
+        self._lost: list[Run] = []
+        self._lost_origin = beginning
+        # Starts from which the formula may be false, and is, before undecided ones.
+        self._suspects: list[Run] = []
+        self._false: list[Run] = []
         self.doubt: tuple[int, PossibleFormula] | None = None
         """The latest start from which the formula may be false, and what remained then."""
         self.is_new_doubt = False
-        """True if the latest state was the first that made it possible from some start."""
+        """True if the latest state made it possible that the formula is false from some start."""
 
     def add(self, formula: PossibleFormula, runs: Sequence[Run]) -> None:
         """Add starts from which a formula remains."""
@@ -89,34 +109,101 @@ class PossibleStarts:
         self._beginning.remember(now, values)
         before, self._groups = [*self._groups.values()], {}
         self.is_new_doubt = False
+        self._step_cases(now, values)
         for formula, runs in (*before, (begun, [Run(number, number, now, now)])):
-            doubted = formula.may_fail
             verdict = formula.progress(now, values)
             if verdict is not None:
+                if not verdict.holds:
+                    self.add_false(runs)
                 yield PossibleDecision(formula, verdict, runs)
                 continue
-            if formula.may_fail and not doubted:
-                self._note_doubt(formula, runs[-1].last)
+            if formula.fails_now:
+                self._note_doubt(formula, runs)
+            for cases in formula.take_dropped():
+                self._add_cases(cases, runs, formula.copy())
             if formula.is_open:
                 self.add(formula, runs)
             else:
                 yield PossibleDecision(formula, None, runs, formula)
         self._check_limits()
+        self._end_suspicions(number)
+
+    def add_false(self, runs: Sequence[Run]) -> None:
+        """Add starts from which the formula is false, in whatever case."""
+        self._false = union(self._false, runs)
+        cases, self._cases = self._cases.values(), {}
+        for formula, others, origin in cases:
+            if left := difference(others, runs):
+                self._add_cases(formula, left, origin)
+        self._lost = difference(self._lost, runs)
+
+    def _add_cases(
+        self, formula: PossibleFormula, runs: Sequence[Run], origin: PossibleFormula
+    ) -> None:
+        key = formula.key
+        known, others, first = self._cases.get(key, (formula, [], origin))
+        self._cases[key] = known, union(others, runs), first
+
+    def _step_cases(self, now: int, values: Values) -> None:
+        """Progress the cases of unknown starts, in which they may still become false."""
+        before, self._cases = self._cases.values(), {}
+        for formula, runs, origin in before:
+            try:
+                formula.step_cases(now, values)
+            except ReasoningError:  # It must not end the formula, which needs no verdict on them.
+                self._lose_cases(runs, origin)
+                continue
+            if formula.fails_now:
+                self._note_doubt(origin, runs)
+            if formula.is_open:
+                self._add_cases(formula, runs, origin)
+        if self._lost:
+            self._note_doubt(self._lost_origin, self._lost)
+
+    def _lose_cases(self, runs: Sequence[Run], origin: PossibleFormula) -> None:
+        """Let the formula be in doubt at each state from now on."""
+        self._lost, self._lost_origin = union(self._lost, runs), origin
+
+    def _end_suspicions(self, number: int) -> None:
+        """Forget the false starts before those that are decided in all cases."""
+        if self._suspects or self._false:
+            unknown = (runs for _, runs, _ in self._cases.values())
+            undecided = union_of([*unknown, *self.runs(Half.WHOLE)])
+            self._false = _before(self._false, undecided)
+            latest = Run(number + 1, number + 1, 0, 0)
+            self._suspects = _before(self._suspects, [*undecided, latest])
+
+    @property
+    def is_suspect(self) -> bool:
+        """True if a failure may be known in some case, before a start that is undecided there."""
+        unknown = union_of(runs for _, runs, _ in self._cases.values())
+        return bool(self._suspects or _before(self._false, unknown))
 
     def cross_gap(self, gap: Gap) -> Iterator[PossibleDecision]:
         """Continue after a gap that follows the latest state: no state decides these starts."""
         before, self._groups = self._groups, {}
+        if self.is_suspect:
+            number = len(self._times) - 1
+            self._suspects = [Run(number, number, gap.before, gap.before)]
+        self._cases, self._lost, self._false = {}, [], []
         for formula, runs in before.values():
             yield PossibleDecision(formula, None, runs, gap)
 
-    def _note_doubt(self, formula: PossibleFormula, number: int) -> None:
+    def _note_doubt(self, formula: PossibleFormula, runs: Sequence[Run]) -> None:
         self.is_new_doubt = True
+        self._suspects = union(self._suspects, runs)
+        number = runs[-1].last
         if self.doubt is None or number >= self.doubt[0]:
             self.doubt = number, formula.copy()
 
     def _check_limits(self) -> None:
         formulas = [formula for formula, _ in self._groups.values()]
-        self._beginning.limit_memory(formulas)
+        cases = [formula for formula, _, _ in self._cases.values()]
+        self._beginning.limit_memory([*formulas, *cases])
+        if sum(each.possibilities for each in cases) > self._limit:
+            for _, runs, origin in self._cases.values():
+                self._lose_cases(runs, origin)
+            self._cases = {}
         if sum(each.possibilities for each in formulas) > self._limit:
             wants = listed(
                 list(dict.fromkeys(name for each in formulas for name in each.wants))[:3]
@@ -158,3 +245,9 @@ class PossibleStarts:
         """
         firsts = (runs[0].first for _, runs in self._groups.values() if not own)
         return min(firsts, default=len(self._times))
+
+
+def _before(runs: Sequence[Run], others: Sequence[Run]) -> list[Run]:
+    """Return the states of some runs whose next ones are in others."""
+    previous = [each._replace(first=each.first - 1, last=each.last - 1) for each in others]
+    return difference(runs, difference(runs, previous))

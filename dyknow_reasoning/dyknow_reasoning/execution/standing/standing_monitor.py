@@ -145,6 +145,7 @@ class StandingMonitor:
         beginning = possible_formula(of, begun, self._times.latest)
         possible = PossibleStarts(beginning, self._times, self._limits.possibility_limit)
         self._move_starts(possible, of)
+        possible.add_false(self._failures.runs)
         self._possible = possible
         self._starts, self._symbols, self._ends = [], [], []
         self._read = in_turn(())
@@ -173,14 +174,14 @@ class StandingMonitor:
     def doubt(self) -> Doubt:
         """For want of which features it is possible that a failure has not ended.
 
-        That is so at the first state with which a failure from some state on may be known, and as
-        long as it is not certain that the formula holds after that.
+        That is so at each state with which a failure may have begun, and as long as it is not
+        certain that the formula holds after that.
         """
         possible = self._possible
         if possible is None or possible.doubt is None:
             return NO_DOUBT
         number, before = possible.doubt
-        is_so = possible.is_new_doubt or not self._holds_after(number)
+        is_so = possible.is_new_doubt or possible.is_suspect or not self._holds_after(number)
         return before.doubt if is_so else NO_DOUBT
 
     def possible(self, number: int) -> PossibleFormula | None:

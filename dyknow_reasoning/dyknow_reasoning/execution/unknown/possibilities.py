@@ -87,6 +87,10 @@ class Possibilities:
         self.part, self.found, self.wants, self.reason = part, found, dict(wants), reason
         self.may_hold = self.may_fail = False
         """True if the instances hold in some case, or one of them fails."""
+        self.fails_now = False
+        """True if one of them failed in some case with the latest state."""
+        self.dropped: Sequence[Possibility] = ()
+        """Those that can no longer lead to a verdict, as the instances may hold and may fail."""
         self.deciding: Mapping[bool, DecidingTruth] = {}
         """For each verdict, what leads to it, whatever the other open values are."""
 
@@ -188,14 +192,15 @@ class Possibilities:
                         raise self.too_much(reason)
                     raise too_many(limit, {**self.wants, **state.errors})
                 asked |= run.asked
-        found = {each.key: each for _, each in runs if isinstance(each, Possibility)}
+        left = list({each.key: each for _, each in runs if isinstance(each, Possibility)}.values())
         ends = {each for _, each in runs if not isinstance(each, Possibility)}
         for holds in ends - {*self.deciding}:
             if not (self.may_fail if holds else self.may_hold):
                 self.deciding = {**self.deciding, **_deciding(runs, time, holds=holds)}
         self.may_hold |= True in ends
-        self.may_fail |= False in ends
-        self.found = [] if self.may_hold and self.may_fail else list(found.values())
+        self.fails_now = False in ends
+        self.may_fail |= self.fails_now
+        self.found, self.dropped = ([], left) if self.may_hold and self.may_fail else (left, [])
         is_single = len(self.found) + self.may_hold + self.may_fail == 1
         self.wants = {} if is_single else dict.fromkeys(sorted(asked), time) | self.wants
         self.reason = '' if is_single else state.reason(asked) or self.reason

@@ -98,6 +98,8 @@ class PossibleFormula:
     def __init__(self, of: Instances, parts: Sequence[Possibilities], latest: int | None) -> None:
         self._of, self._parts, self._latest = of, list(parts), latest
         self._gap_follows = False
+        self.fails_now = False
+        """True if it became false in some case with the latest state."""
 
     def gap(self) -> None:
         """Record that states may be missing before the next one."""
@@ -116,10 +118,12 @@ class PossibleFormula:
         for name in opened:
             self._join(name, lambda each: each.features)
         parts: list[Possibilities] = []
+        self.fails_now = False
         for part in self._parts:
             before = part.copy()
             if part.is_open:
                 part.step(time, values, opened)
+                self.fails_now |= part.fails_now
             if part.verdict is not None:
                 decided = part, before
             if part.verdict is False:
@@ -145,6 +149,27 @@ class PossibleFormula:
             if part.part.has_past:
                 part.step(time, values, opened, begins_later=True)
         self._parts = [one for part in self._parts for one in part.parts()]
+
+    def take_dropped(self) -> Iterator[PossibleFormula]:
+        """Yield the cases that can no longer lead to a verdict, for `step_cases`."""
+        for part in self._parts:
+            if part.dropped:
+                cases = Possibilities(part.part, part.dropped, part.wants, part.reason)
+                part.dropped = ()
+                yield PossibleFormula(self._of, [cases], self._latest)
+
+    def step_cases(self, time: int, values: Values) -> None:
+        """Progress over a state, without a verdict: all cases are kept until each has ended.
+
+        Raises:
+            ReasoningError: if the formula fails.
+        """
+        opened = self._of.open_at(values)
+        for part in self._parts:
+            part.step(time, values, opened)
+            part.found, part.dropped = part.found or part.dropped, ()
+            part.may_hold = part.may_fail = False
+        self.fails_now = any(part.fails_now for part in self._parts)
 
     def copy(self) -> PossibleFormula:
         """Return the same formula, to be progressed apart."""
