@@ -132,7 +132,7 @@ def test_formulas_are_monitored_from_the_start_on(tmp_path: Path) -> None:
             lambda: alarm in terminal.text, 'the alarm', instead=lambda: terminal.text
         )
         done = client.result(other, 'the end of the other monitor')
-        assert 'as formula_monitor monitors them' in done.stderr
+        assert 'as the system evaluates them already, for formula_monitor' in done.stderr
         outcomes = [json.loads(each)['outcome'] for each in done.stdout.splitlines()]
         assert (done.returncode, outcomes[-1]) == (1, 'false')
         # One that a busy machine has ended is begun anew.
