@@ -187,7 +187,7 @@ def test_the_explanation_of_a_peer_is_given_once(told: str, explanation: str) ->
          "peer 'r1' waits: /r1/odom has fallen silent; nobody publishes /odom"),
         (f'nobody publishes {VERDICT} any more', "peer 'r1' waits: /r1/odom has fallen silent"),
         (f'stream v waits: {VERDICT}2 has fallen silent',
-         "stream v waits: peer 'r1' waits: it has not told how far it is"),
+         "stream v waits: peer 'r1' has not told how far it is"),
     ],
 )  # fmt: skip
 def test_a_host_waits_for_what_its_peer_waits_for(waits_for: str, explanation: str) -> None:

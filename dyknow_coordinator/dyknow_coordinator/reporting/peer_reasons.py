@@ -44,8 +44,9 @@ def with_waits_of_peers(waits_for: str, waits: Mapping[str, str]) -> str:
     """
 
     def reason(found: re.Match[str]) -> str:
-        known = waits.get(found[1], 'it has not told how far it is')
-        return f"peer '{found[2]}' waits: {known}"
+        topic, peer = found.groups()
+        told = f'waits: {waits[topic]}' if topic in waits else 'has not told how far it is'
+        return f"peer '{peer}' {told}"
 
     return _SILENCE.sub(reason, waits_for)
 
