@@ -49,8 +49,11 @@ from dyknow_coordinator import Answer, EvaluationPhase, EvaluationStatus, Progre
 from dyknow_coordinator.ros.reporting.evaluation_messages import status_from_message
 from dyknow_reactions.ros.triggers import find_target_faults
 
-REPORT_S: Final = 3.0
-"""The longest wait for the report of a coordinator; the monitor waits for one that does not run."""
+REPORT_S: Final = 5.0
+"""The longest wait for the report of a coordinator; the monitor waits for one that does not run.
+
+A process whose answer to an announcement is lost is discovered up to 3 s later.
+"""
 
 SEARCH_S: Final = 10.0
 """The longest search for the node that evaluates formulas; it ends as soon as it is found."""
