@@ -123,6 +123,7 @@ from dyknow_common.symbol import (
     Symbol,
     SymbolKind,
     numbered_names,
+    unused_name,
 )
 from dyknow_common.text_files import (
     MAX_LINE,
@@ -287,6 +288,7 @@ __all__ = [
     'time_since',
     'unit_conversion',
     'unknown',
+    'unused_name',
     'value_text',
     'visible',
     'with_changed_times',

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import chain, count
@@ -37,6 +37,11 @@ _REFERENCE: Final = re.compile(
 def numbered_names(name: str) -> Iterator[str]:
     """Yield a name, then `name_2`, `name_3` and so on, for one that may be taken."""
     return chain([name], (f'{name}_{number}' for number in count(2)))
+
+
+def unused_name(name: str, taken: Container[str]) -> str:
+    """Return the first of the `numbered_names` that is not taken."""
+    return next(each for each in numbered_names(name) if each not in taken)
 
 
 class SymbolKind(IntEnum):

@@ -157,29 +157,38 @@ class RandomFormula:
         return node
 
     def _count(self, _: int, bound: Mapping[int, str], __: object) -> Node:
-        variable, sort = self._variable(bound), self.random.choice(SORTS)
+        variable = self._variable(bound)
         other = self.random.choice([*bound, *self._objects, variable])
-
-        def body(text: Text) -> str:
-            return f'q[{text.name(variable)}] >= q[{text.name(other)}]'
-
-        def node(text: Text) -> str:
-            if text.scenario is None:
-                return f'count({body(text)} for {text.name(variable)} in {sort}) > 1'
-            return f'at least 2 of ({", ".join(text.each(variable, sort, body))})'
-
-        return node
+        return self._aggregate(
+            variable,
+            lambda text: f'q[{text.name(variable)}] >= q[{text.name(other)}]',
+            'count({}) > 1'.format,
+            lambda each: f'at least 2 of ({", ".join(each)})',
+        )
 
     def _sum(self, _: int, bound: Mapping[int, str], __: object) -> Node:
-        variable, sort = self._variable(bound), self.random.choice(SORTS)
+        variable = self._variable(bound)
+        return self._aggregate(
+            variable,
+            lambda text: f'q[{text.name(variable)}]',
+            'sum({}) > 2'.format,
+            lambda each: f'{" + ".join(each)} > 2',
+        )
 
-        def body(text: Text) -> str:
-            return f'q[{text.name(variable)}]'
+    def _aggregate(
+        self,
+        variable: int,
+        body: Node,
+        asked: Callable[[str], str],
+        written_out: Callable[[Sequence[str]], str],
+    ) -> Node:
+        """Return an aggregate over the objects of a sort."""
+        sort = self.random.choice(SORTS)
 
         def node(text: Text) -> str:
             if text.scenario is None:
-                return f'sum({body(text)} for {text.name(variable)} in {sort}) > 2'
-            return f'{" + ".join(text.each(variable, sort, body))} > 2'
+                return asked(f'{body(text)} for {text.name(variable)} in {sort}')
+            return written_out(text.each(variable, sort, body))
 
         return node
 

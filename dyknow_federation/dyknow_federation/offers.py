@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
-from dyknow_common import numbered_names
+from dyknow_common import unused_name
 from dyknow_federation.messages import SharedFeature, SharedObject, Shares
 from dyknow_semantics import FeatureSignature, FeatureTerm, Knowledge, parse_concept
 from dyknow_stream_processing import (
@@ -96,7 +96,7 @@ def shares(
     features: list[SharedFeature] = []
     for each in offered:
         text = re.sub('[^A-Za-z0-9]+', '_', str(each.ground)).strip('_')
-        name = next(free for free in numbered_names(text) if free not in by_name)
+        name = unused_name(text, by_name)
         by_name[name], feature = each, each.feature
         objects = tuple(argument.name for argument in each.ground.arguments)
         deadband, value_type = deadbands[feature.name] or 0, feature.value_type.value

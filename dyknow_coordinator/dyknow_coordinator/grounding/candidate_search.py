@@ -9,7 +9,7 @@ from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from dyknow_common import DyKnowError, ExitCode, Symbol, SymbolKind, numbered_names
+from dyknow_common import DyKnowError, ExitCode, Symbol, SymbolKind, unused_name
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.feature_sources import (
     Candidates,
@@ -60,9 +60,7 @@ def concept_query(symbol: Symbol, sorts: Collection[str]) -> str:
     """Return the query for the matching engine: `Power[object1] for every object1 in UAV`."""
     taken = {symbol.name, *symbol.arguments, *sorts}
     names = [
-        next(each for each in numbered_names(f'object{number}') if each not in taken)
-        if argument in sorts
-        else argument
+        unused_name(f'object{number}', taken) if argument in sorts else argument
         for number, argument in enumerate(symbol.arguments, start=1)
     ]
     ranges = [

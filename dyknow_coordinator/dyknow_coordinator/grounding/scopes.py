@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from dyknow_common import numbered_names
+from dyknow_common import unused_name
 from dyknow_coordinator.errors import CoordinationError
 
 NAME: Final = r"[A-Za-z_]\w*'*"
@@ -120,8 +120,7 @@ class Scopes:
 
     def unused_name(self, name: str, others: frozenset[str]) -> str:
         """Return a name like another one that neither the formula nor some other names contain."""
-        taken = {*re.findall(NAME, self.formula), *others}
-        return next(each for each in numbered_names(name) if each not in taken)
+        return unused_name(name, {*re.findall(NAME, self.formula), *others})
 
 
 def _masked(formula: str) -> str:

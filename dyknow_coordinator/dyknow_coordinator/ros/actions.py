@@ -44,6 +44,9 @@ SECOND_CLIENT_S: Final = 3.0
 
 _PROCESS_START: Final = time.time_ns()
 
+_OTHER: Final = 'not of DyKnow: '
+"""What is hashed with the name of a node of another kind."""
+
 _NAME: Final = slice(0, 5)
 _START: Final = slice(5, 11)
 
@@ -58,9 +61,6 @@ def goal_id(node: Node) -> UUID:
         data[_NAME] = _hash(_OTHER + node.get_fully_qualified_name())
         data[_START] = (_PROCESS_START // 1_000_000).to_bytes(6, 'big')
     return UUID(uuid=list(data))
-
-
-_OTHER: Final = 'not of DyKnow: '
 
 
 def _hash(name: str) -> bytes:

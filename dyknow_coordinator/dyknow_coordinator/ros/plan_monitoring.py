@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from dyknow_interfaces.action import MonitorPlan
 from dyknow_interfaces.srv import ReportPlanAction
@@ -244,6 +244,13 @@ class MonitoredPlan:
         self._on_change(self._verdicts[position])
 
 
+class _RunningPlan(NamedTuple):
+    """A plan, and the goal of its client."""
+
+    plan: MonitoredPlan
+    goal_id: bytes
+
+
 class PlanMonitoring:
     """All monitored plans.
 
@@ -256,27 +263,26 @@ class PlanMonitoring:
         self._node = node
         self._start = start
         self._limits = limits
-        self._plans: dict[str, MonitoredPlan] = {}
-        self._goals: dict[str, bytes] = {}
+        self._plans: dict[str, _RunningPlan] = {}
         node.serve(ReportPlanAction, self._report)
         self.server = CancellingActionServer(node, MonitorPlan, self._execute)
 
     async def _execute(self, goal: Any) -> Any:
         result = MonitorPlan.Result()
-        name = goal.request.name
-        self._end_former_run(name, bytes(goal.goal_id.uuid))
+        name, goal_id = goal.request.name, bytes(goal.goal_id.uuid)
+        self._end_former_run(name, goal_id)
         try:
-            plan = self._plans[name] = self._monitored_plan(goal)
-            self._goals[name] = bytes(goal.goal_id.uuid)
+            plan = self._monitored_plan(goal)
         except DyKnowError as error:
             result.exit_status = error_to_message(error)
             self.server.finish(goal, error)
             return result
+        running = self._plans[name] = _RunningPlan(plan, goal_id)
         plan.begin()
         with self.server.running(goal, plan.cancel):
             await plan.ended
-        if self._plans.get(name) is plan:
-            del self._plans[name], self._goals[name]
+        if self._plans.get(name) is running:
+            del self._plans[name]
         result.verdicts = [verdict_to_message(verdict) for verdict in plan.verdicts]
         if plan.error is not None:
             result.exit_status = error_to_message(plan.error)
@@ -285,9 +291,10 @@ class PlanMonitoring:
 
     def _end_former_run(self, name: str, newer: bytes) -> None:
         """End the plan of a name if its client was killed, and has been restarted."""
-        if name in self._plans and self.server.is_over(self._goals[name], newer):
-            del self._goals[name]
-            self._plans.pop(name).cancel(self.server.restarted)
+        running = self._plans.get(name)
+        if running is not None and self.server.is_over(running.goal_id, newer):
+            del self._plans[name]
+            running.plan.cancel(self.server.restarted)
 
     def _monitored_plan(self, goal: Any) -> MonitoredPlan:
         request = goal.request
@@ -297,8 +304,8 @@ class PlanMonitoring:
         self._limits.check('plan_part_limit', parts, what, ExitCode.INVALID_ARGUMENT)
         self._limits.check('plan_limit', len(self._plans) + 1, 'monitored plans')
         if request.name in self._plans:
-            former, newer = self._goals[request.name], bytes(goal.goal_id.uuid)
-            is_former = is_of_former_run(former, newer)
+            former = self._plans[request.name].goal_id
+            is_former = is_of_former_run(former, bytes(goal.goal_id.uuid))
             hint = ', or try again in 20 s if its client was killed' if is_former else ''
             raise CoordinationError(
                 f"a plan '{request.name}' is monitored already; give this one another name{hint}",
@@ -322,8 +329,8 @@ class PlanMonitoring:
             raise CoordinationError(
                 f"no plan '{request.plan}' is monitored ({known})", ExitCode.NOT_FOUND
             )
-        goal_id = bytes(request.goal_id)
-        if any(goal_id) and goal_id != self._goals[request.plan]:
+        running, goal_id = self._plans[request.plan], bytes(request.goal_id)
+        if any(goal_id) and goal_id != running.goal_id:
             raise CoordinationError(
                 f"another client's plan '{request.plan}' is monitored; give this one another name",
                 ExitCode.ALREADY_EXISTS,
@@ -334,4 +341,4 @@ class PlanMonitoring:
         # The client had reported before a pause of this process.
         delay = PAUSES.delay_of(self._node.request_sent_at())
         time = self._node.now() - delay
-        self._plans[request.plan].report(request.action, Event(request.event), time)
+        running.plan.report(request.action, Event(request.event), time)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, TypeAlias
 
-from dyknow_common import numbered_names
+from dyknow_common import unused_name
 from dyknow_reasoning.language.formula import walk, with_changed_parts
 from dyknow_reasoning.language.spatial import Spatial
 from dyknow_reasoning.language.terms import Object, Quantifier, Variable
@@ -42,8 +42,7 @@ def _apart_from_objects(node: Quantifier, binding: Binding) -> Quantifier:
         return node
     taken = variables | objects | {each.name for each in nodes if isinstance(each, Object)}
     taken |= {each.variable for each in nodes if isinstance(each, Quantifier)}
-    new = next(each for each in numbered_names(node.variable) if each not in taken)
-    found: Quantifier = _renamed(node, node.variable, new)
+    found: Quantifier = _renamed(node, node.variable, unused_name(node.variable, taken))
     return found
 
 

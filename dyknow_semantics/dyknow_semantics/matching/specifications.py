@@ -19,9 +19,9 @@ from dyknow_common import (
     StreamConstraints,
     ValueType,
     number_of,
-    numbered_names,
     parse_field,
     unit_conversion,
+    unused_name,
 )
 from dyknow_semantics.annotations.annotation import Annotation, Content, Key, feature_text
 from dyknow_semantics.matching.patterns import Pattern
@@ -205,7 +205,7 @@ def in_order(matches: Iterable[Match]) -> tuple[Match, ...]:
         return tuple(result)
     used: set[str] = set()
     for index, each in enumerate(result):
-        name = next(name for name in numbered_names(each.stream_name) if name not in used)
+        name = unused_name(each.stream_name, used)
         used.add(name)
         if name != each.stream_name:
             result[index] = replace(each, declaration=replace(each.declaration, name=name))

@@ -45,6 +45,9 @@ MAX_ERRORS: Final = 1_000_000
 STATUS_DELAY_S: Final = 0.2
 """The time from the response to a cancellation to the status of the goals after it."""
 
+_RUNNING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+"""The states of goals that have not been asked to end."""
+
 KILL_TIMEOUT_S: Final = 1.0
 """The time in which a killed process ends, unless a device blocks it."""
 
@@ -290,9 +293,6 @@ class _RemoteCall:
         self._is_over = True
         error = done.exception()
         self._end(str(error) if error else self._failure_of(done.result()))
-
-
-_RUNNING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
 def _goal_id(info: Any) -> bytes:
