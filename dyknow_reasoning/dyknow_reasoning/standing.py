@@ -210,7 +210,10 @@ def start_verdicts(
             found.append(StartVerdict(Verdict.FALSE, log.false_at[number]))
         elif number in undecided:
             remains = monitor.possible(number) or monitor.remainders(number)
-            found.append(_undecided(remains, times[-1]))
+            # Nothing is known of what remains of one that failed over unknown values.
+            found.append(
+                _undecided(remains, times[-1]) if remains else StartVerdict(Verdict.UNDECIDED)
+            )
         elif loss := log.unprovable.get(number):
             found.append(
                 _undecided(loss, times[-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hypothesis import given
+from hypothesis import assume, given
 from reasoning_reference import NAMES, Trace, formulas
 from test_unknown_values import (
     ANY,
@@ -14,6 +14,7 @@ from test_unknown_values import (
     partial_traces,
 )
 
+from dyknow_common import Verdict
 from dyknow_reasoning import FormulaGroup, FormulaLimits, UnknownFeatures, start_verdicts
 from dyknow_reasoning.language.formula import Formula
 
@@ -88,6 +89,21 @@ def test_each_start_is_decided_as_all_completions(formula: Formula, trace: Parti
         elif {True, False} <= verdicts[i]:
             assert verdict.presumably_false, (case, i)
             assert verdict.wants, (case, i)
+
+
+@given(formulas(), partial_traces((False, True), NAMES, 6))
+def test_a_formula_that_fails_has_no_wrong_verdicts(formula: Formula, trace: PartialTrace) -> None:
+    group = standing(str(formula), limits=FormulaLimits(possibility_limit=1))
+    monitor = group.standing.formulas[1].monitor
+    log = monitor.keep_all()
+    results = (group.progress(time, values) for time, values in trace)
+    assume(any(results))
+    times = [time for time, _ in trace[: monitor.states]]
+    alone = [known(str(formula), each)[-1] for each in completions(trace, (False, True))]
+    for i, each in enumerate(start_verdicts(monitor, log, times)):
+        if each.verdict is not Verdict.UNDECIDED:
+            holds = each.verdict is Verdict.TRUE
+            assert {verdicts[i] for verdicts in alone} == {holds}, (str(formula), trace, i)
 
 
 @given(formulas(), partial_traces((False, True), NAMES, 5))

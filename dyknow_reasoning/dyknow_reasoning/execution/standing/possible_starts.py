@@ -17,7 +17,7 @@ progressed further, without a verdict. If they become too many, the doubt lasts.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from dyknow_common import amount, listed
@@ -78,6 +78,7 @@ class PossibleStarts:
         # Starts that are unknown, in the cases in which they are still undecided, and what remained
         # when they became unknown.
         self._cases: dict[Any, tuple[PossibleFormula, list[Run], PossibleFormula]] = {}
+        self._has_failed = False
         # Those whose cases are too many, and what remained of one of them.
         self._lost: list[Run] = []
         self._lost_origin = beginning
@@ -97,20 +98,34 @@ class PossibleStarts:
             known.forget_deciding()
         self._groups[key] = known, union(others, runs)
 
-    def step(self, values: Values) -> Iterator[PossibleDecision]:
+    def step(self, values: Values) -> list[PossibleDecision]:
         """Progress over the latest state, which has been appended to the times.
 
         Raises:
-            ReasoningError: if the formula fails.
+            ReasoningError: if the formula fails; then the state decides nothing.
         """
         number = len(self._times) - 1
         now = self._times[number]
         begun = self._beginning.copy()
-        self._beginning.remember(now, values)
-        before, self._groups = [*self._groups.values()], {}
+        before = [*self._groups.values(), (begun, [Run(number, number, now, now)])]
+        self._groups = {}
         self.is_new_doubt = False
-        self._step_cases(now, values)
-        for formula, runs in (*before, (begun, [Run(number, number, now, now)])):
+        try:
+            self._beginning.remember(now, values)
+            self._step_cases(now, values)
+            decided = list(self._progressed(before, now, values))
+            self._check_limits()
+        except ReasoningError:
+            self._groups = dict(enumerate(before))
+            self._has_failed = True
+            raise
+        self._end_suspicions(number)
+        return decided
+
+    def _progressed(
+        self, before: Iterable[tuple[PossibleFormula, list[Run]]], now: int, values: Values
+    ) -> Iterator[PossibleDecision]:
+        for formula, runs in before:
             verdict = formula.progress(now, values)
             if verdict is not None:
                 if not verdict.holds:
@@ -125,8 +140,6 @@ class PossibleStarts:
                 self.add(formula, runs)
             else:
                 yield PossibleDecision(formula, None, runs, formula)
-        self._check_limits()
-        self._end_suspicions(number)
 
     def add_false(self, runs: Sequence[Run]) -> None:
         """Add starts from which the formula is false, in whatever case."""
@@ -221,7 +234,9 @@ class PossibleStarts:
         return decided.verdict
 
     def at(self, number: int) -> PossibleFormula | None:
-        """Return what remains of the formula from an undecided state on."""
+        """Return what remains of the formula from an undecided state on, unless it has failed."""
+        if self._has_failed:
+            return None
         found = (each for each, runs in self._groups.values() if number_in(runs, number))
         return next(found, None)
 
@@ -231,7 +246,7 @@ class PossibleStarts:
 
     def has_open(self, number: int, *, pessimistic: bool) -> bool:  # noqa: ARG002
         """Return True if the formula is undecided from a state on."""
-        return self.at(number) is not None
+        return any(number_in(runs, number) for _, runs in self._groups.values())
 
     def run_count(self) -> int:
         """Return the number of runs that are kept."""
