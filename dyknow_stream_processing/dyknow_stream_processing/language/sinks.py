@@ -87,7 +87,9 @@ def specifications_by_sink(specification: Specification) -> Mapping[str, Specifi
         found[name] = _part(specification, places, sink, used)
     if not found:
         position = specification.declarations[-1].position
-        raise specification.error('no stream is made; add a sink, such as: sink a', position)
+        latest = next(reversed(streams), 'a')
+        message = f'no stream is made; add a sink, such as: sink {latest}'
+        raise specification.error(message, position)
     return found
 
 
