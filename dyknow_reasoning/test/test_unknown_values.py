@@ -481,6 +481,42 @@ def test_objects_are_apart_unless_they_share_what_is_unknown() -> None:
     assert result.verdict is Verdict.TRUE
 
 
+@pytest.mark.parametrize(
+    ('x', 'expected'), [(None, None), (3.0, Verdict.FALSE), (0.0, Verdict.TRUE)]
+)
+def test_objects_with_too_many_cases_stay_apart_while_they_remember_a_shared_value(
+    x: float | None, expected: Verdict | None
+) -> None:
+    """Each has representatives of its own for `x`, relative to its own `C`."""
+    group = FormulaGroup(FormulaLimits(possibility_limit=30))
+    body = (
+        '(P[u] -> eventually[0 s, 15 s] Q[u]) and (prev(x) > 1 -> G[u]) and '
+        '(x > C[u] -> H[u]) and (y > 0 -> H[u])'
+    )
+    group.add_formula('f', f'forall u in S: always[0 s, 20 s] ({body})')
+    group.begin({'S': ('a', 'b')}, ANY)
+    known: dict[str, Value | None] = {'x': 0.0, 'y': 0.0, 'C[a]': 2.0, 'C[b]': 5.0}
+    known |= {f'{name}[{u}]': name in 'GH' for name in 'PQGH' for u in 'ab'}
+    states = [{'P[a]': None, 'P[b]': None}] * 5
+    states += [{'Q[a]': True, 'Q[b]': True, 'x': x}, {'y': None, 'G[a]': False, 'G[b]': False}]
+    trace = [(number * 10**9, known | each) for number, each in enumerate(states + [{}] * 20)]
+    found = decided(group, trace)
+    assert (found and found[1]) is expected
+
+
+@pytest.mark.parametrize('constant', ['', ', 0 s', ', 2 s'])
+def test_a_probability_of_later_states_beside_unknown_values(constant: str) -> None:
+    """Several objects share it, and values that make no difference leave no trace."""
+    probability = f'P(always[0 s, 30 s] normal(x, 1{constant}) > 0) >= 0.5'
+    group = FormulaGroup()
+    text = f'forall u in S: {probability} and always[0 s, 30 s] (w > 0 or Q[u])'
+    group.add_formula('f', text)
+    group.begin({'S': ('a', 'b')}, ANY)
+    known = {'x': 9.0, 'Q[a]': True, 'Q[b]': True}
+    trace = [(second * 10**9, {**known, 'w': None}) for second in range(30)]
+    assert decided(group, [*trace, (30 * 10**9, {**known, 'w': 1.0})]) == (30, Verdict.TRUE)
+
+
 def test_recordings_give_the_same() -> None:
     nan = float('nan')
     columns = {'x': [2.0, 2.0, nan, 2.0, 0.0, 2.0], 'y': [1.0] * 6}

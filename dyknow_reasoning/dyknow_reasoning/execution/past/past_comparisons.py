@@ -323,7 +323,7 @@ class _ProbabilityMemory(_TermMemory):
 
     @property
     def key(self) -> Hashable:
-        return None if self._probability.is_of_state else id(self._probability)
+        return self._probability.key, self._error and str(self._error)
 
     def copied(self) -> _ProbabilityMemory:
         found = copy(self)

@@ -29,7 +29,7 @@ state, `always (p -> eventually[0, 2 s] q)`, where p and q have a probability of
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from copy import copy, deepcopy
 from typing import Final, Protocol
 
@@ -44,7 +44,7 @@ from dyknow_reasoning.language.formula import Atom, Comparison, Previous, walk
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Probability, Sampled, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds, check_types
-from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.atoms import Values, fields
 from dyknow_reasoning.progression.instances import Domains, ground, past_operands
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Chronology, Literal, Node, has_windows
@@ -112,6 +112,9 @@ class FormulaProbability:
             self.assumption += COVARIANCES
         self.is_of_state = not has_windows(node)
         self._is_lost = False
+        self._names = sorted({str(each) for atom in atoms for each in fields(atom)})
+        # Of the states so far, if later ones matter.
+        self._history = 0
 
     @property
     def is_final(self) -> bool:
@@ -124,8 +127,16 @@ class FormulaProbability:
         Raises:
             ReasoningError: if a value is unusable.
         """
-        if not self._is_lost:
-            self._model.step(time, values)
+        if self.is_final:
+            return
+        self._model.step(time, values)
+        if not self.is_of_state:
+            self._history = hash((self._history, time, *(repr(values.get(x)) for x in self._names)))
+
+    @property
+    def key(self) -> Hashable:
+        """Equal for copies with one future."""
+        return self._history, self._is_lost
 
     def at_state(self, time: int, values: Values) -> FormulaProbability:
         """Take a state; return the probability then, of this state alone if it is of a state.

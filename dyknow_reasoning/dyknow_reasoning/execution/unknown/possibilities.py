@@ -93,6 +93,8 @@ class Possibilities:
         """Those that can no longer lead to a verdict, as the instances may hold and may fail."""
         self.deciding: Mapping[bool, DecidingTruth] = {}
         """For each verdict, what leads to it, whatever the other open values are."""
+        self.is_apart = False
+        """True if others chose representatives of their own for a value that they share."""
 
     @property
     def verdict(self) -> bool | None:
@@ -111,6 +113,15 @@ class Possibilities:
     def is_open(self) -> bool:
         """True if states to come make a difference."""
         return bool(self.found)
+
+    def may_join(self, other: Possibilities) -> bool:
+        """Return True if both remember the same representatives, and are not too many together."""
+        if len(self.found) * len(other.found) > self.part.of.limits.possibility_limit:
+            return False
+        shared = self.part.registers.keys() & other.part.registers.keys()
+        return not (self.is_apart or other.is_apart) or all(
+            isinstance(self.part.registers[field], Register) for field in shared
+        )
 
     def joined(self, other: Possibilities) -> Possibilities:
         """Return the possibilities of the instances of both.
@@ -132,6 +143,7 @@ class Possibilities:
         joined = Possibilities(part, undecided, wants, reason)
         joined.may_hold = len(undecided) < len(found)
         joined.may_fail = self.may_fail or other.may_fail
+        joined.is_apart = self.is_apart or other.is_apart
         deciding = {**other.deciding, **self.deciding}
         joined.deciding = {holds: each for holds, each in deciding.items() if not holds}
         return joined
@@ -156,6 +168,7 @@ class Possibilities:
         is_single = len(found) + may_hold == 1
         of_one = Possibilities(part, list(found.values()), {} if is_single else self.wants)
         of_one.may_hold, of_one.reason = may_hold, '' if is_single else self.reason
+        of_one.is_apart = self.is_apart
         return of_one
 
     def copy(self) -> Possibilities:

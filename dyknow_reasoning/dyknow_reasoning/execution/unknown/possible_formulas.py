@@ -343,9 +343,10 @@ class PossibleFormula:
                 others.append(part)
             elif joined is None:
                 joined = part
-            elif len(joined.found) * len(part.found) <= self._of.limits.possibility_limit:
+            elif joined.may_join(part):
                 joined = joined.joined(part)
             else:
+                joined.is_apart = part.is_apart = True
                 others.append(part)
         self._parts = [*others, joined] if joined else others
 
