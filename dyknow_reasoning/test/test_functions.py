@@ -234,3 +234,20 @@ def value(call: str, state: dict[str, Any]) -> float:
         return evaluate(formula.left, state)  # type: ignore[return-value]
     except ReasoningError:
         return 0.0
+
+
+@pytest.mark.parametrize(
+    ('text', 'state'),
+    [
+        ('X * 1 > 9007199254740992 and X * 1.0 <= 9007199254740992', {'X': (1 << 53) + 1}),
+        ('atan2(X, 0.0) < 1 and atan2(X, -0.0) > 3', {'X': 0.0}),
+        (
+            'once X * 1 > 9007199254740992 and not once X * 1.0 > 9007199254740992',
+            {'X': (1 << 53) + 1},
+        ),
+    ],
+)
+def test_numbers_that_are_equal_may_give_other_values(text: str, state: dict[str, Any]) -> None:
+    group, _ = begun(text)
+    (result,) = group.progress(0, state)
+    assert result.verdict is Verdict.TRUE

@@ -30,6 +30,10 @@ from dyknow_reasoning import FormulaGroup, ReasoningError, parse_constants, pars
         ('let D: m, E: m in sqrt(D^2 + E^2) < 4 km', 'sqrt(pow(D, 2) + pow(E, 2)) < 4000.0'),
         ('let D: m in (1 cm + D)^0.5 < 2 "m^0.5"', 'pow(0.01 + D, 0.5) < 2'),
         ('let t: s in t^-1 < 2 Hz', 'pow(t, -1) < 2'),
+        ('let x: rad in sin(x - 1 "rad")^2 < 0.5', 'pow(sin(x - 1), 2) < 0.5'),
+        ('let x: m in 2^count(x > 1 km, 5 s) < 8', 'pow(2, count(x > 1000.0, 5 s)) < 8'),
+        ('let x: m in bit(count(x > 1 km, 5 s), 1) = 0', 'bit(count(x > 1000.0, 5 s), 1) = 0'),
+        ('let x: m in 0.0 - x < 1 km', '(0.0 - x) < 1000.0'),
         ('let v: m/s in hypot(v, 36 km/h) > 2 m/s', None),
         ('let c: "%" in c > 20 %', 'c > 20'),
         ('let "/t".a[0].v: ft in "/t".a[0].v < 1 m', '"/t".a[0].v < 3.2808398950131235'),
@@ -85,6 +89,12 @@ def test_bad_constants(name: str, value: str, message: str) -> None:
     with pytest.raises(LanguageError) as error:
         parse_constants({name: value})
     assert error.value.message.startswith(message)
+
+
+def test_a_temperature_has_no_multiples() -> None:
+    with pytest.raises(LanguageError) as error:
+        parse_formula('let T: K in T < 2 * 5 degC')
+    assert 'a number in degC has no multiples; write the product, \'10 "degC"\'' in str(error.value)
 
 
 def test_a_group_needs_to_know_the_units() -> None:

@@ -128,6 +128,8 @@ def test_it_is_written_out(text: str, written: str) -> None:
         ('soon[5 s] p', "cannot ask a forecast for 'p'"),
         ('soon[5 s] x > 1 <-> y > 1', 'cannot ask a forecast for'),
         ('soon[5 s] mode = "AUTO"', 'cannot bound \'"AUTO"\''),
+        ('soon[5 s] not (mode contains "A")', "cannot ask a forecast for 'mode contains"),
+        ('soon[5 s] mode starts with "A"', "cannot ask a forecast for 'mode starts with"),
         ('soon[5 s] x * y > 1', r"cannot bound 'x \* y'"),
         ('soon[5 s] prev(x) > 1', r"cannot bound 'prev\(x\)'"),
         ('soon[5 s] odom.x > 1', r"cannot bound 'odom\.x'"),

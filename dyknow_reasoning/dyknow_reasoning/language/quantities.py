@@ -223,7 +223,7 @@ class _Conversion:
         self, term: Term, given: str | None, unit: str, *, may_shift: bool, is_sum: bool
     ) -> Term:
         if given is None:
-            if is_sum and term == Number(0):
+            if is_sum and isinstance(term, Number) and not term.value:
                 return term
             message = f"'{term}' has no unit, and the number beside it has; give it one, or none"
             raise PositionedError(message, term.position)
@@ -282,7 +282,7 @@ class _Conversion:
                 '*',
                 Quantity(value, unit),
             ):
-                return Quantity(value * factor, unit, position=term.position), unit
+                return _multiple(Quantity(value * factor, unit, position=term.position)), unit
         sides = (_plain(each) for each in (left, right))
         product = Arithmetic(term.operator, *sides, position=term.position)
         if second is None:
@@ -293,9 +293,10 @@ class _Conversion:
         if term.name in {'sqrt', 'pow'}:
             return self._power(term)
         if term.name == 'bit':
-            if any(unit is not None for _, unit in self.alike(term.arguments)):
+            measured = self.alike(term.arguments)
+            if any(unit is not None for _, unit in measured):
                 raise _unknown_unit(term)
-            return term, None
+            return replace(term, arguments=tuple(each for each, _ in measured)), None
         wanted = 'rad' if term.name in {'angle_difference', 'sin', 'cos'} else None
         measured = self.alike(term.arguments, wanted)
         arguments = tuple(argument for argument, _ in measured)
@@ -304,9 +305,9 @@ class _Conversion:
 
     def _power(self, term: Function) -> _Measured:
         base, exponent = (*term.arguments, Number(0.5))[:2]
-        ((argument, unit),), (_, other) = self.alike((base,)), self._measured(exponent)
+        ((argument, unit),), (power, other) = self.alike((base,)), self._measured(exponent)
         if unit is None and other is None:
-            return term, None
+            return replace(term, arguments=(argument, power)[: len(term.arguments)]), None
         if not isinstance(exponent, Number) or exponent.value not in _EXPONENTS:
             raise _unknown_unit(term)
         arguments = (argument, *term.arguments[1:])
@@ -338,6 +339,16 @@ def _converted_value(value: float, conversion: UnitConversion) -> float:
         return conversion.of_constant(value)
     except OverflowError:
         return math.inf
+
+
+def _multiple(product: Quantity) -> Quantity:
+    """Return a product; raise PositionedError for a unit with another zero, such as degC."""
+    try:
+        unit_conversion(f'({product.unit})*(dimensionless)', product.unit)
+    except DyKnowError:
+        message = f"a number in {product.unit} has no multiples; write the product, '{product}'"
+        raise PositionedError(message, product.position) from None
+    return product
 
 
 def _plain(term: Term) -> Term:

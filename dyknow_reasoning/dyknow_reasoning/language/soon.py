@@ -137,8 +137,8 @@ class _Possible:
                 kind_of_all = Forall if isinstance(node, Forall) != negated else Exists
                 body = self.formula(node.body, negated=negated)
                 return kind_of_all(node.variable, node.sort, body, position=node.position)
-            case Comparison():
-                return self._comparison(node, _NEGATED[node.operator] if negated else node.operator)
+            case Comparison(operator) if operator in _NEGATED:
+                return self._comparison(node, _NEGATED[operator] if negated else operator)
         raise PositionedError(
             f"'soon' cannot ask a forecast for '{shortened(node)}'; it takes comparisons of "
             "numbers with 'not', 'and', 'or', '->', 'forall' and 'exists'; write all else outside "

@@ -32,9 +32,9 @@ class ShownQuantity(Quantity):
         return f'{self.value!r} {LANGUAGE.name_text(self.unit, "UNIT")}'
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Number(SyntaxNode):
-    """A number.
+    """A number. 1, 1.0, 0.0 and -0.0 all differ: terms calculate other values with them.
 
     Args:
         value: the number.
@@ -45,6 +45,13 @@ class Number(SyntaxNode):
     value: int | float
     quantity: Quantity | None = field(default=None, compare=False, kw_only=True)
     unit: str = field(default='', compare=False, kw_only=True)
+
+    def __eq__(self, other: object) -> bool:
+        is_alike = isinstance(other, Number) and self.value == other.value
+        return is_alike and str(self) == str(other)
+
+    def __hash__(self) -> int:
+        return hash(self.value)
 
     def __str__(self) -> str:
         return repr(self.value)
