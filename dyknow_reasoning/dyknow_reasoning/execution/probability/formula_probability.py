@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Hashable, Sequence
 from copy import copy, deepcopy
-from typing import Final, Protocol
+from typing import Final, TypeAlias
 
 from dyknow_common import ProbabilityInterval, shortened
 from dyknow_reasoning.errors import ReasoningError, UnusableValueError
@@ -64,24 +64,8 @@ MAX_REMAINDERS: Final = 2000
 """The most remaining formulas; the least likely others are not followed, and stay undecided."""
 
 
-class _Model(Protocol):
-    """A way to compute the probability of a formula."""
-
-    @property
-    def is_final(self) -> bool:
-        """True if no further state changes the bounds."""
-
-    def step(self, time: int, values: Values) -> None:
-        """Take a state; raise ReasoningError if a value is unusable."""
-
-    def chance(self) -> Chance:
-        """Return the bounds, for any states that may come."""
-
-    def chance_at_end(self) -> Chance:
-        """Return the bounds if no further state comes."""
-
-    def copied(self) -> _Model:
-        """Return a copy, which takes states by itself."""
+_Model: TypeAlias = 'RemainderChain | SimulatedRuns | CountedSamples | _BoundsModel'
+"""A way to compute the probability of a formula."""
 
 
 class FormulaProbability:

@@ -42,6 +42,9 @@ Place: TypeAlias = tuple[Location, Times]
 DecidingTruth: TypeAlias = tuple[int, Atom, bool]
 """The truth of an atom at the state of a time, in nanoseconds, that leads to a verdict alone."""
 
+Choose: TypeAlias = Callable[[Sequence[Any]], Any]
+"""Returns one of some options."""
+
 _Result = TypeVar('_Result')
 
 
@@ -197,7 +200,7 @@ class Possibilities:
         asked: set[str] = set()
         runs: list[tuple[Mapping[Atom, bool], Possibility | bool]] = []
         for before in self.found:
-            for run in all_runs(lambda choices: _Run(self.part, choices, state)):
+            for run in all_runs(lambda choose: _Run(self.part, choose, state)):
                 after = (run.remember if begins_later else run.step)(before, time)
                 runs.append((run.truths, after))
                 if len(runs) > limit:
@@ -266,8 +269,8 @@ class _OpenState:
 class _Run:
     """One case of the open values of a state, which are chosen as they are asked for."""
 
-    def __init__(self, of: FormulaPart, choices: Choices, state: _OpenState) -> None:
-        self._of, self._choices, self._state = of, choices, state
+    def __init__(self, of: FormulaPart, choose: Choose, state: _OpenState) -> None:
+        self._of, self._choose, self._state = of, choose, state
         self._values = _Completed(state.known, self._chosen)
         # For what representatives do not tell.
         incomplete = {**state.known, **state.errors}
@@ -370,7 +373,7 @@ class _Run:
 
     def _either(self, error: UnknownValueError) -> bool:
         self.asked.add(error.name)
-        chosen: bool = self._choices.choose((False, True))
+        chosen: bool = self._choose((False, True))
         return chosen
 
     def _chosen(self, name: str) -> Any:
@@ -384,7 +387,7 @@ class _Run:
             raise KeyError(name)
         if len(options) > 1:
             self.asked.add(name)
-        return self._choices.choose(options)
+        return self._choose(options)
 
 
 def _deciding(
@@ -424,35 +427,23 @@ def too_many(limit: int, names: Collection[str] = ()) -> ReasoningError:
     )
 
 
-class Choices:
-    """The choices of one run, in their order.
-
-    Args:
-        first: the number of the option that each of the first choices takes; later ones take the
-            first option.
-    """
-
-    def __init__(self, first: tuple[int, ...] = ()) -> None:
-        self._taken = list(first)
-        self._next = 0
-        self.others: list[tuple[int, ...]] = []
-        """The first choices of the runs that differ from this one in a later choice first."""
-
-    def choose(self, options: Sequence[Any]) -> Any:
-        """Return one of some options."""
-        if self._next == len(self._taken):
-            taken = tuple(self._taken)
-            self.others += [(*taken, number) for number in range(1, len(options))]
-            self._taken.append(0)
-        found = options[self._taken[self._next]]
-        self._next += 1
-        return found
-
-
-def all_runs(function: Callable[[Choices], _Result]) -> Iterator[_Result]:
+def all_runs(function: Callable[[Choose], _Result]) -> Iterator[_Result]:
     """Yield the results of a function for all that it can choose."""
-    pending: list[tuple[int, ...]] = [()]
+    pending: list[Sequence[int]] = [()]
+
+    def run(first: Sequence[int]) -> _Result:
+        """Choose first the options of some numbers, then the first option each time."""
+        numbers, taken = iter(first), list[int]()
+
+        def choose(options: Sequence[Any]) -> Any:
+            number = next(numbers, None)
+            if number is None:
+                number = 0
+                pending.extend((*taken, other) for other in range(1, len(options)))
+            taken.append(number)
+            return options[number]
+
+        return function(choose)
+
     while pending:
-        choices = Choices(pending.pop())
-        yield function(choices)
-        pending += choices.others
+        yield run(pending.pop())
