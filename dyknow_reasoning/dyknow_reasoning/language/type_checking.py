@@ -9,11 +9,11 @@ alone is a boolean. A kind that the formula leaves open follows from the values 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from itertools import chain
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from dyknow_common import (
     TEXT_COMPARISONS,
@@ -58,12 +58,22 @@ def check_types(formula: Formula, text: str) -> Kinds:
     Raises:
         LanguageError: with the position, for a formula that is wrong whatever the values are.
     """
-    checker = _TypeChecker()
+    checker = _TypeChecker(
+        {
+            str(node): _Use(kind, node.position)
+            for node in walk(formula)
+            if isinstance(node, terms.FieldReference) and (kind := _computed_kind(node))
+        }
+    )
     with LANGUAGE.errors_in(text):
         checker.check_names(formula)
         checker.check_variables(formula, {})
         checker.infer_kinds(formula)
     return {name: use.kind for name, use in checker.uses.items()}
+
+
+_Wanted: TypeAlias = tuple[Any, Kind, str]
+"""A term, the kind that it must have, and its purpose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +86,7 @@ class _Use:
 class _TypeChecker:
     """A check of one formula; its methods raise `PositionedError`."""
 
-    uses: dict[str, _Use] = field(default_factory=dict)
+    uses: dict[str, _Use]
 
     def check_names(self, formula: Formula) -> None:
         """Check that a name stands for one thing: a feature, a sort, a variable or an object."""
@@ -112,10 +122,9 @@ class _TypeChecker:
 
     def infer_kinds(self, formula: Formula) -> None:
         """Check that every feature is used as one kind of value."""
-        for node in walk(formula):
-            if isinstance(node, terms.FieldReference) and (kind := _computed_kind(node)):
-                self.uses[str(node)] = _Use(kind, node.position)
-        self._infer_use(formula)
+        wanted = chain(_of_truth((formula,)), *map(_wanted, walk(formula)))
+        for term, kind, purpose in sorted(wanted, key=_place):
+            self._require(term, kind, purpose)
         comparisons: dict[str, list[syntax.Comparison]] = defaultdict(list)
         for node in walk(formula):
             if isinstance(node, syntax.Comparison) and node.operator not in TEXT_COMPARISONS:
@@ -130,66 +139,6 @@ class _TypeChecker:
                 self._infer_equality(comparison)
                 if len(self.uses) > known:
                     pending.append(next(reversed(self.uses)))
-
-    def _infer_use(  # noqa: C901 - one for each kind
-        self, node: Formula | Term
-    ) -> None:
-        match node:
-            case terms.Feature() | terms.FieldReference():
-                self._require(node, Kind.BOOLEAN, 'as a formula')
-            case syntax.Comparison('=' | '!=', left, right):
-                for side in (left, right):
-                    self._infer_numbers(side)
-            case syntax.Comparison(symbol, left, right) if symbol in TEXT_COMPARISONS:
-                for side in (left, right):
-                    self._require(side, Kind.STRING, f"as an operand of '{symbol}'")
-            case syntax.Comparison() | terms.Arithmetic() | terms.Function():
-                self._infer_numbers(node)
-            case syntax.Freeze(_, term, body):
-                self._infer_numbers(term)
-                self._infer_use(body)
-            case LinkLength(condition, weight, place):
-                self._infer_use(condition)
-                for each in place:
-                    self._infer_numbers(each)
-                    self._require(each, Kind.NUMBER, "as an operand of 'delaunay'")
-                if weight is not None:
-                    self._infer_numbers(weight)
-                    self._require(weight, Kind.NUMBER, 'as a length of links')
-            case _:
-                for part in parts(node):
-                    self._infer_use(part)
-
-    def _infer_numbers(self, node: Formula | Term) -> None:
-        match node:
-            case syntax.Comparison(symbol, left, right) | terms.Arithmetic(symbol, left, right):
-                operands: tuple[Term, ...] = (left, right)
-            case terms.Function(symbol, operands):
-                pass
-            case (
-                terms.Aggregate(function='count', body=body)
-                | terms.StateCount(body)
-                | terms.Probability(body)
-            ):
-                self._infer_use(body)
-                return
-            case terms.Sampled(mean, samples):
-                symbol, operands = 'sampled', (mean,)
-                self._require(samples, Kind.STRING, "as the samples of 'sampled'")
-            case terms.Uncertain(mean, deviation, _, covariances):
-                symbol = 'within' if isinstance(node, terms.Bounded) else 'normal'
-                pairs = ((each.left, each.right) for each in covariances)
-                operands = (mean, deviation, *chain.from_iterable(pairs))
-            case terms.ValueBefore(body) | terms.Kept(body=body):
-                self._infer_numbers(body)
-                return
-            case terms.Aggregate(function=symbol, body=body):
-                operands = (body,)
-            case _:
-                return
-        for each in operands:
-            self._infer_numbers(each)
-            self._require(each, Kind.NUMBER, f"as an operand of '{symbol}'")
 
     def _infer_equality(self, node: syntax.Comparison) -> None:
         left, right = self._kind(node.left), self._kind(node.right)
@@ -233,6 +182,53 @@ class _TypeChecker:
         if isinstance(term, terms.FieldReference) and _computed_kind(term):
             return ''
         return f' (from its use at {use.position})' if use else ''
+
+
+def _place(wanted: _Wanted) -> tuple[int, int]:
+    """Return where a term stands in the text."""
+    position: TextPosition = wanted[0].position
+    return position.line, position.column
+
+
+def _wanted(node: Formula | Term) -> Iterator[_Wanted]:
+    """Yield the kinds that the direct operands of a node must have, but for equal ones."""
+    operands = parts(node)
+    match node:
+        case syntax.Comparison('=' | '!=') | terms.ValueBefore() | terms.Kept():
+            return
+        case syntax.Comparison(word) if word in TEXT_COMPARISONS:
+            yield from ((each, Kind.STRING, f"as an operand of '{word}'") for each in operands)
+            return
+        case terms.Sampled(mean, samples):
+            yield samples, Kind.STRING, "as the samples of 'sampled'"
+            word, operands = 'sampled', (mean,)
+        case terms.Uncertain(mean, deviation, _, covariances):
+            word = 'within' if isinstance(node, terms.Bounded) else 'normal'
+            pairs = ((each.left, each.right) for each in covariances)
+            operands = mean, deviation, *chain.from_iterable(pairs)
+        case LinkLength(condition, weight, place):
+            yield from _of_truth((condition,))
+            yield from ((each, Kind.NUMBER, "as an operand of 'delaunay'") for each in place)
+            if weight is not None:
+                yield weight, Kind.NUMBER, 'as a length of links'
+            return
+        case syntax.Freeze(body=body):
+            yield from _of_truth((body,))
+            return
+        case terms.Operation(word) | terms.Function(word):
+            pass
+        case terms.Aggregate(function=word) if word != 'count':
+            pass
+        case _:
+            yield from _of_truth(operands)
+            return
+    yield from ((each, Kind.NUMBER, f"as an operand of '{word}'") for each in operands)
+
+
+def _of_truth(nodes: Sequence[Formula | Term]) -> Iterator[_Wanted]:
+    """Yield the features that are formulas, which are booleans."""
+    features = (each for each in nodes if isinstance(each, terms.Feature | terms.FieldReference))
+    return ((each, Kind.BOOLEAN, 'as a formula') for each in features)
 
 
 def _advice(term: Term) -> str:
