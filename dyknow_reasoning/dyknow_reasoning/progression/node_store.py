@@ -32,42 +32,6 @@ _NESTING = 64
 """Junctions that nest deeper are not searched for what they repeat: the search is recursive."""
 
 
-class WindowOrder:
-    """Comparisons of windows by the times of their bounds.
-
-    Args:
-        chronology: compares bounds.
-    """
-
-    def __init__(self, chronology: Chronology) -> None:
-        self._chronology = chronology
-
-    def by_start(self, first: Window, second: Window) -> int:
-        """Compare the starts of two windows, for sorting."""
-        return self._chronology.compare(first.start, second.start)
-
-    def by_narrowness(self, first: Window, second: Window) -> int:
-        """Compare two windows, for sorting: later starts first, then earlier ends first."""
-        ends = self.ends_later(first, second) - self.ends_later(second, first)
-        return -self.by_start(first, second) or ends
-
-    def is_apart(self, first: Window, second: Window) -> bool:
-        """Return True if a time lies between the end of one window and the start of another."""
-        if first.end is None or second.start is None:
-            return False
-        return self._chronology.later(second.start, first.end, 1)
-
-    def ends_later(self, first: Window, second: Window) -> bool:
-        """Return True if the first window ends after the second one."""
-        if first.end is None or second.end is None:
-            return first.end is None and second.end is not None
-        return self._chronology.later(first.end, second.end)
-
-    def contains(self, outer: Window, inner: Window) -> bool:
-        """Return True if each time in the inner window is in the outer one."""
-        return self.by_start(outer, inner) <= 0 and not self.ends_later(inner, outer)
-
-
 class NodeStore:
     """Factory of simplified nodes, which keeps one of each.
 
@@ -77,7 +41,7 @@ class NodeStore:
     """
 
     def __init__(self, chronology: Chronology, roots: Iterable[Node] = ()) -> None:
-        self.order = WindowOrder(chronology)
+        self.chronology = chronology
         # By their kinds and what distinguishes them.
         self._nodes: dict[tuple[Any, ...], Node] = {}
         self._negations: dict[Node, Node] = {}
@@ -296,11 +260,11 @@ class NodeStore:
         if windows[0].universal is not universal:
             return self._innermost(windows)
         merged: list[Window] = []
-        for window in sorted(windows, key=cmp_to_key(self.order.by_start)):
+        for window in sorted(windows, key=cmp_to_key(self.chronology.by_start)):
             last = merged[-1] if merged else None
-            if last is None or self.order.is_apart(last, window):
+            if last is None or self.chronology.is_apart(last, window):
                 merged.append(window)
-            elif self.order.ends_later(window, last):
+            elif self.chronology.ends_later(window, last):
                 bounds = last.start, window.end
                 merged[-1] = self._stored(Window, universal, *bounds, last.left, last.right)
         return merged
@@ -308,8 +272,8 @@ class NodeStore:
     def _innermost(self, windows: list[Window]) -> list[Window]:
         """Return the windows that contain no other."""
         kept: list[Window] = []
-        for window in sorted(windows, key=cmp_to_key(self.order.by_narrowness)):
-            if not kept or self.order.ends_later(kept[-1], window):
+        for window in sorted(windows, key=cmp_to_key(self.chronology.by_narrowness)):
+            if not kept or self.chronology.ends_later(kept[-1], window):
                 kept.append(window)
         return kept
 
@@ -319,7 +283,7 @@ class NodeStore:
             if kind is universal:
                 opposite = (not kind, self.negation(left), self.negation(right))
                 for inner in groups.get(opposite, ()):
-                    if any(self.order.contains(window, inner) for window in outer):
+                    if any(self.chronology.contains(window, inner) for window in outer):
                         return True
         return False
 
@@ -338,8 +302,8 @@ class NodeStore:
             return False
         windows = groups.get((part.universal, part.left, part.right), ())
         if part.universal is universal:
-            return any(self.order.contains(window, part) for window in windows)
-        return any(self.order.contains(part, window) for window in windows)
+            return any(self.chronology.contains(window, part) for window in windows)
+        return any(self.chronology.contains(part, window) for window in windows)
 
 
 def _flat(parts: Iterable[Node], *, universal: bool) -> dict[Node, None]:

@@ -115,7 +115,7 @@ class Thresholds:
             elif found and part.left is constant(value=not universal):
                 outer[found.term].append((part, found))
         return any(
-            self._store.order.contains(window, awaited) and _is_contradictory((held, sought))
+            self._store.chronology.contains(window, awaited) and _is_contradictory((held, sought))
             for awaited, sought in inner
             for window, held in outer[sought.term][:_MAX_BESIDE]
         )
