@@ -38,13 +38,13 @@ from dyknow_reasoning.explanation.facts import (
 )
 from dyknow_reasoning.explanation.remainders import windows_of_known_origin
 from dyknow_reasoning.language.formula import (
-    Always,
     Comparison,
     Exists,
     Forall,
     Formula,
     FutureFormula,
     PastAtom,
+    outermost_foralls,
     walk,
 )
 from dyknow_reasoning.language.interval import Interval
@@ -482,7 +482,11 @@ def scope_text(formula: Formula, counts: Counts, binding: Mapping[str, str], *, 
         binding: the choice of objects for the outermost `forall` that decided the formula.
         holds: the verdict.
     """
-    every, some = _outermost(formula)
+    every, body = outermost_foralls(formula)
+    some: list[Exists] = []
+    while isinstance(body, Exists):
+        some.append(body)
+        body = body.body
     objects = objects_text(binding)
     if holds and (all_choices := _choices(every, counts)):
         return f'for all {all_choices}, decided last for {objects}: '
@@ -490,26 +494,6 @@ def scope_text(formula: Formula, counts: Counts, binding: Mapping[str, str], *, 
     if not holds and (no_choice := _choices(some, counts)):
         return f'{scope}for none of {no_choice}, decided last: '
     return scope
-
-
-def _outermost(formula: Formula) -> tuple[list[Forall], list[Exists]]:
-    """Return the outermost `forall`, and the outermost `exists` below them."""
-    every: list[Forall] = []
-    some: list[Exists] = []
-    while True:
-        match formula:
-            case Always(body=Forall() as inner) if not some:
-                # They commute: the choices are as for `forall x: always ...`.
-                every.append(inner)
-                formula = replace(formula, body=inner.body)
-            case Forall() if not some:
-                every.append(formula)
-                formula = formula.body
-            case Exists():
-                some.append(formula)
-                formula = formula.body
-            case _:
-                return every, some
 
 
 def _choices(quantifiers: Sequence[Forall | Exists], counts: Counts) -> str:

@@ -19,8 +19,6 @@ from dyknow_reasoning.language.spatial import LinkEnd, LinkLength, Over, Spatial
 from dyknow_reasoning.language.terms import (
     Feature,
     FieldReference,
-    Function,
-    Kept,
     Object,
     Operation,
     PastTerm,
@@ -42,6 +40,7 @@ class Not(SyntaxNode):
     """The negation of a formula."""
 
     body: Formula
+    part_names: ClassVar[tuple[str, ...]] = ('body',)
 
     def __str__(self) -> str:
         return f'not {operand_text(self.body)}'
@@ -54,6 +53,7 @@ class Connective(SyntaxNode):
     left: Formula
     right: Formula
     symbol: ClassVar[str]
+    part_names: ClassVar[tuple[str, ...]] = ('left', 'right')
 
     def __str__(self) -> str:
         return f'{operand_text(self.left)} {self.symbol} {operand_text(self.right)}'
@@ -129,6 +129,7 @@ class CountOf(SyntaxNode):
     bound: CountBound
     number: int
     members: tuple[Formula, ...]
+    part_names: ClassVar[tuple[str, ...]] = ('members',)
 
     def __str__(self) -> str:
         return f'{self.bound} {self.number} of ({", ".join(map(str, self.members))})'
@@ -140,6 +141,7 @@ class _Temporal(SyntaxNode):
     interval: Interval = ALL_FUTURE
     symbol: ClassVar[str]
     usage: ClassVar[str]
+    part_names: ClassVar[tuple[str, ...]] = ('body',)
 
     def __str__(self) -> str:
         return f'{self.symbol}{self.interval.suffix} {operand_text(self.body)}'
@@ -182,6 +184,7 @@ class _Prefixed(SyntaxNode):
     body: Formula
     symbol: ClassVar[str]
     usage: ClassVar[str]
+    part_names: ClassVar[tuple[str, ...]] = ('body',)
 
     def __str__(self) -> str:
         return f'{self.symbol} {operand_text(self.body)}'
@@ -202,6 +205,7 @@ class _BinaryTemporal(SyntaxNode):
     interval: Interval = ALL_FUTURE
     symbol: ClassVar[str]
     usage: ClassVar[str]
+    part_names: ClassVar[tuple[str, ...]] = ('left', 'right')
 
     def __str__(self) -> str:
         operator = f'{self.symbol}{self.interval.suffix}'
@@ -235,6 +239,7 @@ class Soon(SyntaxNode):
 
     horizon: int
     body: Formula
+    part_names: ClassVar[tuple[str, ...]] = ('body',)
 
     def __str__(self) -> str:
         return f'soon[{format_duration(self.horizon)}] {operand_text(self.body)}'
@@ -251,6 +256,7 @@ class PastAtom(SyntaxNode):
 
     formula: PastFormula | Comparison | SpatialAtom
     field: str = ''
+    part_names: ClassVar[tuple[str, ...]] = ('formula',)
 
     def __str__(self) -> str:
         return str(self.formula)
@@ -276,6 +282,7 @@ class Let(SyntaxNode):
     units: tuple[tuple[Object, str], ...]
     body: Formula
     uncertainties: tuple[tuple[Object, Uncertain], ...] = ()
+    part_names: ClassVar[tuple[str, ...]] = ('body',)
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,6 +298,7 @@ class Freeze(SyntaxNode):
     name: str
     term: Term
     body: Formula
+    part_names: ClassVar[tuple[str, ...]] = ('term', 'body')
 
     def __str__(self) -> str:
         return f'let {self.name} = {self.term} in {operand_text(self.body)}'
@@ -340,7 +348,7 @@ def parts(node: Formula | Term) -> tuple[Formula | Term, ...]:
     if isinstance(node, SpatialAtom):
         return tuple(node.places)
     found: list[Formula | Term] = []
-    for name in _part_fields(node):
+    for name in getattr(node, 'part_names', ()):
         part: Any = getattr(node, name)
         if isinstance(part, tuple):
             found += part
@@ -388,7 +396,7 @@ def with_changed_parts(node: Any, change: Callable[[Any], Any]) -> Any:
     """Return a node with a function applied to each of its parts."""
     if isinstance(node, PastAtom):
         return node
-    names = ('formula',) if isinstance(node, SpatialAtom) else _part_fields(node)
+    names = ('formula',) if isinstance(node, SpatialAtom) else getattr(node, 'part_names', ())
     if isinstance(node, Spatial):
         names = (*names, 'links')
     changed = {name: _changed(getattr(node, name), change) for name in names}
@@ -399,33 +407,6 @@ def _changed(part: Any, change: Callable[[Any], Any]) -> Any:
     if isinstance(part, tuple):
         return tuple(map(change, part))
     return None if part is None else change(part)
-
-
-def _part_fields(  # noqa: PLR0911 - one for each kind
-    node: Any,
-) -> tuple[str, ...]:
-    """Return the names of the fields that hold the parts of a node, from left to right."""
-    match node:
-        case Operation() | Connective() | _BinaryTemporal() | Spatial():
-            return 'left', 'right'
-        case (
-            Not() | Quantifier() | _Temporal() | _Prefixed() | Let() | Soon() | PastTerm() | Kept()
-        ):
-            return ('links', 'origin', 'body') if isinstance(node, Over) else ('body',)
-        case Feature() | Function():
-            return ('arguments',)
-        case LinkLength():
-            return 'place', 'condition', 'weight'
-        case Freeze():
-            return 'term', 'body'
-        case PastAtom():
-            return ('formula',)
-        case Uncertain():
-            return 'mean', 'deviation', 'covariances'
-        case CountOf():
-            return ('members',)
-        case _:
-            return ()
 
 
 def joined(members: Sequence[Formula], kind: type[And | Or]) -> Formula:
@@ -448,6 +429,23 @@ def walk(node: Formula | Term) -> Iterator[Formula | Term]:
 def looks_forward(formula: Formula) -> bool:
     """Return True if a formula contains an operator of the future: one state may not decide it."""
     return any(isinstance(each, FutureFormula) for each in walk(formula))
+
+
+def outermost_foralls(formula: Formula) -> tuple[list[Forall], Formula]:
+    """Return the outermost `forall` of a formula, and the formula below them.
+
+    One below `always` counts, too: they commute.
+    """
+    found: list[Forall] = []
+    while True:
+        match formula:
+            case Forall():
+                found.append(formula)
+                formula = formula.body
+            case Always(body=Forall() as inner):
+                formula = replace(inner, body=replace(formula, body=inner.body))
+            case _:
+                return found, formula
 
 
 def is_about_one_state(node: Formula | Term) -> bool:

@@ -47,7 +47,7 @@ from dyknow_reasoning.language.functions import (
     with_numbers,
 )
 from dyknow_reasoning.language.grammar import LANGUAGE
-from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
+from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.quantities import with_converted_numbers
 from dyknow_reasoning.language.soon import without_soon
 from dyknow_reasoning.language.spatial import (
@@ -251,23 +251,6 @@ def _unit_text(token: Token) -> str:
     return unit
 
 
-def _connective(kind: Callable[..., Formula]) -> Callable[..., Formula]:
-    def build(_: object, left: Formula | Term, right: Formula | Term) -> Formula:
-        return kind(_formula(left), _formula(right), position=left.position)
-
-    return build
-
-
-def _binary(kind: Callable[..., Formula]) -> Callable[..., Formula]:
-    def build(
-        _: object, left: Formula | Term, interval: Interval | None, right: Formula | Term
-    ) -> Formula:
-        interval = interval or ALL_FUTURE
-        return kind(_formula(left), _formula(right), interval, position=left.position)
-
-    return build
-
-
 def _quantifier(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     def build(_: object, _word: Token, *parts: Any) -> Formula:
         *variables, body = parts
@@ -279,13 +262,21 @@ def _quantifier(kind: Callable[..., Formula]) -> Callable[..., Formula]:
     return build
 
 
-_TEMPORAL: Final[Mapping[str, Callable[..., Formula]]] = {
-    kind.symbol: kind for kind in get_args(syntax.FutureFormula | syntax.PastFormula)
+_OPERATORS: Final[Mapping[str, Callable[..., Formula]]] = {
+    **{kind.symbol: kind for kind in get_args(syntax.FutureFormula | syntax.PastFormula)},
+    'not_': syntax.Not,
+    'and_': syntax.And,
+    'or_': syntax.Or,
+    'implies': syntax.Implies,
+    'equivalent': syntax.Equivalent,
+    'holds_until': sugar.holds_until,
+    'unless': sugar.unless,
+    'release': sugar.release,
 }
-
+"""The operators by their rules: temporal ones by their words."""
 
 _NO_OPERANDS: Final = Token | Interval | None
-"""The other children of the rules of temporal operators: words and intervals."""
+"""The other children of the rules of operators: words and intervals."""
 
 
 @builder
@@ -300,23 +291,16 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
         super().__init__()
         self._constants = dict(constants)
 
-    equivalent = _connective(syntax.Equivalent)
-    implies = _connective(syntax.Implies)
-    or_ = _connective(syntax.Or)
-    and_ = _connective(syntax.And)
-    holds_until = _binary(sugar.holds_until)
-    unless = _binary(sugar.unless)
-    release = _binary(sugar.release)
     forall = _quantifier(syntax.Forall)
     exists = _quantifier(syntax.Exists)
 
     def __default__(self, rule: str, children: Sequence[Any], meta: Any) -> Formula:
-        """Build a temporal operator, whose rule has the name of its word."""
+        """Build an operator over formulas."""
         operands = [_formula(each) for each in children if not isinstance(each, _NO_OPERANDS)]
         intervals = [each for each in children if isinstance(each, Interval)]
         is_infix = len(operands) > 1
         position = operands[0].position if is_infix else TextPosition.of(meta)
-        return _TEMPORAL[rule](*operands, *intervals, position=position)
+        return _OPERATORS[rule](*operands, *intervals, position=position)
 
     def variable(self, name: Token, sort: Token | None) -> tuple[str, str]:
         return str(name), str(sort or f'?{name}')
@@ -428,9 +412,6 @@ class _FormulaBuilder(SyntaxBuilder[Any]):
     def over(self, links: LinkEnd, origin: Token, place: Token, body: Formula | Term) -> Formula:
         start = terms.Object(str(origin), position=TextPosition.of(origin))
         return Over(str(place), links.sort, _formula(body), links, start)
-
-    def not_(self, _word: Token, body: Formula | Term) -> Formula:
-        return syntax.Not(_formula(body))
 
     def comparison(self, left: Formula | Term, operator: Token, right: Formula | Term) -> Formula:
         symbol = comparison_value(operator)

@@ -39,6 +39,7 @@ class LinkLength(SyntaxNode):
     condition: Any
     weight: Term | None
     place: tuple[Term, ...] = ()
+    part_names: ClassVar[tuple[str, ...]] = ('place', 'condition', 'weight')
 
     def __str__(self) -> str:
         text = str(self.condition)
@@ -80,6 +81,7 @@ class Over(Quantifier):
     links: LinkEnd
     origin: Any
     symbol: ClassVar[str] = 'over'
+    part_names: ClassVar[tuple[str, ...]] = ('links', 'origin', 'body')
 
     def __str__(self) -> str:
         return f'over {self.links} from {self.origin} to {self.variable}: {operand_text(self.body)}'
@@ -159,6 +161,7 @@ class Spatial(SyntaxNode):
     right: Any
     place: str = ''
     links: Any = None
+    part_names: ClassVar[tuple[str, ...]] = ('left', 'right')
 
     def __str__(self) -> str:
         return self.with_right(str(self.right))

@@ -32,7 +32,7 @@ from dyknow_reasoning.language.formula import (
     walk,
     with_changed_parts,
 )
-from dyknow_reasoning.language.interval import Interval
+from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
 from dyknow_reasoning.language.spatial import DistanceInterval, Spatial
 from dyknow_reasoning.language.terms import Object, Term, Variable
 
@@ -77,7 +77,7 @@ def spatial(
 
 
 def holds_until(
-    left: Formula, right: Formula, interval: Interval, position: TextPosition
+    left: Formula, right: Formula, interval: Interval = ALL_FUTURE, *, position: TextPosition
 ) -> Formula:
     """Return `until` whose left side must hold from the present state to before the right one."""
     return checked_size(_holds_until(left, right, interval, position), 'holds until')
@@ -91,14 +91,18 @@ def _holds_until(
     return Or(right, found, position=position) if interval.start == 0 else found
 
 
-def unless(left: Formula, right: Formula, interval: Interval, position: TextPosition) -> Formula:
+def unless(
+    left: Formula, right: Formula, interval: Interval = ALL_FUTURE, *, position: TextPosition
+) -> Formula:
     """Return the weak until: the left side holds until the right one does, or to the end."""
     throughout = Always(left, Interval(0, interval.end), position=position)
     strong = _holds_until(left, right, interval, position)
     return checked_size(Or(strong, throughout, position=position), 'unless')
 
 
-def release(left: Formula, right: Formula, interval: Interval, position: TextPosition) -> Formula:
+def release(
+    left: Formula, right: Formula, interval: Interval = ALL_FUTURE, *, position: TextPosition
+) -> Formula:
     """Return the dual of `holds until`: the right side holds until the left one has held."""
     not_left, not_right = (Not(side, position=side.position) for side in (left, right))
     found = Not(_holds_until(not_left, not_right, interval, position), position=position)

@@ -107,6 +107,7 @@ class Feature(SyntaxNode):
 
     name: str
     arguments: tuple[Object | Variable, ...] = ()
+    part_names: ClassVar[tuple[str, ...]] = ('arguments',)
 
     def __str__(self) -> str:
         if not self.arguments:
@@ -143,6 +144,7 @@ class Operation(SyntaxNode):
     operator: str
     left: Term
     right: Term
+    part_names: ClassVar[tuple[str, ...]] = ('left', 'right')
 
     def __str__(self) -> str:
         return f'{operand_text(self.left)} {self.operator} {operand_text(self.right)}'
@@ -166,6 +168,7 @@ class Function(SyntaxNode):
     name: str
     arguments: tuple[Term, ...]
     aggregate: Aggregate | None = field(default=None, compare=False, kw_only=True)
+    part_names: ClassVar[tuple[str, ...]] = ('arguments',)
 
     def __str__(self) -> str:
         if self.aggregate is not None:
@@ -181,6 +184,7 @@ class Quantifier(SyntaxNode):
     sort: str
     body: Any
     symbol: ClassVar[str]
+    part_names: ClassVar[tuple[str, ...]] = ('body',)
 
     def __str__(self) -> str:
         sort = f' in {self.sort}' if self.is_sorted else ''
@@ -218,6 +222,7 @@ class PastTerm(SyntaxNode):
     """A value that depends on earlier states; it comes from `execution.past.past_comparisons`."""
 
     body: Any
+    part_names: ClassVar[tuple[str, ...]] = ('body',)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,6 +262,7 @@ class Kept(SyntaxNode):
 
     name: str
     body: Any
+    part_names: ClassVar[tuple[str, ...]] = ('body',)
 
     def __str__(self) -> str:
         return self.name
@@ -279,6 +285,7 @@ class Uncertain(SyntaxNode):
     deviation: Any
     time_constant: int | None = None
     covariances: tuple[Covariance, ...] = ()
+    part_names: ClassVar[tuple[str, ...]] = ('mean', 'deviation', 'covariances')
 
     def __str__(self) -> str:
         time = '' if self.time_constant is None else f', {format_duration(self.time_constant)}'

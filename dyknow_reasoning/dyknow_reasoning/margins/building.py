@@ -72,7 +72,6 @@ from dyknow_reasoning.progression.atoms import fields
 from dyknow_reasoning.progression.instances import (
     Domains,
     ground,
-    ground_atom,
     objects_of,
     with_origin,
 )
@@ -358,25 +357,23 @@ class MarginBuilder:
 
     def _signal(self, atom: StateAtom, context: _Context) -> int:
         """Return the number of the margins of an atom for some objects, or of its negation."""
-        ground = [ground_atom(atom, binding, self._domains) for binding in context.bindings]
-        numbers = tuple(map(self._number, ground))
+        atoms = [ground(atom, binding, self._domains) for binding in context.bindings]
+        numbers = tuple(map(self._number, atoms))
         key = context.positive, numbers
         if key not in self._known_signals:
             self._known_signals[key] = len(self.signals)
-            self.signals.append(
-                AtomMargins(ground, numbers, self._kinds, positive=context.positive)
-            )
+            self.signals.append(AtomMargins(atoms, numbers, self._kinds, positive=context.positive))
         return self._known_signals[key]
 
-    def _number(self, ground: StateAtom) -> int:
+    def _number(self, atom: StateAtom) -> int:
         """Return the number of an atom without variables."""
-        text = str(ground)
+        text = str(atom)
         if text not in self._numbers:
             self._numbers[text] = len(self.atoms)
-            self.atoms.append(str(as_written(ground)))
-            self.fields.update(map(str, fields(ground)))
-            if isinstance(ground, Comparison) and compares_past(ground):
-                self.past.append(ground)
+            self.atoms.append(str(as_written(atom)))
+            self.fields.update(map(str, fields(atom)))
+            if isinstance(atom, Comparison) and compares_past(atom):
+                self.past.append(atom)
         return self._numbers[text]
 
     def _objects(self, formula: Forall | Exists | Count) -> Sequence[str]:

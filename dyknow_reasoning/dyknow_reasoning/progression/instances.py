@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from itertools import product
 from typing import Any, NamedTuple, TypeAlias, cast
 
 from dyknow_common import Symbol, Verdict, listed, shortened
@@ -37,6 +38,7 @@ from dyknow_reasoning.language.formula import (
     compares_past,
     joined,
     looks_forward,
+    outermost_foralls,
     parts,
     walk,
     with_changed_parts,
@@ -126,7 +128,7 @@ def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[I
         ReasoningError: for a sort without a domain.
     """
     instances: dict[tuple[Node, tuple[Atom, ...]], Instance] = {}
-    for binding, body in _instances(formula, domains, {}):
+    for binding, body in _instances(formula, domains):
         translator = Translator(store, domains)
         node = translator.node(body, binding)
         atoms = tuple(translator.slots)
@@ -191,18 +193,8 @@ def ground_atoms(formula: Formula, domains: Domains) -> list[tuple[Binding, tupl
     """
     return [
         (binding, tuple(dict.fromkeys(_ground_atoms(body, binding, domains))))
-        for binding, body in _instances(formula, domains, {})
+        for binding, body in _instances(formula, domains)
     ]
-
-
-def ground_atom(atom: StateAtom, binding: Binding, domains: Domains) -> StateAtom:
-    """Return an atom with objects for its variables, and the operands of its aggregates.
-
-    Raises:
-        ReasoningError: for a sort without a domain; for an extreme of no objects.
-    """
-    found: StateAtom = ground(atom, binding, domains)
-    return found
 
 
 def with_origin(formula: Over, binding: Binding) -> Binding:
@@ -211,48 +203,28 @@ def with_origin(formula: Over, binding: Binding) -> Binding:
     return {**binding, formula.variable: origin}
 
 
-def _ground_atoms(  # noqa: C901 - one for each kind
-    formula: Formula, binding: Binding, domains: Domains
-) -> Iterator[StateAtom]:
-    match formula:
-        case Comparison() if any(isinstance(each, Kept) for each in walk(formula)):
-            pass  # It depends on an earlier state, too.
-        case Freeze():
-            yield from _ground_atoms(formula.body, binding, domains)
-        case Feature() | FieldReference() | Comparison():
-            yield ground_atom(formula, binding, domains)
-        case (
-            Forall(variable, sort, body)
-            | Exists(variable, sort, body)
-            | Count(variable, sort, body)
-        ):
-            for name in objects_of(sort, domains):
-                yield from _ground_atoms(body, {**binding, variable: name}, domains)
-        case Over():
-            yield from _ground_atoms(formula.body, with_origin(formula, binding), domains)
-        case Spatial():
-            for name in objects_of(formula.links.sort, domains):
-                for part in parts(formula):
-                    there = {**binding, formula.place: name}
-                    yield from _ground_atoms(cast('Formula', part), there, domains)
-        case _:
-            for part in parts(formula):
-                yield from _ground_atoms(cast('Formula', part), binding, domains)
+def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Iterator[StateAtom]:
+    pending: list[Any] = [ground(formula, binding, domains)]
+    while pending:
+        each = pending.pop()
+        match each:
+            case Comparison() if any(isinstance(part, Kept) for part in walk(each)):
+                pass  # It depends on an earlier state, too.
+            case Feature() | FieldReference() | Comparison():
+                yield each
+            case Freeze(body=body):
+                pending.append(body)
+            case SpatialAtom(places=places):
+                pending += reversed([*places.lefts, *places.rights])
+            case _:
+                pending += reversed(parts(each))
 
 
-def _instances(
-    formula: Formula, domains: Domains, binding: Binding
-) -> Iterator[tuple[Binding, Formula]]:
-    match formula:
-        case Forall(variable, sort, body):
-            for name in objects_of(sort, domains):
-                yield from _instances(body, domains, {**binding, variable: name})
-        case Always(body=Forall() as inner):
-            # `always` and `forall` commute; separate instances are cheaper than a junction.
-            outer = replace(inner, body=replace(formula, body=inner.body))
-            yield from _instances(outer, domains, binding)
-        case _:
-            yield binding, formula
+def _instances(formula: Formula, domains: Domains) -> Iterator[tuple[Binding, Formula]]:
+    # Separate instances are cheaper than a junction.
+    every, body = outermost_foralls(formula)
+    for names in product(*(objects_of(each.sort, domains) for each in every)):
+        yield {each.variable: name for each, name in zip(every, names, strict=True)}, body
 
 
 class Translator:

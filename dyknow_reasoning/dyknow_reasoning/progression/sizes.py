@@ -7,13 +7,13 @@ happens during the work, may leave less.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import prod
 from typing import TypeAlias, cast
 
 from dyknow_common import MAX_FORMULA_PARTS, amount
 from dyknow_reasoning.errors import ReasoningError
 from dyknow_reasoning.language.formula import (
-    Always,
     Comparison,
     Count,
     CountBound,
@@ -22,6 +22,7 @@ from dyknow_reasoning.language.formula import (
     Forall,
     Formula,
     is_about_one_state,
+    outermost_foralls,
     parts,
 )
 from dyknow_reasoning.language.spatial import Over, Spatial
@@ -85,16 +86,9 @@ def formula_size(formula: Formula, counts: Counts) -> FormulaSize:
         formula: the formula.
         counts: the number of objects of each sort.
     """
-    instances = 1
-    while True:
-        match formula:
-            case Forall(_, sort, body):
-                instances *= counts.get(sort, 1)
-                formula = body
-            case Always(body=Forall() as inner):
-                formula = replace(inner, body=replace(formula, body=inner.body))
-            case _:
-                return FormulaSize(instances, _parts(formula, counts))
+    every, body = outermost_foralls(formula)
+    instances = prod(counts.get(each.sort, 1) for each in every)
+    return FormulaSize(instances, _parts(body, counts))
 
 
 def check_size(size: FormulaSize, limits: FormulaLimits, *, others: int = 0) -> None:
