@@ -46,7 +46,7 @@ from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.language.uncertain_features import check_asked_once
 from dyknow_reasoning.margins.group_margins import GroupMargins
-from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.atoms import IF_UNKNOWN, Values
 from dyknow_reasoning.progression.instances import (
     Domains,
     Instance,
@@ -311,13 +311,14 @@ class FormulaGroup:
         results = self._results_of_known() if self._known else []
         standing = self.standing
         try:
-            if possible.waiting and (met := possible.met(values)):
-                self._take_as_possible(met, monitor)
+            met = possible.met(values) if possible.waiting else ()
+            left = self._take_as_possible(met, monitor) if met else ()
             if margins := self._margins.running:
                 self._margins.progress(valid_time, values)
             if looks_back := monitor.histories.registers or monitor.histories.memories:
                 values = monitor.histories.extended(valid_time, values)
             outcomes: Mapping[int, Outcome | PossibleVerdict] = monitor.progress(valid_time, values)
+            outcomes = {**outcomes, **self._unknown_at_gap(left, outcomes)} if left else outcomes
             if standing.formulas and (failures := standing.progress(valid_time, values, omitted)):
                 outcomes = {**outcomes, **failures}
             if possible.formulas:
@@ -329,6 +330,21 @@ class FormulaGroup:
         others = margins or looks_back or possible.waiting or possible.formulas
         self._alone = None if others else monitor
         return results
+
+    def _unknown_at_gap(
+        self, formulas: Iterable[int], outcomes: Mapping[int, Outcome | PossibleVerdict]
+    ) -> Mapping[int, ReasoningError]:
+        """Return the errors of formulas that need an unknown value, which a gap makes unusable."""
+        found: dict[int, ReasoningError] = {}
+        for each in formulas:
+            error = outcomes.get(each)
+            keeps_values = any(instance.keeps_values for instance in self._instances[each])
+            if isinstance(error, ReasoningError) and not keeps_values:
+                fault = error.message.partition(IF_UNKNOWN)[0]
+                reason = 'earlier states that are missing or unusable still have an effect'
+                message = f'{fault}; it may not be unknown while {reason}'
+                found[each] = ReasoningError(message, error.code)
+        return found
 
     def progress_many(
         self, valid_times: Iterable[int], columns: Mapping[str, Iterable[Any]]

@@ -548,6 +548,17 @@ def test_a_gap_beside_an_unknown_value_is_an_error(
     assert 'depends on states that are missing' in str(result.error)
 
 
+@pytest.mark.parametrize('value', [None, float('nan')])
+def test_an_unknown_value_while_a_gap_has_an_effect(value: float | None) -> None:
+    group = started('always (x > 1 or p)')
+    group.progress(0, {'x': 2, 'p': False})
+    group.gap()
+    assert not group.progress(8, {'x': 2, 'p': False})
+    (result,) = group.progress(9, {'x': value, 'p': False})
+    reason = "'x' holds (nan|a value of type NoneType), not a number; it may not be unknown while"
+    assert re.search(f'{reason} earlier states that are missing', str(result.error))
+
+
 COMPARED = st.one_of(EXACT, SOUND).filter(lambda atom: 'count' not in str(atom))
 
 
