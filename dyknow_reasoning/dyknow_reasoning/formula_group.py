@@ -38,7 +38,7 @@ from dyknow_reasoning.execution import (
 from dyknow_reasoning.explanation.explanation import VerdictReasons, explain, without_states
 from dyknow_reasoning.explanation.remainders import Remainders, possible_text
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
-from dyknow_reasoning.language.formula import Formula, walk
+from dyknow_reasoning.language.formula import Formula, contains
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.spatial import Over
@@ -521,7 +521,7 @@ class FormulaGroup:
 
     def _watch(self, formula_id: int, formula: Formula, instances: Sequence[Instance]) -> bool:
         """Watch unknown values; return True if there may be some. Over links, each is an error."""
-        is_over_links = any(isinstance(each, Over) for each in walk(formula))
+        is_over_links = contains(formula, Over)
         return not is_over_links and self._possible.watch(formula_id, instances)
 
     def _take_as_possible(self, formulas: Iterable[int], monitor: InstanceMonitor) -> list[int]:

@@ -26,11 +26,11 @@ from dyknow_reasoning.language.formula import (
     Freeze,
     PastFormula,
     compares_past,
+    contains,
     is_about_one_state,
     walk,
 )
 from dyknow_reasoning.language.spatial import Over
-from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
 from dyknow_reasoning.progression.instances import (
@@ -110,7 +110,7 @@ class _Watched:
             _WatchedAtom(
                 each,
                 kinds,
-                {str(feature_symbol(field, {})) for field in fields(each)},
+                set(map(str, fields(each))),
                 None if compares_past(each) else predicate(each, kinds),
             )
             for each in found
@@ -129,7 +129,7 @@ class _Watched:
 
     def differs(self, values: Values) -> bool:
         """Return True if it may depend on which of the alternatives is true."""
-        if any(isinstance(each, Over | Freeze) for each in walk(self.named.formula)):
+        if contains(self.named.formula, Over | Freeze):
             return True
         try:
             return any(each.differs(values) for each in self._atoms)

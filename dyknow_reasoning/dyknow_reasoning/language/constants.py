@@ -23,6 +23,7 @@ from dyknow_reasoning.language.formula import (
     PastFormula,
     Soon,
     SpatialSyntax,
+    contains,
     walk,
     with_changed_parts,
 )
@@ -80,7 +81,7 @@ def without_lets(formula: Formula, constants: Constants) -> tuple[Formula, Units
         return formula, units
     known = {name: (value, NOWHERE) for name, value in constants}
     replaced: Formula = _replaced(formula, known, is_operand=False)
-    if any(isinstance(node, Freeze) for node in walk(replaced)):
+    if contains(replaced, Freeze):
         _check_kept(replaced)
     names = {name.name: name.position for let in lets for name, _ in let.constants}
     _check_uses(replaced, {**dict.fromkeys(known, NOWHERE), **names})

@@ -426,9 +426,14 @@ def walk(node: Formula | Term) -> Iterator[Formula | Term]:
         pending.extend(reversed(parts(each)))
 
 
+def contains(node: Formula | Term, kinds: Any) -> bool:
+    """Return True if a node, or one in it, is of some types."""
+    return any(isinstance(each, kinds) for each in walk(node))
+
+
 def looks_forward(formula: Formula) -> bool:
     """Return True if a formula contains an operator of the future: one state may not decide it."""
-    return any(isinstance(each, FutureFormula) for each in walk(formula))
+    return contains(formula, FutureFormula)
 
 
 def outermost_foralls(formula: Formula) -> tuple[list[Forall], Formula]:
@@ -451,9 +456,9 @@ def outermost_foralls(formula: Formula) -> tuple[list[Forall], Formula]:
 def is_about_one_state(node: Formula | Term) -> bool:
     """Return True if a formula contains neither an operator nor a value of other states."""
     kinds = FutureFormula | PastFormula | PastTerm | Freeze
-    return not any(isinstance(each, kinds) for each in walk(node))
+    return not contains(node, kinds)
 
 
 def compares_past(node: Formula | Term) -> bool:
     """Return True for a comparison with a value of the past, directly or in an operand."""
-    return isinstance(node, Comparison) and any(isinstance(each, PastTerm) for each in walk(node))
+    return isinstance(node, Comparison) and contains(node, PastTerm)

@@ -32,7 +32,7 @@ from dyknow_reasoning.language.formula import (
     Not,
     Or,
     Soon,
-    walk,
+    contains,
     with_changed_parts,
 )
 from dyknow_reasoning.language.sugar import checked_size
@@ -107,7 +107,7 @@ def without_soon(node: Any) -> Any:
     Raises:
         PositionedError: for a body that no forecast can decide.
     """
-    if not any(isinstance(each, Soon) for each in walk(node)):
+    if not contains(node, Soon):
         return node
     if isinstance(node, Soon):
         return checked_size(_Possible(node.horizon).formula(node.body), 'soon')
@@ -154,7 +154,7 @@ class _Possible:
             sides = left[bound], right[bound.other]
             return Comparison(symbol, *sides, position=node.position)
 
-        if not any(isinstance(each, Feature) for each in walk(node)):
+        if not contains(node, Feature):
             message = f"'{shortened(node)}' has no feature; write it outside of 'soon'"
             raise PositionedError(message, node.position)
         if operator == '=':

@@ -8,6 +8,7 @@ from typing import Any
 from dyknow_common import PositionedError
 from dyknow_reasoning.language.formula import (
     Formula,
+    contains,
     is_about_one_state,
     walk,
     with_changed_parts,
@@ -68,7 +69,7 @@ def _check_operator(node: Spatial, links: LinkEnd) -> None:
 
 def _check_links(node: Over) -> None:
     link = node.links.link
-    if not is_about_one_state(link) or any(isinstance(e, Over | Spatial) for e in walk(link)):
+    if not is_about_one_state(link) or contains(link, Over | Spatial):
         message = 'links depend on the present state alone; leave out operators of time and space'
         raise PositionedError(message, node.position)
     second = node.links.body.variable

@@ -18,6 +18,7 @@ from dyknow_reasoning.language.formula import (
     Comparison,
     Formula,
     Let,
+    contains,
     looks_forward,
     walk,
     with_changed_parts,
@@ -101,12 +102,12 @@ def check_limits(formula: Formula) -> None:
 
 def asks_for_probability(formula: Formula) -> bool:
     """Return True if a formula has a `P(...)`."""
-    return any(isinstance(each, Probability) for each in walk(formula))
+    return contains(formula, Probability)
 
 
 def is_uncertain(formula: Formula) -> bool:
     """Return True if a formula has a number that is not known exactly."""
-    return any(isinstance(each, Uncertain) for each in walk(formula))
+    return contains(formula, Uncertain)
 
 
 def best_estimate(node: Any) -> Any:

@@ -36,11 +36,11 @@ from dyknow_reasoning.language.formula import (
     StateAtom,
     Until,
     compares_past,
+    contains,
     joined,
     looks_forward,
     outermost_foralls,
     parts,
-    walk,
     with_changed_parts,
 )
 from dyknow_reasoning.language.spatial import Over, Spatial, SpatialAtom
@@ -208,7 +208,7 @@ def _ground_atoms(formula: Formula, binding: Binding, domains: Domains) -> Itera
     while pending:
         each = pending.pop()
         match each:
-            case Comparison() if any(isinstance(part, Kept) for part in walk(each)):
+            case Comparison() if contains(each, Kept):
                 pass  # It depends on an earlier state, too.
             case Feature() | FieldReference() | Comparison():
                 yield each
@@ -507,7 +507,7 @@ def _value_without_state(atom: Comparison) -> bool | None:
     Raises:
         ReasoningError: if it has no value, such as `1 / 0 > 2`.
     """
-    if any(isinstance(each, Feature | FieldReference | Uncertain) for each in walk(atom)):
+    if contains(atom, Feature | FieldReference | Uncertain):
         return None
     try:
         return predicate(atom, {})({})

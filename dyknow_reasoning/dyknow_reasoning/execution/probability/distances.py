@@ -26,7 +26,7 @@ import numpy.typing as npt
 from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.execution.probability.sums import Sum, sum_of
-from dyknow_reasoning.language.formula import Comparison, walk
+from dyknow_reasoning.language.formula import Comparison, contains
 from dyknow_reasoning.language.terms import Function, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, term_reader
@@ -155,7 +155,7 @@ def distance_of(atom: Comparison, kinds: Kinds) -> DistanceAtom | None:
         (atom.left, atom.right, atom.operator),
         (atom.right, atom.left, mirrored),
     ):
-        if not isinstance(function, Function) or any(isinstance(e, Uncertain) for e in walk(other)):
+        if not isinstance(function, Function) or contains(other, Uncertain):
             continue
         sums = [found for each in function.arguments if (found := sum_of(each, kinds))]
         if len(sums) == len(function.arguments) <= _OPERANDS.get(function.name, 0):

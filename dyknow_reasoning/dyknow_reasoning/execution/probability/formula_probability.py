@@ -40,7 +40,7 @@ from dyknow_reasoning.execution.probability.bounds import operator_of, state_par
 from dyknow_reasoning.execution.probability.distributions import Cells, Chance, StateDistribution
 from dyknow_reasoning.execution.probability.simulation import RUNS, CountedSamples, SimulatedRuns
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
-from dyknow_reasoning.language.formula import Atom, Comparison, Previous, walk
+from dyknow_reasoning.language.formula import Atom, Comparison, Previous, contains
 from dyknow_reasoning.language.parsing import parse_formula
 from dyknow_reasoning.language.terms import Probability, Sampled, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds, check_types
@@ -85,7 +85,7 @@ class FormulaProbability:
     """
 
     def __init__(self, node: Node, atoms: Sequence[Atom], kinds: Kinds) -> None:
-        if not any(isinstance(each, Uncertain) for atom in atoms for each in walk(atom)):
+        if not any(contains(atom, Uncertain) for atom in atoms):
             raise ReasoningError(
                 "nothing in 'P(...)' is uncertain; give a feature an uncertainty, or write "
                 'normal(x, DEVIATION) or within(x, ERROR)'

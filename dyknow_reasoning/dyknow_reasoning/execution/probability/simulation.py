@@ -28,7 +28,7 @@ from dyknow_reasoning.execution.probability.distributions import (
     StateDistribution,
     no_distribution,
 )
-from dyknow_reasoning.language.formula import Atom, Comparison, walk
+from dyknow_reasoning.language.formula import Atom, Comparison, contains
 from dyknow_reasoning.language.terms import Arithmetic, Function, Term, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import CALCULATE, Values, predicate, term_reader
@@ -275,7 +275,7 @@ def _vector_reader(
     atom: Atom, kinds: Kinds, numbers: Sequence[Uncertain]
 ) -> Callable[[Values, _Vectors], Any]:
     """Return the truth of an atom in each run, or its only truth."""
-    if not isinstance(atom, Comparison) or not _is_uncertain(atom):
+    if not isinstance(atom, Comparison) or not contains(atom, Uncertain):
         holds = predicate(atom, kinds)
         return lambda values, _: holds(values)
     compare = COMPARISONS[atom.operator]
@@ -294,7 +294,7 @@ def _number_reader(
     if isinstance(term, Uncertain):
         index = numbers.index(term)
         return lambda _, vectors: vectors[index]
-    if not _is_uncertain(term):
+    if not contains(term, Uncertain):
         read_one = term_reader(term, kinds)
         return lambda values, _: read_one(values)
     if not isinstance(term, Arithmetic | Function):
@@ -314,10 +314,6 @@ def _number_reader(
         return result
 
     return read
-
-
-def _is_uncertain(node: Any) -> bool:
-    return any(isinstance(each, Uncertain) for each in walk(node))
 
 
 def _clopper_pearson() -> Callable[..., Chance]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from dyknow_reasoning.language.formula import walk
+from dyknow_reasoning.language.formula import contains
 from dyknow_reasoning.language.terms import Arithmetic, Number, Term, Uncertain
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Values, term_reader
@@ -40,7 +40,7 @@ def sum_of(term: Term, kinds: Kinds) -> Sum | None:  # noqa: PLR0911 - one for e
     """Return a term as a sum; None if it is not linear in its uncertain numbers."""
     if isinstance(term, Uncertain):
         return Sum({term: 1.0}, ())
-    if not any(isinstance(each, Uncertain) for each in walk(term)):
+    if not contains(term, Uncertain):
         return Sum({}, ((1.0, term_reader(term, kinds)),))
     match term:
         case Arithmetic('+' | '-' as operator, left, right):
