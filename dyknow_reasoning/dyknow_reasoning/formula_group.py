@@ -46,7 +46,7 @@ from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.language.uncertain_features import check_asked_once
 from dyknow_reasoning.margins.group_margins import GroupMargins
-from dyknow_reasoning.progression.atoms import IF_UNKNOWN, Values
+from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import (
     Domains,
     Instance,
@@ -178,7 +178,6 @@ class FormulaGroup:
         self._release(formula_id)
         self._margins.remove(formula_id)
         self.standing.remove(formula_id)
-        self._possible.remove(formula_id)
         for each in (self._formulas, self._sizes, self._instances, self._known, self._ends):
             each.pop(formula_id, None)
 
@@ -318,7 +317,8 @@ class FormulaGroup:
             if looks_back := monitor.histories.registers or monitor.histories.memories:
                 values = monitor.histories.extended(valid_time, values)
             outcomes: Mapping[int, Outcome | PossibleVerdict] = monitor.progress(valid_time, values)
-            outcomes = {**outcomes, **self._unknown_at_gap(left, outcomes)} if left else outcomes
+            if left:
+                outcomes = {**outcomes, **possible.errors_at_gap(left, outcomes, self._instances)}
             if standing.formulas and (failures := standing.progress(valid_time, values, omitted)):
                 outcomes = {**outcomes, **failures}
             if possible.formulas:
@@ -330,21 +330,6 @@ class FormulaGroup:
         others = margins or looks_back or possible.waiting or possible.formulas
         self._alone = None if others else monitor
         return results
-
-    def _unknown_at_gap(
-        self, formulas: Iterable[int], outcomes: Mapping[int, Outcome | PossibleVerdict]
-    ) -> Mapping[int, ReasoningError]:
-        """Return the errors of formulas that need an unknown value, which a gap makes unusable."""
-        found: dict[int, ReasoningError] = {}
-        for each in formulas:
-            error = outcomes.get(each)
-            keeps_values = any(instance.keeps_values for instance in self._instances[each])
-            if isinstance(error, ReasoningError) and not keeps_values:
-                fault = error.message.partition(IF_UNKNOWN)[0]
-                reason = 'earlier states that are missing or unusable still have an effect'
-                message = f'{fault}; it may not be unknown while {reason}'
-                found[each] = ReasoningError(message, error.code)
-        return found
 
     def progress_many(
         self, valid_times: Iterable[int], columns: Mapping[str, Iterable[Any]]
@@ -521,8 +506,7 @@ class FormulaGroup:
 
     def _watch(self, formula_id: int, formula: Formula, instances: Sequence[Instance]) -> bool:
         """Watch unknown values; return True if there may be some. Over links, each is an error."""
-        is_over_links = contains(formula, Over)
-        return not is_over_links and self._possible.watch(formula_id, instances)
+        return not contains(formula, Over) and self._possible.watch(formula_id, instances)
 
     def _take_as_possible(self, formulas: Iterable[int], monitor: InstanceMonitor) -> list[int]:
         """Take formulas that meet open values from the monitor, before the state.

@@ -14,7 +14,6 @@ from dyknow_reasoning import (
     FormulaGroup,
     FormulaLimits,
     FormulaResult,
-    ReasoningError,
     parse_formula,
 )
 from dyknow_reasoning.language.formula import (
@@ -37,7 +36,6 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.terms import Feature, Kept
-from dyknow_reasoning.progression.past_operators import PreviousMemory
 from dyknow_reasoning.standing import start_verdicts
 
 CASES = random_cases(50)
@@ -310,11 +308,3 @@ def test_what_needs_no_state_has_one_result() -> None:
     group.add_formula('it', text)
     (result,) = group.progress(5, {'q': True})
     assert (result.verdict, result.error) == (Verdict.FALSE, None)
-
-
-def test_an_operator_may_refuse_operators_of_the_future(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(PreviousMemory, 'may_look_forward', False)
-    group = FormulaGroup()
-    group.add_formula('it', 'previous eventually[0, 1 s] p')
-    with pytest.raises(ReasoningError, match="which 'previous' does not allow; rewrite"):
-        group.begin({})

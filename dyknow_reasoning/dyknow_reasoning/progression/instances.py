@@ -12,7 +12,7 @@ from functools import lru_cache, partial
 from itertools import product
 from typing import Any, NamedTuple, TypeAlias, cast
 
-from dyknow_common import Symbol, Verdict, listed, shortened
+from dyknow_common import Symbol, Verdict, listed
 from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -273,11 +273,6 @@ class Translator:
             return self._literal(PastAtom(grounded), positive=True)
         *lefts, right = (self.node(cast('Formula', part), binding) for part in parts(formula))
         memory = memory_of(formula)
-        if not memory.may_look_forward:
-            raise ReasoningError(
-                f"'{shortened(formula)}' has an operator of the future in an operand, which "
-                f"'{formula.symbol}' does not allow; rewrite the formula without it"
-            )
         universal = is_dual(formula)
         left = lefts[0] if lefts else constant(value=not universal)
         return self._store.past_window(*memory.window, left, right, universal=universal)

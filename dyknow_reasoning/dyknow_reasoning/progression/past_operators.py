@@ -15,10 +15,9 @@ monotone in its operands: what makes them true never makes it false.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Hashable, Mapping
-from typing import ClassVar, Final
+from typing import Final, TypeAlias
 
 from dyknow_common import SyntaxNode
 from dyknow_reasoning.language.formula import Historically, Once, PastFormula, Previous, Since
@@ -28,74 +27,7 @@ from dyknow_reasoning.progression.gaps import Gap
 ALL_ROWS: Final = -1
 
 
-class PastMemory(ABC):
-    """The memory of an operator.
-
-    Args:
-        interval: of the operator, which reaches into the past.
-    """
-
-    __slots__ = ('interval', 'window')
-
-    may_look_forward: ClassVar[bool] = False
-    """True if `progression.progression` remembers operands that contain operators of the future."""
-
-    def __init__(self, interval: Interval) -> None:
-        self.interval = interval
-        self.window: tuple[int | None, int | None] = interval.start, interval.end
-        """The start and the end of the operator's node over operands with a future."""
-
-    @abstractmethod
-    def step(self, time: int, left: int, right: int) -> int:
-        """Step over a state: map the rows for which the operands hold to rows of the operator.
-
-        Args:
-            time: the valid time of the state, in nanoseconds.
-            left: of the left operand; ALL_ROWS for an operator with one operand.
-            right: of the right operand.
-        """
-
-    @abstractmethod
-    def of_row(self, row: int) -> PastMemory:
-        """Return a memory of one of the objects, which steps by itself."""
-
-    def constant(self, *, right: bool) -> bool | None:  # noqa: ARG002
-        """Return the truth of the operator at all states for a constant right operand.
-
-        Return None if it may change.
-        """
-        return None
-
-    @abstractmethod
-    def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:
-        """Take a gap, for one object: remember the states that make the operator true, or false.
-
-        The operator then has two memories, and is known again where both yield the same.
-
-        Args:
-            gap: the gap.
-            left_holds: True if the left operand is true at all states.
-            most: True to assume the most favourable states, False for the least favourable ones.
-        """
-
-    @abstractmethod
-    def lose(self, time: int) -> None:
-        """Take a state whose operands have no truth; `needs_lost` tells how long it matters."""
-
-    @abstractmethod
-    def needs_lost(self, now: int) -> bool:
-        """Return True if the operator at the next state, valid now, depends on a lost state."""
-
-    @property
-    @abstractmethod
-    def key(self) -> Hashable:
-        """Equal for memories of one operator that will always yield the same truth.
-
-        Lost states are not in it: the memories of an operator have lost the same ones.
-        """
-
-
-class SinceMemory(PastMemory):
+class SinceMemory:
     """The memory of `since` over an interval.
 
     `since[a, b]` remembers *candidates*: the states at which the right side held, and since which
@@ -113,15 +45,18 @@ class SinceMemory(PastMemory):
         2       no   1          3       yes
         4       yes  4          4       yes
         5       no   4          none    no
+
+    Args:
+        interval: of the operator, which reaches into the past.
     """
 
-    __slots__ = ('_end', '_lost', '_start', 'ends', 'holds', 'younger')
-
-    may_look_forward = True
+    __slots__ = ('_end', '_lost', '_start', 'ends', 'holds', 'interval', 'window', 'younger')
 
     def __init__(self, interval: Interval) -> None:
-        super().__init__(interval)
+        self.interval = interval
         self._start, self._end = interval.start, interval.end
+        self.window: tuple[int | None, int | None] = interval.start, interval.end
+        """The start and the end of the operator's node over operands with a future."""
         self.holds = 0
         """The rows with a candidate that is old enough."""
         self.ends: deque[tuple[int, int]] = deque()
@@ -131,7 +66,13 @@ class SinceMemory(PastMemory):
         self._lost: int | None = None
 
     def step(self, time: int, left: int, right: int) -> int:
-        """Step over a state: map the rows for which the operands hold to rows of the operator."""
+        """Step over a state: map the rows for which the operands hold to rows of the operator.
+
+        Args:
+            time: the valid time of the state, in nanoseconds.
+            left: of the left operand; ALL_ROWS for an operator with one operand.
+            right: of the right operand.
+        """
         if self.younger:
             self._mature(time)
         ends = self.ends
@@ -222,11 +163,22 @@ class SinceMemory(PastMemory):
         return found
 
     def constant(self, *, right: bool) -> bool | None:
-        """Return the truth of the operator at all states for a constant right operand, if any."""
+        """Return the truth of the operator at all states for a constant right operand.
+
+        Return None if it may change.
+        """
         return (None if self._start else True) if right else False
 
     def miss_states(self, gap: Gap, *, left_holds: bool, most: bool) -> None:
-        """Take a gap, for one object."""
+        """Take a gap, for one object: remember the states that make the operator true, or false.
+
+        The operator then has two memories, and is known again where both yield the same.
+
+        Args:
+            gap: the gap.
+            left_holds: True if the left operand is true at all states.
+            most: True to assume the most favourable states, False for the least favourable ones.
+        """
         if not most:
             self._keep(ALL_ROWS if left_holds else 0)
         elif self._start == 0:
@@ -235,7 +187,7 @@ class SinceMemory(PastMemory):
             self._add(gap.after + 1, gap.before - 1, 1)
 
     def lose(self, time: int) -> None:
-        """Take a state whose operands have no truth."""
+        """Take a state whose operands have no truth; `needs_lost` tells how long it matters."""
         self._keep(0)
         self._lost = time
 
@@ -245,19 +197,20 @@ class SinceMemory(PastMemory):
 
     @property
     def key(self) -> Hashable:
-        """Equal for memories of one operator that will always yield the same truth."""
+        """Equal for memories of one operator that will always yield the same truth.
+
+        Lost states are not in it: the memories of an operator have lost the same ones.
+        """
         return self.holds, tuple(self.ends), tuple(self.younger)
 
 
-class PreviousMemory(PastMemory):
+class PreviousMemory:
     """The memory of `previous`."""
 
-    __slots__ = ('_is_lost', 'rows')
-
-    may_look_forward = True
+    __slots__ = ('_is_lost', 'interval', 'rows', 'window')
 
     def __init__(self, interval: Interval) -> None:
-        super().__init__(interval)
+        self.interval = interval
         self.window = None, None
         self.rows = 0
         """The rows for which the operand held at the latest state."""
@@ -295,6 +248,9 @@ class PreviousMemory(PastMemory):
         """Equal for memories of one operator that will always yield the same truth."""
         return self.rows
 
+
+PastMemory: TypeAlias = SinceMemory | PreviousMemory
+"""The memory of an operator of the past."""
 
 _MEMORIES: Final[Mapping[type[SyntaxNode], type[PastMemory]]] = {
     Historically: SinceMemory,

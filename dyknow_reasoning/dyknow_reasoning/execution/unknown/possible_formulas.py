@@ -32,7 +32,7 @@ from dyknow_reasoning.execution.unknown.parts import FormulaPart, Instances, fea
 from dyknow_reasoning.execution.unknown.possibilities import Possibilities, Possibility
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
 from dyknow_reasoning.language.writing import as_written
-from dyknow_reasoning.progression.atoms import Values
+from dyknow_reasoning.progression.atoms import IF_UNKNOWN, Values
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
 from dyknow_reasoning.progression.instances import Instance, required_features
 from dyknow_reasoning.progression.nodes import Remembering, slots
@@ -472,6 +472,24 @@ class PossibleFormulas:
         if of.is_plain:
             self.formulas[formula_id] = found
         return of.is_plain
+
+    def errors_at_gap(
+        self,
+        formulas: Iterable[int],
+        outcomes: Mapping[int, Outcome | PossibleVerdict],
+        instances: Mapping[int, Sequence[Instance]],
+    ) -> Mapping[int, ReasoningError]:
+        """Return the errors of formulas that were not taken, and need an unknown value."""
+        found: dict[int, ReasoningError] = {}
+        for each in formulas:
+            error = outcomes.get(each)
+            keeps_values = any(instance.keeps_values for instance in instances[each])
+            if isinstance(error, ReasoningError) and not keeps_values:
+                fault = error.message.partition(IF_UNKNOWN)[0]
+                reason = 'earlier states that are missing or unusable still have an effect'
+                message = f'{fault}; it may not be unknown while {reason}'
+                found[each] = ReasoningError(message, error.code)
+        return found
 
     def remove(self, formula_id: int) -> None:
         """Remove a formula, if it is one of these."""
