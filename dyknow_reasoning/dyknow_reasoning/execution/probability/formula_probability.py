@@ -64,7 +64,7 @@ MAX_REMAINDERS: Final = 2000
 """The most remaining formulas; the least likely others are not followed, and stay undecided."""
 
 
-_Model: TypeAlias = 'RemainderChain | SimulatedRuns | CountedSamples | _BoundsModel'
+_Model: TypeAlias = 'RemainderChain | SimulatedRuns | _BoundsModel'
 """A way to compute the probability of a formula."""
 
 

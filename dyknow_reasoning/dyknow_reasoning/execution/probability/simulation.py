@@ -33,7 +33,7 @@ from dyknow_reasoning.language.terms import Arithmetic, Function, Term, Uncertai
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import CALCULATE, Values, predicate, term_reader
 from dyknow_reasoning.progression.functions import call_function_on_vectors
-from dyknow_reasoning.progression.nodes import Node, holds_at, slots
+from dyknow_reasoning.progression.nodes import Node, slots
 from dyknow_reasoning.progression.residual import holds_at_the_end
 
 RUNS: Final = 1000
@@ -69,7 +69,7 @@ class SimulatedRuns:
     def __init__(
         self, node: Node, atoms: Sequence[Atom], kinds: Kinds, distribution: StateDistribution
     ) -> None:
-        self._distribution = distribution
+        self._distribution, self._kinds, self._runs = distribution, kinds, RUNS
         self._interval = _clopper_pearson()
         self._readers = _vector_readers(node, atoms, kinds, distribution.numbers)
         self._automaton = Automaton(node)
@@ -110,14 +110,14 @@ class SimulatedRuns:
 
     def chance(self) -> Chance:
         """Return the interval of the probability, for any states that may come."""
-        return self._interval(self._counts[True], RUNS - self._counts[False])
+        return self._interval(self._counts[True], self._runs - self._counts[False], self._runs)
 
     def chance_at_end(self) -> Chance:
         """Return the interval if no further state comes."""
         counts = np.bincount(self._at, minlength=len(self._places)).tolist()
         places = zip(self._places, counts, strict=True)
         held = sum(count for (each, _), count in places if holds_at_the_end(each.node))
-        return self._interval(self._counts[True] + held, self._counts[True] + held)
+        return self._interval(self._counts[True] + held, self._counts[True] + held, self._runs)
 
     def copied(self) -> SimulatedRuns:
         """Return a copy, which takes states by itself; it draws the same errors."""
@@ -177,62 +177,27 @@ class SimulatedRuns:
             self._errors = [each[is_open] for each in self._errors]
 
 
-class CountedSamples:
-    """The share of the samples of a state for which a formula without temporal operators holds.
+class CountedSamples(SimulatedRuns):
+    """The samples of a state, in place of runs of a formula without temporal operators.
 
     Sample i of each number is of one particle, so the atoms of the state have their joint truth.
-    Arguments and errors as of `SimulatedRuns`.
     """
 
-    def __init__(
-        self, node: Node, atoms: Sequence[Atom], kinds: Kinds, distribution: StateDistribution
-    ) -> None:
-        self._node, self._numbers = node, distribution.numbers
-        self._interval = _clopper_pearson()
-        self._samples = [term_reader(each.deviation, kinds) for each in self._numbers]
-        self._readers = _vector_readers(node, atoms, kinds, self._numbers)
-        self._known: Chance | None = None
-
-    @property
-    def is_final(self) -> bool:
-        """True after the first state."""
-        return self._known is not None
-
-    def step(self, time: int, values: Values) -> None:  # noqa: ARG002
-        """Take a state; raise ReasoningError if a value is unusable."""
-        if self._known is not None:
-            return
+    def _drawn(self, time: int, values: Values) -> _Vectors:  # noqa: ARG002
+        numbers = self._distribution.numbers
         vectors = [
-            _samples_of(number, read(values))
-            for number, read in zip(self._numbers, self._samples, strict=True)
+            _samples_of(each, term_reader(each.deviation, self._kinds)(values)) for each in numbers
         ]
         if len({len(each) for each in vectors}) > 1:
-            lengths = zip(
-                (f"'{each.mean}'" for each in self._numbers), map(len, vectors), strict=True
-            )
+            lengths = {
+                f"'{each.mean}'": len(found) for each, found in zip(numbers, vectors, strict=True)
+            }
             raise UnusableValueError(
-                f'samples differ in number: {dict(lengths)}; take them from one message'
+                f'samples differ in number: {lengths}; take them from one message'
             )
-        symbols = np.zeros(len(vectors[0]), np.int64)
-        for slot, read in self._readers.items():
-            symbols |= np.asarray(read(values, vectors), np.int64) << slot
-        found, counts = np.unique(symbols, return_counts=True)
-        held = sum(
-            count
-            for symbol, count in zip(found.tolist(), counts.tolist(), strict=True)
-            if holds_at(self._node, symbol)
-        )
-        self._known = self._interval(held, held, len(symbols))
-
-    def chance(self) -> Chance:
-        """Return the interval of the probability."""
-        return self._known or (0.0, 1.0)
-
-    chance_at_end = chance
-
-    def copied(self) -> CountedSamples:
-        """Return a copy, which takes a state by itself."""
-        return copy(self)
+        self._runs = len(vectors[0])
+        self._at = np.zeros(self._runs, np.int64)
+        return vectors
 
 
 def _samples_of(number: Uncertain, text: str) -> _Numbers:
@@ -322,7 +287,7 @@ def _clopper_pearson() -> Callable[..., Chance]:
     tail = (1.0 - CONFIDENCE) / 2
 
     @lru_cache(1)  # It rarely changes from one state to the next.
-    def interval(least: int, most: int, runs: int = RUNS) -> Chance:
+    def interval(least: int, most: int, runs: int) -> Chance:
         lower = float(betaincinv(least, runs - least + 1, tail)) if least else 0.0
         upper = float(betaincinv(most + 1, runs - most, 1.0 - tail)) if most < runs else 1.0
         return lower, upper
