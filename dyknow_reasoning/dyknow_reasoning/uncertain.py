@@ -13,11 +13,11 @@ the first state at which they do not, it is a `PossibleFormula`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
 from dyknow_common import Alternatives, ExitCode, choices
 from dyknow_reasoning.errors import ReasoningError
@@ -31,7 +31,6 @@ from dyknow_reasoning.language.formula import (
     walk,
 )
 from dyknow_reasoning.language.spatial import Over
-from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.progression.atoms import Predicate, Values, fields, predicate
 from dyknow_reasoning.progression.instances import (
     Domains,
@@ -43,44 +42,6 @@ from dyknow_reasoning.progression.unknown_features import ALL_KNOWN, UnknownValu
 from dyknow_reasoning.progression.value_bounds import bounded_truth
 from dyknow_reasoning.results import NamedFormula
 from dyknow_reasoning.trial import asked_of_each_state
-
-
-class _WatchedAtom(NamedTuple):
-    """An atom that may meet alternatives.
-
-    Args:
-        atom: the atom.
-        kinds: of its features.
-        names: of its features.
-        holds: its predicate; None if it looks back.
-    """
-
-    atom: Atom
-    kinds: Kinds
-    names: set[str]
-    holds: Predicate | None
-
-    def differs(self, values: Values) -> bool:
-        """Return True if it may be true or false."""
-        own = {name: values[name] for name in self.names & values.keys()}
-        given = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
-        if not given:
-            return False
-        if self.holds is None:
-            return True
-        unknown: dict[str, Any] = {
-            name: UnknownValueError(name, each.bounds)
-            for name, each in given.items()
-            if each.is_interval
-        }
-        others = {name: each for name, each in own.items() if name not in unknown}
-        truths = {
-            bounded_truth(self.atom, {**each, **unknown}, ALL_KNOWN.range_of, self.kinds)
-            if unknown
-            else self.holds(each)
-            for each in choices(others)
-        }
-        return len(truths) > 1 or None in truths
 
 
 @dataclass(frozen=True)
@@ -102,19 +63,43 @@ class _Watched:
         return {str(each) for each in required_features(self.instances)}
 
     @cached_property
-    def _atoms(self) -> list[_WatchedAtom]:
-        """All atoms, also those that operators look back to."""
+    def _atoms(self) -> Mapping[Atom, tuple[set[str], Predicate | None]]:
+        """The features of all atoms, and their predicates unless they look back.
+
+        There are also those that operators look back to.
+        """
         formula, kinds = self.named.formula, self.named.kinds
-        found = dict.fromkeys(chain(*(atoms for _, atoms in ground_atoms(formula, self.domains))))
-        return [
-            _WatchedAtom(
-                each,
-                kinds,
+        found = chain.from_iterable(atoms for _, atoms in ground_atoms(formula, self.domains))
+        return {
+            each: (
                 set(map(str, fields(each))),
                 None if compares_past(each) else predicate(each, kinds),
             )
             for each in found
-        ]
+        }
+
+    def _atom_differs(self, atom: Atom, values: Values) -> bool:
+        """Return True if an atom may be true or false."""
+        names, holds = self._atoms[atom]
+        own = {name: values[name] for name in names & values.keys()}
+        given = {name: each for name, each in own.items() if isinstance(each, Alternatives)}
+        if not given:
+            return False
+        if holds is None:
+            return True
+        unknown: dict[str, Any] = {
+            name: UnknownValueError(name, each.bounds)
+            for name, each in given.items()
+            if each.is_interval
+        }
+        others = {name: each for name, each in own.items() if name not in unknown}
+        truths = {
+            bounded_truth(atom, {**each, **unknown}, ALL_KNOWN.range_of, self.named.kinds)
+            if unknown
+            else holds(each)
+            for each in choices(others)
+        }
+        return len(truths) > 1 or None in truths
 
     def reason(self, values: Values) -> str:
         """Return why its values have alternatives; empty if they have none."""
@@ -132,7 +117,7 @@ class _Watched:
         if contains(self.named.formula, Over | Freeze):
             return True
         try:
-            return any(each.differs(values) for each in self._atoms)
+            return any(self._atom_differs(each, values) for each in self._atoms)
         except (ReasoningError, ValueError):  # It fails when it is progressed.
             return True
 

@@ -10,7 +10,7 @@ from itertools import product
 from math import inf, isnan, nextafter, sqrt
 from typing import Any, Final, TypeAlias
 
-from dyknow_common import MIRRORED_COMPARISONS
+from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS
 from dyknow_reasoning.language.formula import Atom, Comparison
 from dyknow_reasoning.language.terms import (
     Arithmetic,
@@ -54,18 +54,13 @@ def bounded_truth(atom: Atom, values: Values, range_of: RangeOf, kinds: Kinds) -
     if not (isinstance(atom, Comparison) and sides):
         return None
     (low, high), (least, most) = sides
-    match atom.operator:
-        case '<':
-            return True if high < least else False if low >= most else None
-        case '<=':
-            return True if high <= least else False if low > most else None
-        case '>':
-            return True if low > most else False if high <= least else None
-        case '>=':
-            return True if low >= most else False if high < least else None
-    is_equal = True if low == high == least == most else None
-    is_equal = False if high < least or low > most else is_equal
-    return is_equal if atom.operator == '=' or is_equal is None else not is_equal
+    if atom.operator in {'=', '!='}:
+        is_one = low == high == least == most
+        is_known = is_one or high < least or low > most
+        return is_one == (atom.operator == '=') if is_known else None
+    compare = COMPARISONS[atom.operator]  # Which is monotone, so the ends tell.
+    truths = {bool(compare(low, most)), bool(compare(high, least))}
+    return truths.pop() if len(truths) == 1 else None
 
 
 def bounded_sides(
