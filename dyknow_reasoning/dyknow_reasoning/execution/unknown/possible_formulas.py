@@ -31,6 +31,7 @@ from dyknow_reasoning.execution.past.registers import PastRegister
 from dyknow_reasoning.execution.unknown.parts import FormulaPart, Instances, features_of
 from dyknow_reasoning.execution.unknown.possibilities import Possibilities, Possibility
 from dyknow_reasoning.execution.vectors.atom_vectors import Array, Columns
+from dyknow_reasoning.language.formula import Freeze
 from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.progression.atoms import IF_UNKNOWN, Values
 from dyknow_reasoning.progression.gaps import Gap, Half, unknowable
@@ -483,10 +484,11 @@ class PossibleFormulas:
         found: dict[int, ReasoningError] = {}
         for each in formulas:
             error = outcomes.get(each)
-            keeps_values = any(instance.keeps_values for instance in instances[each])
+            atoms = (atom for instance in instances[each] for atom in instance.atoms)
+            keeps_values = any(isinstance(atom, Freeze) for atom in atoms)
             if isinstance(error, ReasoningError) and not keeps_values:
                 fault = error.message.partition(IF_UNKNOWN)[0]
-                reason = 'earlier states that are missing or unusable still have an effect'
+                reason = 'missing states, unusable values or kept histories still have an effect'
                 message = f'{fault}; it may not be unknown while {reason}'
                 found[each] = ReasoningError(message, error.code)
         return found
