@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 
@@ -61,7 +61,6 @@ from dyknow_reasoning.language.terms import (
 )
 from dyknow_reasoning.language.writing import as_written
 from dyknow_reasoning.progression.atoms import (
-    NEGATED_COMPARISONS,
     Values,
     evaluate,
 )
@@ -393,8 +392,8 @@ class _Explainer:
         shown = next((each for each in choices if _order(*each) == _order(*values)), values)
         first, second = map(_with_value, terms, shown)
         if operator in TEXT_COMPARISONS:
-            verb = operator if holds else NEGATED_COMPARISONS[operator]
-            return f'{first} at {time} {verb} {second}'
+            verb = atom if holds else atom.opposite
+            return f'{first} at {time} {verb.operator} {second}'
         if isinstance(atom.left, _LITERALS):
             operator, first, second = MIRRORED_COMPARISONS[operator], second, first
         if operator in {'=', '!='}:
@@ -405,9 +404,7 @@ class _Explainer:
 
 def _stated(atom: Comparison, literal: Literal, *, holds: bool) -> tuple[Comparison, bool]:
     """Return the comparison that a literal states, and if it holds, given if its atom does."""
-    if literal.positive:
-        return atom, holds
-    return replace(atom, operator=NEGATED_COMPARISONS[atom.operator]), not holds
+    return (atom, holds) if literal.positive else (atom.opposite, not holds)
 
 
 def _order(left: Value, right: Value) -> tuple[bool, bool]:

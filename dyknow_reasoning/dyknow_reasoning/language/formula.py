@@ -8,10 +8,10 @@ unit, in the ASCII spelling.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias
 
 from dyknow_common import SyntaxNode, format_duration
 from dyknow_reasoning.language.interval import ALL_FUTURE, Interval
@@ -29,10 +29,29 @@ from dyknow_reasoning.language.terms import (
     operand_text,
 )
 
+NEGATED_COMPARISONS: Final[Mapping[str, str]] = {
+    '=': '!=',
+    '!=': '=',
+    '<': '>=',
+    '>=': '<',
+    '<=': '>',
+    '>': '<=',
+    'contains': 'does not contain',
+    'does not contain': 'contains',
+    'starts with': 'does not start with',
+    'does not start with': 'starts with',
+}
+"""The negation of each comparison operator."""
+
 
 @dataclass(frozen=True, slots=True)
 class Comparison(Operation):
     """Two terms joined by `=`, `!=`, `<`, `<=`, `>` or `>=`."""
+
+    @property
+    def opposite(self) -> Comparison:
+        """The comparison that holds where this one does not."""
+        return replace(self, operator=NEGATED_COMPARISONS[self.operator])
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,13 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from dyknow_common import PositionedError, format_duration, parse_duration, shortened
+from dyknow_common import (
+    TEXT_COMPARISONS,
+    PositionedError,
+    format_duration,
+    parse_duration,
+    shortened,
+)
 from dyknow_reasoning.language.formula import (
     And,
     Comparison,
@@ -93,7 +99,6 @@ _NAME: Final = re.compile(r'(\w+)_(low|high)_([0-9]+(?:ns|us|ms|s|min|h))')
 
 _Bounds: TypeAlias = dict[ForecastBound, Term]
 
-_NEGATED: Final = {'<': '>=', '<=': '>', '>': '<=', '>=': '<', '=': '!=', '!=': '='}
 _MONOTONE: Final = frozenset({'min', 'max', 'sum', 'mean'})
 """The functions that do not decrease in any operand."""
 
@@ -137,8 +142,8 @@ class _Possible:
                 kind_of_all = Forall if isinstance(node, Forall) != negated else Exists
                 body = self.formula(node.body, negated=negated)
                 return kind_of_all(node.variable, node.sort, body, position=node.position)
-            case Comparison(operator) if operator in _NEGATED:
-                return self._comparison(node, _NEGATED[operator] if negated else operator)
+            case Comparison(operator) if operator not in TEXT_COMPARISONS:
+                return self._comparison(node.opposite if negated else node)
         raise PositionedError(
             f"'soon' cannot ask a forecast for '{shortened(node)}'; it takes comparisons of "
             "numbers with 'not', 'and', 'or', '->', 'forall' and 'exists'; write all else outside "
@@ -146,8 +151,8 @@ class _Possible:
             node.position,
         )
 
-    def _comparison(self, node: Comparison, operator: str) -> Formula:
-        left, right = self._bounds(node.left), self._bounds(node.right)
+    def _comparison(self, node: Comparison) -> Formula:
+        operator, left, right = node.operator, self._bounds(node.left), self._bounds(node.right)
         low, high = ForecastBound.LOW, ForecastBound.HIGH
 
         def compared(symbol: str, bound: ForecastBound) -> Comparison:

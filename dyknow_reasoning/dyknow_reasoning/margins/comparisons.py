@@ -16,13 +16,12 @@ import numpy as np
 
 from dyknow_common import COMPARISONS, TEXT_COMPARISONS
 from dyknow_reasoning.errors import ReasoningError
-from dyknow_reasoning.language.formula import Atom, Comparison
+from dyknow_reasoning.language.formula import NEGATED_COMPARISONS, Atom, Comparison
 from dyknow_reasoning.language.terms import Feature, FieldReference, Number, Object
 from dyknow_reasoning.language.type_checking import Kinds
 from dyknow_reasoning.margins.robustness import HIGHEST, LOWEST, Robustness, vector
 from dyknow_reasoning.progression.atoms import (
     MAX_GENERATED,
-    NEGATED_COMPARISONS,
     NoStateBeforeError,
     Values,
     generated_reader,

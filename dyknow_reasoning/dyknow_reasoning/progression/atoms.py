@@ -55,20 +55,6 @@ _PYTHON_TYPES: Mapping[Kind | None, tuple[type, ...]] = {
     Kind.STRING: (str,),
 }
 
-NEGATED_COMPARISONS: Mapping[str, str] = {
-    '=': '!=',
-    '!=': '=',
-    '<': '>=',
-    '>=': '<',
-    '<=': '>',
-    '>': '<=',
-    'contains': 'does not contain',
-    'does not contain': 'contains',
-    'starts with': 'does not start with',
-    'does not start with': 'starts with',
-}
-"""The negation of each comparison operator."""
-
 POSITIVE_COMPARISONS = frozenset({'=', '<', '<=', 'contains', 'starts with'})
 """One comparison operator of each pair of opposites."""
 

@@ -7,7 +7,7 @@ quantifiers become junctions. All variables are substituted, so the atoms are ab
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from itertools import product
 from typing import Any, NamedTuple, TypeAlias, cast
@@ -63,7 +63,6 @@ from dyknow_reasoning.language.terms import (
 )
 from dyknow_reasoning.language.writing import as_written, written_operator
 from dyknow_reasoning.progression.atoms import (
-    NEGATED_COMPARISONS,
     POSITIVE_COMPARISONS,
     fields,
     predicate,
@@ -348,8 +347,7 @@ class Translator:
             return constant(value=(left == right) == (found.operator == '='))
         # Opposite comparisons share an atom.
         negative = found.operator not in POSITIVE_COMPARISONS
-        operator = NEGATED_COMPARISONS[found.operator] if negative else found.operator
-        atom = Comparison(operator, left, right)
+        atom = found.opposite if negative else found
         known = _value_without_state(atom)
         if known is not None:
             return constant(value=known is not negative)
@@ -361,8 +359,7 @@ class Translator:
         If no further state comes, it counts as true if more is likely and the formula counts as
         true then, or if less is likely and it does not.
         """
-        opposite = replace(comparison, operator=NEGATED_COMPARISONS[comparison.operator])
-        is_open = self._literal(PastAtom(opposite), positive=False)
+        is_open = self._literal(PastAtom(comparison.opposite), positive=False)
         is_left = isinstance(comparison.left, Probability)
         asked = comparison.left if is_left else comparison.right
         body = Translator(self._store, {}).node(cast('Probability', asked).body, {})

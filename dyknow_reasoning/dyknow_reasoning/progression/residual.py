@@ -21,7 +21,6 @@ from dyknow_reasoning.language.formula import (
 )
 from dyknow_reasoning.language.interval import Interval
 from dyknow_reasoning.language.terms import operand_text
-from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import (
     FALSE,
@@ -276,6 +275,4 @@ def literal_formula(atom: Atom, *, positive: bool) -> Formula:
     """Return an atom or its negation."""
     if positive:
         return atom
-    if isinstance(atom, Comparison):
-        return Comparison(NEGATED_COMPARISONS[atom.operator], atom.left, atom.right)
-    return Not(atom)
+    return atom.opposite if isinstance(atom, Comparison) else Not(atom)

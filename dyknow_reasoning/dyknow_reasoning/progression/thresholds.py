@@ -23,9 +23,8 @@ from functools import partial
 from typing import TypeAlias, TypeVar
 
 from dyknow_common import COMPARISONS, MIRRORED_COMPARISONS, TEXT_COMPARISONS
-from dyknow_reasoning.language.formula import Atom, Comparison
+from dyknow_reasoning.language.formula import NEGATED_COMPARISONS, Atom, Comparison
 from dyknow_reasoning.language.terms import Number, Term, TextLiteral
-from dyknow_reasoning.progression.atoms import NEGATED_COMPARISONS
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Junction, Literal, Node, Window, constant
 
