@@ -41,6 +41,10 @@ from dyknow_reasoning import FormulaGroup, ReasoningError, parse_constants, pars
         ('v[r] < 1 m/s', 'v[r] < 1 "m/s"'),
         ('always[0, 5 s] t[r] < 5 s', 'always[0 s, 5 s] (t[r] < 5 "s")'),
         ('let a = 2, b = "on" in let c = true in x < a and m = b and (c = n)', None),
+        (
+            'over (L[a, b] by 5 km for a, b in S) from c to s: somewhere[0, 9 m] p[s]',
+            'over (L[a, b] by 5 for a, b in S) from c to s: (somewhere[0, 0.009] (p[s]))',
+        ),
         ('forall u in S: let most = 2 in P[u] < most', 'forall u in S: (P[u] < 2)'),
         ('let most = 2 in p until q or x < most', '(p until q) or (x < 2)'),
     ],

@@ -51,6 +51,9 @@ from dyknow_reasoning.language.terms import (
 _Measured: TypeAlias = tuple[Term, str | None]
 """A term and its unit; None for a plain number."""
 
+_NONE_STATED: Final[Units] = {'': ''}
+"""No units, when none will be stated later."""
+
 _NO_UNITS = 'state the unit, let {name}: UNIT in ..., or write a plain number'
 _NO_UNIT = 'give the feature its unit, let {name}: UNIT in ..., or write a plain number'
 
@@ -77,22 +80,13 @@ def check_units_are_known(formula: Formula) -> None:
     Raises:
         ReasoningError: names the first that was not, and a feature beside it.
     """
-    for node in walk(formula):
-        quantity, known = None, node
-        if isinstance(node, Comparison):
-            quantity = _quantity(node)
-        elif isinstance(node, LinkLength):
-            terms = [each for each in (*node.place, node.weight) if each is not None]
-            found = [each for each in terms if _quantity(each)]
-            quantity, known = (_quantity(found[0]), found[0]) if found else (None, node)
-        elif isinstance(node, Spatial) and node.links and node.distances.quantities:
-            quantity, known = node.distances.quantities[0], node.links
-        if quantity is not None:
-            name = next(str(each.name) for each in walk(known) if isinstance(each, Feature))
-            correction = _NO_UNITS.format(name=name)
-            raise ReasoningError(
-                f"'{quantity}' has a unit, and the unit of '{name}' is not known; {correction}"
-            )
+    ends = (each.distances for each in walk(formula) if isinstance(each, Spatial) and each.links)
+    found = (_quantity(formula), *(each for one in ends for each in one.quantities))
+    if quantity := next(filter(None, found), None):
+        try:
+            _converted(formula, _Conversion(_NONE_STATED))
+        except PositionedError as error:
+            raise ReasoningError(f"'{quantity}' has a unit, and {error}") from None
 
 
 def mixed_units(formula: Formula, units: Mapping[str, str]) -> Iterator[tuple[Feature, Feature]]:
@@ -178,7 +172,7 @@ def _measured_by(node: Any, length: Term | None, conversion: _Conversion) -> Any
     if not isinstance(found, Spatial) or not found.distances.quantities or length is None:
         return found
     fields = [each for each in walk(length) if isinstance(each, Feature | FieldReference)]
-    if not conversion.units and all(isinstance(each, Feature) for each in fields):
+    if fields and not conversion.units and all(isinstance(each, Feature) for each in fields):
         return found
     ends: list[Any] = [
         conversion.alike((length, each))[1][0] if isinstance(each, Quantity) else each
@@ -187,7 +181,7 @@ def _measured_by(node: Any, length: Term | None, conversion: _Conversion) -> Any
     return replace(found, distances=replace(found.distances, start=ends[0], end=ends[1]))
 
 
-def _quantity(node: Comparison | Term) -> Quantity | None:
+def _quantity(node: Formula | Term) -> Quantity | None:
     return next((each for each in walk(node) if isinstance(each, Quantity)), None)
 
 
