@@ -106,7 +106,7 @@ def test_formulas_run_when_it_is_their_time(asker: Asker) -> None:
     assert all(phases == [RUNNING, WITHDRAWN] for phases in asker.phases.values())
     for verdict in outcome.verdicts:
         has_held = re.fullmatch(r'held in \d+ states?', verdict.explanation)
-        assert has_held or verdict.explanation == 'no state had come'
+        assert has_held or verdict.explanation == 'no state of its period had come'
         assert verdict.outcome == ('withdrawn (held)' if has_held else 'withdrawn')
 
 

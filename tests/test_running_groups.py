@@ -126,13 +126,14 @@ class Group:
     def wait(self, is_so: Callable[[], Any], what: str) -> None:
         self._nodes.client.spin_until(is_so, what)
 
-    def add(self, formula: str) -> int:
+    def add(self, formula: str, since: int = 0) -> int:
         added = self._nodes.obtain(
             ENGINE,
             srv.FormulaGroupAddFormula,
             formula_group_id=self.number,
             formula_name=formula,
             formula=formula,
+            since=time_of(since * SECOND),
         )
         return int(added.formula_id)
 
@@ -213,6 +214,23 @@ def test_formulas_come_and_go(nodes: Nodes) -> None:
     assert group.results[1].formula_id == known
     assert group.results[1].verdict == FormulaResult.TRUE
     assert nanoseconds(group.results[1].decided_at) == 0
+
+
+def test_a_formula_begins_with_the_first_state_since_a_time(nodes: Nodes) -> None:
+    states = States(nodes)
+    group = Group(nodes, states, SOON)
+    states.publish({10: 100.0})
+    group.progressed(group.formulas[0], 1)
+    waiting = group.add(CALM, since=12)
+    states.publish({11: 160.0})
+    group.progressed(group.formulas[0], 2)
+    assert group.progressed(waiting, 0).latest_valid_time.sec == 0
+    states.publish({12: 100.0})
+    assert group.progressed(waiting, 1).latest_valid_time.sec == 12
+    states.publish({13: 160.0})
+    group.wait(lambda: len(group.results) > 1, 'the second result')
+    assert nanoseconds(group.results[1].decided_at) == 13 * SECOND
+    assert group.last_report(waiting).states_progressed == 2
 
 
 def test_a_formula_whose_sort_has_no_domain_is_refused(nodes: Nodes) -> None:

@@ -44,6 +44,7 @@ class EvaluationRequest:
         margin: compute the margin.
         every_state: ask it at every state, until the timeout or a cancellation.
         record: the black box that is recorded when it fails; None for none.
+        since: the valid time in nanoseconds from which on states count; 0 for all.
         delay_s: the part of the timeout that had passed when the request was received, as the
             process was stopped.
     """
@@ -61,11 +62,13 @@ class EvaluationRequest:
     margin: bool = False
     every_state: bool = False
     record: BlackBoxOptions | None = None
+    since: int = 0
     delay_s: float = 0.0
 
     def repeats(self, other: EvaluationRequest) -> bool:
-        """Return True if both requests are the same, whatever their timeouts are."""
-        return self == replace(other, timeout_s=self.timeout_s, delay_s=self.delay_s)
+        """Return True if both requests are the same, whenever they begin and end."""
+        times = {each: getattr(self, each) for each in ('timeout_s', 'since', 'delay_s')}
+        return self == replace(other, **times)
 
 
 @dataclass(frozen=True, slots=True)

@@ -150,7 +150,7 @@ def _require_distinct(names: Iterable[str], kind: str) -> None:
         seen.add(name)
 
 
-NO_STATE: Final = 'no state had come'
+NO_STATE: Final = 'no state of its period had come'
 """The explanation of a formula that was withdrawn before its first state."""
 
 

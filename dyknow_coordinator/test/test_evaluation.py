@@ -102,5 +102,6 @@ def test_retries_supersede_each_other_but_no_verdict() -> None:
 def test_a_retry_repeats_the_request_for_the_rest_of_its_time() -> None:
     request = EvaluationRequest('always p', name='calm', timeout_s=60.0, record=BlackBoxOptions())
     assert replace(request, timeout_s=49.5, delay_s=1.0).repeats(request)
+    assert replace(request, since=5).repeats(request)
     assert not replace(request, name='other').repeats(request)
     assert not replace(request, action='land').repeats(request)

@@ -205,7 +205,7 @@ def test_a_plan_that_makes_no_sense(plan: Plan, words: str) -> None:
 @pytest.mark.parametrize(
     ('states', 'presumably_false', 'explanation', 'outcome'),
     [
-        (0, False, 'no state had come', 'withdrawn'),
+        (0, False, 'no state of its period had come', 'withdrawn'),
         (1, False, 'held in 1 state', 'withdrawn (held)'),
         (37, False, 'held in 37 states', 'withdrawn (held)'),
         (37, True, 'not fulfilled after 37 states', 'withdrawn (not fulfilled)'),
@@ -227,7 +227,7 @@ def test_how_a_formula_stood_when_it_was_withdrawn(
 
 def test_what_is_not_known_of_a_withdrawn_formula() -> None:
     text = withdrawal(0, presumably_false=False, unknown=5, waited_for='/a is silent')
-    assert text == 'no state had come; it waited for states: /a is silent'
+    assert text == 'no state of its period had come; it waited for states: /a is silent'
     verdict = PlanVerdict(WHOLE, 'always p', PlanPhase.WITHDRAWN, explanation=text)
     assert verdict.outcome == 'withdrawn'
     text = withdrawal(2, presumably_false=False, unknown=1_040_000_000, waited_for='/a is silent')

@@ -19,7 +19,6 @@ from dyknow_common import (
     ProbabilityInterval,
     Symbol,
     Verdict,
-    amount,
     earliest,
     round_time,
 )
@@ -40,7 +39,6 @@ from dyknow_reasoning.explanation.remainders import Remainders, possible_text
 from dyknow_reasoning.language.constants import NO_CONSTANTS, Constants
 from dyknow_reasoning.language.formula import Formula, contains
 from dyknow_reasoning.language.parsing import parse_formula
-from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.spatial import Over
 from dyknow_reasoning.language.symbols import symbols_of
 from dyknow_reasoning.language.type_checking import check_types
@@ -56,6 +54,7 @@ from dyknow_reasoning.progression.instances import (
 )
 from dyknow_reasoning.progression.node_store import NodeStore
 from dyknow_reasoning.progression.nodes import Chronology
+from dyknow_reasoning.progression.residual import holds_at_the_end
 from dyknow_reasoning.progression.sizes import (
     Counts,
     FormulaLimits,
@@ -99,17 +98,19 @@ class FormulaGroup:
         self._possible = PossibleFormulas(limits)
         self._watched = WatchedFormulas()
         self._undecided: set[int] = set()
+        self.waiting: dict[int, int] = {}
+        """The valid times before which formulas do not begin, in nanoseconds, until they do."""
         # The verdicts of formulas that need no state, until they are reported.
         self._known: dict[int, Verdict] = {}
         # The residual texts of formulas that have a result.
         self._ends: dict[int, str] = {}
         self._store = NodeStore(Chronology())
         self._max_nodes = _MAX_NODES
-        self._domains: Domains = {}
-        self._remainders: Remainders | None = None
-        self._monitor: InstanceMonitor | None = None
-        self._alone: InstanceMonitor | None = None
-        """The monitor, if beside it only standing formulas depend on the states."""
+        self._domains: Domains | None = None
+        self._monitor = InstanceMonitor(limits.node_limit)
+        self._remainders = Remainders(self._monitor)
+        # True if nothing beside the monitor depends on the states.
+        self._is_alone = False
 
     @property
     def formulas(self) -> Mapping[int, NamedFormula]:
@@ -134,6 +135,7 @@ class FormulaGroup:
         *,
         margin: bool = False,
         every_state: bool = False,
+        since: int | None = None,
     ) -> int:
         """Add a formula and return its id.
 
@@ -145,6 +147,7 @@ class FormulaGroup:
             constants: the values of names that the text does not define, from `parse_constants`.
             margin: True to compute its margin, too.
             every_state: True to ask it at every state; its verdicts are in `standing`.
+            since: let it begin with the first state that is valid then, in nanoseconds, or later.
 
         Raises:
             LanguageError: for a text that is not a formula or is badly typed, with the position.
@@ -153,27 +156,30 @@ class FormulaGroup:
         """
         formula = parse_formula(text, constants)
         named = NamedFormula(name, formula, check_types(formula, text), every_state)
-        self._limit_nodes()
-        instances: list[Instance] = []
-        size = formula_size(formula, self._counts)
-        if self._monitor:
-            check_size(size, self._limits, others=self.parts)
-            instances = self._instances_of(formula, self._domains)
+        parts, instances = self._sized(formula)
         formula_id = next(self._ids)
         if margin:
-            self._margins.add(formula_id, named, looks_back=self._looks_back(formula))
-        self._formulas[formula_id], self._sizes[formula_id] = named, size.parts
-        if self._monitor:
-            self._begin_formula(formula_id, instances, self._monitor)
+            self._margins.add(formula_id, named, looks_back=self._monitor.histories.keeps(formula))
+        self._formulas[formula_id], self._sizes[formula_id] = named, parts
+        if since is not None:
+            self.waiting[formula_id] = since
+        if self._domains is not None:
+            self._begin_formula(formula_id, instances)
         return formula_id
 
-    def _looks_back(self, formula: Formula) -> bool:
-        return self._monitor is not None and self._monitor.histories.keeps(formula)
+    def _sized(self, formula: Formula) -> tuple[int, list[Instance]]:
+        """Return the parts of another formula, and if the objects are known, its instances."""
+        size = formula_size(formula, self._counts)
+        if self._domains is None:
+            return size.parts, []
+        self._limit_nodes()
+        check_size(size, self._limits, others=self.parts)
+        return size.parts, self._instances_of(formula, self._domains)
 
     def remove_formula(self, formula_id: int) -> None:
         """Remove a formula."""
         self._find(formula_id)
-        if self._monitor and formula_id in self.undecided:
+        if formula_id in self.undecided:
             self._monitor.remove([formula_id])
         self._release(formula_id)
         self._margins.remove(formula_id)
@@ -188,7 +194,7 @@ class FormulaGroup:
         sort of the variable there. After it they are the features of objects that the simplified
         formulas depend on: the fields that each state must hold.
         """
-        if self._monitor:
+        if self._domains is not None:
             return required_features(chain.from_iterable(self._instances.values()))
         found = (symbol for each in self._formulas.values() for symbol in symbols_of(each.formula))
         return list(dict.fromkeys(found))
@@ -213,7 +219,7 @@ class FormulaGroup:
             ReasoningError: for a sort without a domain, for a formula that is too large for the
                 domains, or if the group has begun before.
         """
-        if self._monitor:
+        if self._domains is not None:
             raise ReasoningError('the formula group has begun already', ExitCode.ALREADY_EXISTS)
         counts = object_counts(domains, self._limits)
         sizes = self._sizes_for(counts)
@@ -225,10 +231,8 @@ class FormulaGroup:
         self._domains, self._sizes = domains, sizes
         self._possible.unknown = unknown
         self._counts.update(counts)
-        self._monitor = InstanceMonitor(self._limits.node_limit)
-        self._remainders = Remainders(self._monitor)
         for formula_id, found in instances.items():
-            self._begin_formula(formula_id, found, self._monitor)
+            self._begin_formula(formula_id, found)
         self._monitor.prepare()
 
     def keep_history(self, text: str) -> None:
@@ -240,17 +244,17 @@ class FormulaGroup:
         Raises:
             DyKnowError: as `add_formula`; also before `begin`.
         """
-        histories, formula = self._begun().histories, parse_formula(text)
+        domains, histories, formula = self._begun(), self._monitor.histories, parse_formula(text)
         check_asked_once(formula)
         check_size(formula_size(formula, self._counts), self._limits)
-        instances = self._instances_of(formula, self._domains)
+        instances = self._instances_of(formula, domains)
         histories.keep(formula, instances, check_types(formula, text))
-        self._alone = None
+        self._is_alone = False
 
     @property
     def keeps_history(self) -> bool:
         """True if later formulas may look back: `progress` must be called for each state."""
-        return self._monitor is not None and self._monitor.histories.are_kept
+        return self._monitor.histories.are_kept
 
     def decided_at_once(self) -> list[FormulaResult]:
         """Return the results of the formulas that need no state.
@@ -272,15 +276,14 @@ class FormulaGroup:
             valid_time: the valid time of the state, in nanoseconds.
             values: a value for each feature of objects, by the text of its `Symbol`.
         """
+        if self.waiting:
+            self._begin_waiting(valid_time)
         if Alternatives.exist:
             if Alternatives.are_among(values.values()):
                 return self._progress_alternatives(valid_time, values)
-        elif self._alone is not None:
-            standing = self.standing
+        elif self._is_alone:
             try:
-                outcomes = self._alone.progress(valid_time, values)
-                if standing.formulas and (failed := standing.progress(valid_time, values)):
-                    outcomes = {**outcomes, **failed}
+                outcomes = self._monitor.progress(valid_time, values)
             except Exception as error:  # noqa: BLE001 - no formula goes on after a fault
                 return self.fail(error, valid_time)
             return self._results_of(outcomes, valid_time, values) if outcomes else []
@@ -288,13 +291,13 @@ class FormulaGroup:
 
     def _progress_alternatives(self, valid_time: int, values: Values) -> list[FormulaResult]:
         """Progress over values that have alternatives."""
-        monitor, met = self._monitor or self._begun(), self._watched.meet(values)
+        met = self._watched.meet(values)
         for formula_id in met.dependent:
             self._margins.forget(formula_id)
             self.standing.forget_margins(formula_id)
         differing = met.differing.keys() - self._possible.formulas.keys()
-        met.fail(self._take_as_possible(sorted(differing), monitor))
-        monitor.remove(met.failures)
+        met.fail(self._take_as_possible(sorted(differing)))
+        self._monitor.remove(met.failures)
         results = self._results_of(met.failures, valid_time, {})
         return results + self._progress(valid_time, earliest(values), values, met.omitted)
 
@@ -306,12 +309,12 @@ class FormulaGroup:
         omitted: Mapping[int, str] = NONE_OMITTED,
     ) -> list[FormulaResult]:
         """Progress over values without alternatives, and those that met some over the `given`."""
-        monitor, possible = self._monitor or self._begun(), self._possible
+        self._begun()
+        monitor, possible = self._monitor, self._possible
         results = self._results_of_known() if self._known else []
-        standing = self.standing
         try:
             met = possible.met(values) if possible.waiting else ()
-            left = self._take_as_possible(met, monitor) if met else ()
+            left = self._take_as_possible(met) if met else ()
             if margins := self._margins.running:
                 self._margins.progress(valid_time, values)
             if looks_back := monitor.histories.registers or monitor.histories.memories:
@@ -319,16 +322,16 @@ class FormulaGroup:
             outcomes: Mapping[int, Outcome | PossibleVerdict] = monitor.progress(valid_time, values)
             if left:
                 outcomes = {**outcomes, **possible.errors_at_gap(left, outcomes, self._instances)}
-            if standing.formulas and (failures := standing.progress(valid_time, values, omitted)):
-                outcomes = {**outcomes, **failures}
+            if self.standing.formulas:
+                outcomes = {**outcomes, **self.standing.progress(valid_time, values, omitted)}
             if possible.formulas:
                 outcomes = {**outcomes, **possible.progress(valid_time, given)}
         except Exception as error:  # noqa: BLE001 - no formula goes on after a fault
             return results + self.fail(error, valid_time)
         if outcomes:
             return results + self._results_of(outcomes, valid_time, values)
-        others = margins or looks_back or possible.waiting or possible.formulas
-        self._alone = None if others else monitor
+        others = self.standing.formulas, margins, looks_back, possible.waiting, possible.formulas
+        self._is_alone = not any(others)
         return results
 
     def progress_many(
@@ -343,9 +346,9 @@ class FormulaGroup:
         Raises:
             ReasoningError: for columns of different lengths.
         """
-        monitor = self._begun()
-        recording = Recording.read(valid_times, columns)
-        one_by_one = self.standing.formulas or self._margins.running
+        self._begun()
+        monitor, recording = self._monitor, Recording.read(valid_times, columns)
+        one_by_one = self.standing.formulas or self._margins.running or self.waiting
         if one_by_one or not self._possible.are_known(recording.columns):
             rows = recording.rows(recording.columns.keys())
             return list(chain.from_iterable(self.progress(*each) for each in rows))
@@ -369,10 +372,9 @@ class FormulaGroup:
         No verdict depends on them: see `progression.gaps`. A formula that can become neither true
         nor false fails. Formulas that have seen no state are not affected.
         """
-        self._begun().gap()
-        self._possible.gap()
-        self._margins.gap()
-        self.standing.gap()
+        self._begun()
+        for each in (self._monitor, self._possible, self._margins, self.standing):
+            each.gap()
 
     def fail(self, error: Exception, valid_time: int) -> list[FormulaResult]:
         """Fail all undecided formulas, and return their results.
@@ -382,8 +384,7 @@ class FormulaGroup:
             valid_time: the valid time of the unusable state, in nanoseconds.
         """
         failed = sorted(self.undecided)
-        if self._monitor:
-            self._monitor.remove(failed)
+        self._monitor.remove(failed)
         return self._results_of(dict.fromkeys(failed, evaluation_error(error)), valid_time, {})
 
     def residual(self, formula_id: int) -> str:
@@ -396,12 +397,10 @@ class FormulaGroup:
         if formula_id in self._ends:
             return self._ends[formula_id]
         if possible := self._possible.formulas.get(formula_id):
-            return possible_text(possible, self._begun().latest or 0)
+            return possible_text(possible, self._monitor.latest or 0)
         if standing := self.standing.formulas.get(formula_id):
             want = self.standing.omitted.get(formula_id) or standing.monitor.doubt.text
             return f'{formula} ({want})' if want else str(formula)
-        if self._remainders is None or formula_id in self._known or formula.every_state:
-            return str(formula)
         return self._remainders.text(formula_id) or str(formula)
 
     def wants(self, formula_id: int) -> Mapping[str, int]:
@@ -423,7 +422,7 @@ class FormulaGroup:
 
     def probability(self, formula_id: int) -> ProbabilityInterval | None:
         """Return the interval of the probabilities that an undecided formula asks for, if any."""
-        return self._monitor.histories.probability(formula_id) if self._monitor else None
+        return self._monitor.histories.probability(formula_id)
 
     def presumably_false(self, formula_id: int) -> bool:
         """Return True if a formula would be false if no further state came (RV-LTL).
@@ -432,21 +431,21 @@ class FormulaGroup:
         gap, this is about the formula of `residual`. Return False for a formula that failed, and
         before `begin`. For one that is asked at every state, return True while it is violated.
         """
-        self._find(formula_id)
+        is_standing = self._find(formula_id).every_state
         if formula_id in self._ends:
             return self._ends[formula_id] == 'false'
-        if formula_id in self.standing.formulas:
-            return self.standing.formulas[formula_id].monitor.is_violated
+        if is_standing:
+            standing = self.standing.formulas.get(formula_id)
+            return standing is not None and standing.monitor.is_violated
         if met := self._possible.formulas.get(formula_id):
             return not met.holds_at_the_end()
-        if formula_id in self._known or self._remainders is None:
-            return self._known.get(formula_id) is Verdict.FALSE
-        return not self._remainders.holds_at_the_end(formula_id)
+        begun = [each.node for each in self._instances.get(formula_id, ())]
+        return not all(map(holds_at_the_end, self._remainders.nodes(formula_id) or begun))
 
-    def _begun(self) -> InstanceMonitor:
-        if self._monitor is None:
+    def _begun(self) -> Domains:
+        if self._domains is None:
             raise ReasoningError('the formula group has not begun; give it the domains first')
-        return self._monitor
+        return self._domains
 
     def _find(self, formula_id: int) -> NamedFormula:
         if formula_id not in self._formulas:
@@ -466,15 +465,7 @@ class FormulaGroup:
         return sizes
 
     def _instances_of(self, formula: Formula, domains: Domains) -> list[Instance]:
-        check_units_are_known(formula)
-        instances = instances_of(formula, domains, self._store)
-        size = max((instance.node.size for instance in instances), default=0)
-        if size > self._limits.node_limit:
-            raise ReasoningError(
-                f'the formula has {amount(size)} nodes, more than {self._limits.node_limit} (the '
-                "limit 'node_limit'); each '<->' doubles those of both sides"
-            )
-        return instances
+        return instances_of(formula, domains, self._store, self._limits.node_limit)
 
     def _limit_nodes(self) -> None:
         """Drop the nodes of removed formulas if there are many."""
@@ -483,37 +474,47 @@ class FormulaGroup:
             self._store = NodeStore(Chronology(), {instance.node for instance in known})
             self._max_nodes = max(_MAX_NODES, 2 * len(self._store))
 
-    def _begin_formula(
-        self, formula_id: int, instances: list[Instance], monitor: InstanceMonitor
-    ) -> None:
-        named, histories = self._formulas[formula_id], monitor.histories
+    def _begin_waiting(self, valid_time: int) -> None:
+        """Begin the formulas that may begin with a state."""
+        for formula_id in [each for each, since in self.waiting.items() if since <= valid_time]:
+            del self.waiting[formula_id]
+            self._begin_formula(formula_id, self._instances[formula_id])
+
+    def _begin_formula(self, formula_id: int, instances: list[Instance]) -> None:
+        """Begin a formula with the next state, unless it waits for a later one."""
+        named, verdict, domains = self._formulas[formula_id], verdict_of(instances), self._begun()
+        self._instances[formula_id], self._is_alone = instances, False
+        self._undecided.add(formula_id)
+        if formula_id in self.waiting and not verdict:
+            return
+        self.waiting.pop(formula_id, None)
+        self._margins.start(formula_id)
+        histories = self._monitor.histories
         instances = histories.attach(formula_id, named.formula, instances, named.kinds)
         self._instances[formula_id] = instances
-        self._undecided.add(formula_id)
-        self._alone = None
-        self._watched.watch(formula_id, named, instances, self._domains)
+        self._watched.watch(formula_id, named, instances, domains)
         if named.every_state:
             given = formula_id, named, self._counts, instances, histories, self._limits
             standing = StandingFormula(*given, self._margins.standing(formula_id))
             self.standing.add(formula_id, standing)
             if self._watch(formula_id, named.formula, instances):
                 standing.monitor.may_meet_unknown()
-        elif verdict := verdict_of(instances):
+        elif verdict:
             self._known[formula_id] = verdict
         else:
             self._watch(formula_id, named.formula, instances)
-            monitor.add(formula_id, instances, named.kinds)
+            self._monitor.add(formula_id, instances, named.kinds)
 
     def _watch(self, formula_id: int, formula: Formula, instances: Sequence[Instance]) -> bool:
         """Watch unknown values; return True if there may be some. Over links, each is an error."""
         return not contains(formula, Over) and self._possible.watch(formula_id, instances)
 
-    def _take_as_possible(self, formulas: Iterable[int], monitor: InstanceMonitor) -> list[int]:
+    def _take_as_possible(self, formulas: Iterable[int]) -> list[int]:
         """Take formulas that meet open values from the monitor, before the state.
 
         Return those that cannot be taken.
         """
-        left = []
+        left, monitor = [], self._monitor
         states, registers = list(monitor.states()), monitor.histories.registers
         for formula_id in formulas:
             if standing := self.standing.formulas.get(formula_id):
@@ -563,7 +564,7 @@ class FormulaGroup:
     ) -> VerdictReasons:
         formula = self._formulas[formula_id].formula
         try:
-            return explain(formula, self._counts, outcome, values, self._begun().histories)
+            return explain(formula, self._counts, outcome, values, self._monitor.histories)
         except Exception as error:  # noqa: BLE001 - no fault in its reasons loses a verdict
             return VerdictReasons(f'its reasons are not known: {error_text(error)}')
 
@@ -594,7 +595,7 @@ class FormulaGroup:
 
     def _release(self, formula_id: int) -> None:
         self._undecided.discard(formula_id)
+        self.waiting.pop(formula_id, None)
         self._possible.remove(formula_id)
         self._watched.remove(formula_id)
-        if self._monitor:
-            self._monitor.histories.release([formula_id])
+        self._monitor.histories.release([formula_id])

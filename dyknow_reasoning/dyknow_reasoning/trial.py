@@ -28,7 +28,6 @@ from dyknow_reasoning.language.formula import Always, Forall, Formula, Freeze, F
 from dyknow_reasoning.language.grammar import LANGUAGE
 from dyknow_reasoning.language.interval import ALL_FUTURE
 from dyknow_reasoning.language.parsing import parse_formula
-from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.type_checking import check_types
 from dyknow_reasoning.progression.atoms import Values
 from dyknow_reasoning.progression.instances import Domains, instances_of, required_features
@@ -101,12 +100,11 @@ class TrialFormula:
     def __init__(self, text: str, domains: Domains, limits: FormulaLimits | None = None) -> None:
         limits = limits or FormulaLimits()
         formula = check_trial(text)
-        check_units_are_known(formula)
         check_size(formula_size(formula, object_counts(domains, limits)), limits)
         kinds = check_types(formula, text)
         asked = asked_of_each_state(formula)
         self._histories = Histories(limits.node_limit)
-        instances = instances_of(asked, domains, NodeStore(Chronology()))
+        instances = instances_of(asked, domains, NodeStore(Chronology()), limits.node_limit)
         attached = self._histories.attach(0, asked, instances, kinds)
         self._instances = [
             (each.node, quick_reader(each.atoms, kinds, each.node.mask)) for each in attached

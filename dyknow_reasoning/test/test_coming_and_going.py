@@ -65,6 +65,70 @@ def test_each_formula_is_as_in_a_group_of_its_own(
         assert found.get(formula_id, []) == alone(formula, trace[begin:end])
 
 
+@pytest.mark.parametrize(
+    'asked', [{}, {'margin': True}, {'every_state': True}, {'every_state': True, 'margin': True}]
+)
+@settings(max_examples=random_cases(30))
+@given(
+    formulas(3),
+    st.integers(0, 6),
+    st.integers(-3, 9),
+    st.integers(0, 2),
+    st.sets(st.integers(0, 9)),
+    traces(st.integers(2, 3), most=12),
+)
+def test_a_formula_that_waits_is_as_one_that_comes_at_its_first_state(  # noqa: C901
+    asked: dict[str, bool],
+    formula: Formula,
+    added: int,
+    begins: int,
+    late: int,
+    gaps: set[int],
+    trace: Trace,
+) -> None:
+    """Also in a group that has not begun, beside another formula, and after gaps."""
+    times = [time for time, _ in trace]
+    since = times[begins] - late if 0 <= begins < len(times) else (begins < 0) - 1 + 10**9
+    waiting, coming = FormulaGroup(), FormulaGroup()
+    for group in (waiting, coming):
+        group.add_formula('other', 'always (p -> eventually[0, 4 ns] q)')
+    if added == 0:
+        number = waiting.add_formula('it', str(formula), since=since, **asked)
+    for group in (waiting, coming):
+        group.begin({})
+    for index, (time, values) in enumerate(trace):
+        if index == added and added > 0:
+            number = waiting.add_formula('it', str(formula), since=since, **asked)
+        has_come = 2 in coming.formulas
+        if index >= added and not has_come and (time >= since or not waiting.waiting):
+            coming.add_formula('it', str(formula), **asked)
+        told = []
+        for group in (waiting, coming):
+            if index in gaps:
+                group.gap()
+            told.append([plain(each) for each in group.progress(time, values)])
+        if has_come and 2 in waiting.formulas:
+            assert waiting.residual(number) == coming.residual(number)
+            assert waiting.presumably_false(number) == coming.presumably_false(number)
+            assert waiting.margin(number) == coming.margin(number)
+            assert waiting.standing.summary(number) == coming.standing.summary(number)
+            assert not waiting.waiting
+        elif 2 in waiting.formulas and number in waiting.waiting:
+            assert waiting.residual(number) == str(formula)
+            fresh = alone_at_first(formula, **asked)
+            assert waiting.presumably_false(number) == fresh.presumably_false(1)
+            assert waiting.margin(number) == fresh.margin(1)
+            told[0] = [each for each in told[0] if each.name != 'it']
+        assert told[0] == told[1]
+
+
+def alone_at_first(formula: Formula, **asked: bool) -> FormulaGroup:
+    group = FormulaGroup()
+    group.add_formula('it', str(formula), **asked)
+    group.begin({})
+    return group
+
+
 def test_a_formula_that_comes_later() -> None:
     group, first = begun('forall x in S: always P[x]', {'S': ['a', 'b']})
     assert group.progress(0, {'P[a]': True, 'P[b]': True}) == []

@@ -130,6 +130,7 @@ def test_what_looks_into_the_future_is_refused(text: str, said: str, column: int
     [
         ('forall u in V: R[u]', "the sort 'V' has no domain"),
         ('x > 3 m', "the unit of 'x' is not known"),
+        (' <-> '.join(f'p{number}' for number in range(40)), "the limit 'node_limit'"),
     ],
 )
 def test_what_needs_more_than_the_states_is_refused(text: str, said: str) -> None:

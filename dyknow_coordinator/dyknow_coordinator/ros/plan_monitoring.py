@@ -93,9 +93,9 @@ class MonitoredPlan:
         """Status of all formulas."""
         return tuple(self._verdicts.values())
 
-    def begin(self) -> None:
-        """Start the plan."""
-        self._take(self._execution.begin())
+    def begin(self, time: int) -> None:
+        """Start the plan at a time in nanoseconds."""
+        self._take(self._execution.begin(), time)
 
     def report(self, action: str, event: Event, time: int) -> None:
         """Apply a report on an action.
@@ -117,7 +117,10 @@ class MonitoredPlan:
             self._take(self._execution.end())
 
     def _take(self, step: Step, time: int | None = None) -> None:
-        """Take a step; at the end of periods, late states count until a time, in nanoseconds."""
+        """Take a step; states count until a time at the end of periods, from it on at the begin.
+
+        Times are in nanoseconds. Without one, late states do not count.
+        """
         for position in step.withdraw:
             evaluation = self._evaluations.get(position)
             if evaluation is None:  # It was about to start.
@@ -132,7 +135,7 @@ class MonitoredPlan:
         for position in step.start:
             # A formula that cannot be started may end the plan before the next one.
             if self._execution.phase(position) is PlanPhase.RUNNING:
-                self._evaluate(position)
+                self._evaluate(position, time or 0)
         if self._execution.has_ended and not self._evaluations and not self.ended.done():
             self.ended.set_result(None)
 
@@ -144,7 +147,7 @@ class MonitoredPlan:
         text = self._withdrawals[position] = self._standing(position, evaluation, end)
         return f"withdrawn by plan '{self._execution.plan.name}': {text}"
 
-    def _evaluate(self, position: FormulaPosition) -> None:
+    def _evaluate(self, position: FormulaPosition, since: int) -> None:
         request = EvaluationRequest(
             formula=self._verdicts[position].formula,
             grounding=self._grounding,
@@ -153,6 +156,7 @@ class MonitoredPlan:
             plan=self._execution.plan.name,
             action=position.action,
             is_monitored=True,
+            since=since,
         )
         try:
             evaluation = self._start(request)
@@ -278,7 +282,7 @@ class PlanMonitoring:
             self.server.finish(goal, error)
             return result
         running = self._plans[name] = _RunningPlan(plan, goal_id)
-        plan.begin()
+        plan.begin(self._node.now())
         with self.server.running(goal, plan.cancel):
             await plan.ended
         if self._plans.get(name) is running:

@@ -38,6 +38,7 @@ from dyknow_common.ros import (
     nanoseconds_to_time,
 )
 from dyknow_coordinator.errors import CoordinationError
+from dyknow_coordinator.evaluation import EvaluationRequest
 from dyknow_stream_processing import in_namespace
 
 _SERVICES: Final = {
@@ -129,16 +130,17 @@ class ServiceClients:
         return int(response.formula_group_id)
 
     async def add_formula(
-        self, group_id: int, name: str, formula: str, *, margin: bool, every_state: bool
+        self, group_id: int, name: str, formula: str, request: EvaluationRequest
     ) -> tuple[int, str]:
-        """Add a formula to a group; return its id and its canonical text."""
+        """Add a formula to a group, as it was requested; return its id and its canonical text."""
         response = await self._call_group(
             FormulaGroupAddFormula,
             group_id,
             formula_name=name,
             formula=formula,
-            margin=margin,
-            every_state=every_state,
+            margin=request.margin,
+            every_state=request.every_state,
+            since=nanoseconds_to_time(request.since),
         )
         return int(response.formula_id), str(response.canonical_formula)
 

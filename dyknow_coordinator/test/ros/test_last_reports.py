@@ -133,6 +133,7 @@ class FakeEvaluation:
     """An evaluation in a plan."""
 
     def __init__(self, request: EvaluationRequest) -> None:
+        self.request = request
         self.outcome: Future = Future()
         self.progress = Progress(62, 62, presumably_false=True)
         self.canonical_formula = request.formula
@@ -165,7 +166,7 @@ class Driven:
         self.plan = MonitoredPlan(
             plan, Grounding.AUTO, NO_CONSTRAINTS, self._start, self.told.append
         )
-        self.plan.begin()
+        self.plan.begin(0)
         self.plan.report('drive', Event.STARTED, 10)
 
     def _start(self, request: EvaluationRequest) -> Any:
@@ -188,7 +189,7 @@ def test_a_plan_ends_with_the_last_reports_on_withdrawn_formulas() -> None:
     driven.plan.report('dock', Event.FAILED, 60)
     driven.plan.report('drive', Event.SUCCEEDED, 70)
     assert not driven.plan.ended.done()
-    assert driven.evaluation.until == 70
+    assert (driven.evaluation.request.since, driven.evaluation.until) == (10, 70)
     driven.evaluation.progress = Progress(69)
     assert driven.evaluation.end() == "withdrawn by plan 'p': held in 69 states"
     assert driven.plan.ended.done()

@@ -28,7 +28,7 @@ from dyknow_reasoning.progression.nodes import (
     operands,
     sides,
 )
-from dyknow_reasoning.progression.residual import holds_at_the_end, remaining_text
+from dyknow_reasoning.progression.residual import remaining_text
 
 _MAX_NODES = 1000
 """The nodes after which a text shows no more instances: operators receive it each second."""
@@ -56,19 +56,19 @@ class Remainders:
         """
         states = self._of(formula_id)
         latest = self._monitor.latest
-        if latest is None or any(state.is_fresh for state in states):
+        if latest is None or not states or any(state.is_fresh for state in states):
             return None
         return text_of(states, latest)
 
-    def holds_at_the_end(self, formula_id: int) -> bool:
-        """Return True if an undecided formula would hold if no further state came."""
-        return all(holds_at_the_end(state.node) for state in self._of(formula_id))
+    def nodes(self, formula_id: int) -> list[Node]:
+        """Return what remains of the instances of an undecided formula; none if it waits."""
+        return [state.node for state in self._of(formula_id)]
 
     def _of(self, formula_id: int) -> Sequence[InstanceState]:
         if self._latest != self._monitor.latest or formula_id not in self._states:
             self._states = self._collect()
             self._latest = self._monitor.latest
-        return self._states[formula_id]
+        return self._states.setdefault(formula_id, [])
 
     def _collect(self) -> dict[int, list[InstanceState]]:
         found: defaultdict[int, dict[int, InstanceState]] = defaultdict(dict)

@@ -31,12 +31,13 @@ class GroupMargins:
         self._domains: Domains | None = None
         self._unknown = ALL_KNOWN
         self._latest: int | None = None
-        # The formulas that have not begun.
+        # The formulas whose objects are not known, and the margins that have not begun.
         self._requested: dict[int, NamedFormula] = {}
+        self._ready: dict[int, BoundedMargins] = {}
         self._ended: dict[int, Margin] = {}
 
     def add(self, formula_id: int, formula: NamedFormula, *, looks_back: bool = False) -> None:
-        """Request the margin of a formula; it begins with the group, or with the next state.
+        """Request the margin of a formula; see `start`.
 
         Args:
             formula_id: the id of the formula.
@@ -52,18 +53,23 @@ class GroupMargins:
         elif self._domains is None:
             self._requested[formula_id] = formula
         else:
-            self.running[formula_id] = self._margin(formula, self._domains)
+            self._ready[formula_id] = self._margin(formula, self._domains)
 
     def begin(self, domains: Domains, unknown: UnknownFeatures = ALL_KNOWN) -> None:
-        """Begin with the objects of each sort, and the features that may be unknown.
+        """Set the objects of each sort, and the features that may be unknown.
 
         Raises:
             ReasoningError: for a formula that is too large.
         """
         self._unknown = unknown
-        self.running = {key: self._margin(each, domains) for key, each in self._requested.items()}
+        self._ready = {key: self._margin(each, domains) for key, each in self._requested.items()}
         self._domains = domains
         self._requested.clear()
+
+    def start(self, formula_id: int) -> None:
+        """Begin with the next state, if the margin of the formula was requested."""
+        if found := self._ready.pop(formula_id, None):
+            self.running[formula_id] = found
 
     def progress(self, valid_time: int, values: Values) -> None:
         """Process a state, unless it is not later than the one before."""
@@ -82,15 +88,15 @@ class GroupMargins:
 
         For a formula that is asked at every state, it is the least one from any of them on.
         """
-        if formula_id in self.running:
-            return self.running[formula_id].at_present()
+        if found := self.running.get(formula_id) or self._ready.get(formula_id):
+            return found.at_present()
         return Margin() if formula_id in self._requested else self._ended.get(formula_id)
 
     def end(self, formula_id: int) -> Margin | None:
         """End with a formula, and return its margin; None if it was not requested."""
         found = self.of(formula_id)
         if found is not None:
-            self.running.pop(formula_id, None)
+            self.remove(formula_id)
             self._ended[formula_id] = found
         return found
 
@@ -101,7 +107,7 @@ class GroupMargins:
 
     def remove(self, formula_id: int) -> None:
         """Remove a formula."""
-        for each in (self.running, self._requested, self._ended):
+        for each in (self.running, self._requested, self._ready, self._ended):
             each.pop(formula_id, None)
 
     def standing(self, formula_id: int) -> StandingMargin | None:

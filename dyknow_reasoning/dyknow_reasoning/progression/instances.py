@@ -12,7 +12,7 @@ from functools import lru_cache, partial
 from itertools import product
 from typing import Any, NamedTuple, TypeAlias, cast
 
-from dyknow_common import Symbol, Verdict, listed
+from dyknow_common import Symbol, Verdict, amount, listed
 from dyknow_reasoning.errors import ReasoningError, UnusableValueError
 from dyknow_reasoning.language.formula import (
     Always,
@@ -43,6 +43,7 @@ from dyknow_reasoning.language.formula import (
     parts,
     with_changed_parts,
 )
+from dyknow_reasoning.language.quantities import check_units_are_known
 from dyknow_reasoning.language.spatial import Over, Spatial, SpatialAtom
 from dyknow_reasoning.language.symbols import feature_symbol
 from dyknow_reasoning.language.terms import (
@@ -120,18 +121,27 @@ class Instance:
         return isinstance(self.atoms, list)
 
 
-def instances_of(formula: Formula, domains: Domains, store: NodeStore) -> list[Instance]:
+def instances_of(
+    formula: Formula, domains: Domains, store: NodeStore, node_limit: int
+) -> list[Instance]:
     """Return the instances that must all hold for the formula to hold, without duplicates.
 
     Raises:
-        ReasoningError: for a sort without a domain.
+        ReasoningError: for a sort without a domain, a number in a unit that is not converted, or an
+            instance with too many nodes.
     """
+    check_units_are_known(formula)
     instances: dict[tuple[Node, tuple[Atom, ...]], Instance] = {}
     for binding, body in _instances(formula, domains):
         translator = Translator(store, domains)
         node = translator.node(body, binding)
         atoms = tuple(translator.slots)
         source = Source(body, domains)
+        if node.size > node_limit:
+            raise ReasoningError(
+                f'the formula has {amount(node.size)} nodes, more than {node_limit} (the limit '
+                "'node_limit'); each '<->' doubles those of both sides"
+            )
         instances.setdefault((node, atoms), Instance(binding, atoms, node, source=source))
     return list(instances.values())
 

@@ -107,7 +107,7 @@ class GroupEvaluation:
         self._reserved_parts = 0
         self._step_s = 0.0
         self._states = 0
-        # For each formula that was added later, the number of states before it.
+        # For each formula, the number of states before its first one.
         self._states_before: dict[int, int] = {}
         self._loss = ''  # Before a state that does not count, if it leaves a gap.
         # For each formula that is removed later, the valid time until which states count.
@@ -136,12 +136,10 @@ class GroupEvaluation:
         """The time since the latest request, in seconds."""
         return (self._wall_time() - self._requested_at) / SECOND_NS
 
-    async def add_formula(
-        self, name: str, text: str, *, margin: bool = False, every_state: bool = False
-    ) -> int:
-        """Add a formula and return its id; raise the errors of `FormulaGroup.add_formula`."""
+    async def add_formula(self, name: str, text: str, **options: Any) -> int:
+        """Add a formula and return its id; arguments and errors as of the formula group."""
         formula_id = await self._work.run(
-            lambda: self.group.add_formula(name, text, margin=margin, every_state=every_state),
+            lambda: self.group.add_formula(name, text, **options),
             lambda: len(text) > HEAVY_TEXT or (self.has_begun and self._is_large()),
         )
         self._states_before[formula_id] = self._states
@@ -455,6 +453,9 @@ class GroupEvaluation:
 
     def _progress(self, state: State) -> None:
         self._states += 1
+        for formula_id, since in self.group.waiting.items():
+            if state.valid_time < since:
+                self._states_before[formula_id] = self._states
         if self._is_large() or self._work.waiting_states:
             self._work.start(lambda: self._progressed(state), self.publish)
         else:

@@ -129,6 +129,7 @@ class StreamReasoningEngine(DyKnowNode):
             request.formula,
             margin=request.margin,
             every_state=request.every_state,
+            since=time_to_nanoseconds(request.since) or None,
         )
         response.canonical_formula = str(evaluation.group.formulas[response.formula_id])
         for note in notes_on(request.formula):

@@ -116,7 +116,7 @@ class EvaluationGroup:
             self.fail(error)
             raise
 
-    async def join(self, member: GroupMember, formula: str, *, margin: bool) -> None:
+    async def join(self, member: GroupMember, formula: str) -> None:
         """Add another formula; its first state is the next one.
 
         Raises:
@@ -125,11 +125,7 @@ class EvaluationGroup:
         self._joining += 1
         try:
             formula_id, _ = await self._context.clients.add_formula(
-                self.group_id,
-                member.name,
-                formula,
-                margin=margin,
-                every_state=member.request.every_state,
+                self.group_id, member.name, formula, member.request
             )
             if self._error is not None:
                 raise self._error

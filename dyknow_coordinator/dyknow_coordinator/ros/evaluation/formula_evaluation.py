@@ -519,14 +519,8 @@ class FormulaEvaluation(Evaluation):
     ) -> tuple[int, str, tuple[Symbol, ...]]:
         """Add a formula to a group; return its id, its text with all sorts, its symbols."""
         clients, request = self._context.clients, self.request
-        add_formula = partial(
-            clients.add_formula,
-            group_id,
-            name,
-            margin=request.margin,
-            every_state=request.every_state,
-        )
-        formula_id, self.canonical_formula = await add_formula(formula)
+        added = await clients.add_formula(group_id, name, formula, request)
+        formula_id, self.canonical_formula = added
         # Step 3: the symbols of the formula.
         symbols = await clients.symbols(group_id)
         check_symbols(symbols, grounding)
@@ -537,7 +531,8 @@ class FormulaEvaluation(Evaluation):
             return formula_id, formula, symbols
         await clients.remove_formula(group_id, formula_id)
         try:
-            formula_id, self.canonical_formula = await add_formula(formula)
+            added = await clients.add_formula(group_id, name, formula, request)
+            formula_id, self.canonical_formula = added
         except DyKnowError as error:  # At a position in a text that nobody wrote.
             plain = without_generated_text(error.message, 'formula')
             raise CoordinationError(plain, error.code) from None
@@ -560,7 +555,7 @@ class FormulaEvaluation(Evaluation):
             self.on_topics()
         if group is not None:
             self._context.cleanup.destroy_group(prepared.group_id)
-            await group.join(self, prepared.formula, margin=self.request.margin)
+            await group.join(self, prepared.formula)
         else:
             # Steps 9 to 11: the stream manager has a stream processing engine make the states.
             await self._group.start(self, prepared.formula_id)
