@@ -7,7 +7,7 @@ that is asked at every state, and asked again after an error:
     an episode begins                   false
     the episode ends                    clear
     CONSTRAINT_VIOLATION                violation
-    states are progressed again         clear
+    states are progressed again         clear, or false if they violate the formula
     TRUE or FALSE at the timeout        none: the episodes were events
 
 A trigger is *used* by an event of a formula. Each event starts a run, which consists of attempts:
@@ -128,7 +128,8 @@ class FormulaEvents:
             now: the present time, in nanoseconds.
         """
         if progress.states_progressed:
-            yield from self._end_of_violation(now, progress.margin)
+            is_false = progress.episodes is not None and progress.episodes.is_violated
+            yield from self._end_of_violation(now, progress.margin, is_false=is_false)
         if progress.episodes is not None:
             yield from self._episodes(progress.episodes, now, progress.margin)
 
@@ -137,11 +138,13 @@ class FormulaEvents:
         error = answer.error
         if answer.episodes is not None:
             if answer.episodes != StandingVerdicts():
-                yield from self._end_of_violation(now, answer.margin)
+                is_false = answer.episodes.is_violated
+                yield from self._end_of_violation(now, answer.margin, is_false=is_false)
             yield from self._episodes(answer.episodes, now, answer.margin)
         self._verdicts = StandingVerdicts()
         if error is None:
-            yield from self._end_of_violation(now, answer.margin)
+            is_false = answer.verdict is Verdict.FALSE
+            yield from self._end_of_violation(now, answer.margin, is_false=is_false)
             if not self._formula.every_state:
                 event = TriggerEvent.TRUE if answer.verdict is Verdict.TRUE else TriggerEvent.FALSE
                 time = answer.decided_at or now
@@ -150,10 +153,12 @@ class FormulaEvents:
             self._violation = f'{error.code.name}: {error.message}'
             yield self._report(TriggerEvent.VIOLATION, self._violation, now, answer.margin)
 
-    def _end_of_violation(self, now: int, margin: Margin | None) -> Iterator[TriggerReport]:
-        if self._violation:
-            past, self._violation = f'it has passed: {self._violation}', ''
-            yield self._report(TriggerEvent.CLEAR, past, now, margin)
+    def _end_of_violation(
+        self, now: int, margin: Margin | None, *, is_false: bool
+    ) -> Iterator[TriggerReport]:
+        past, self._violation = self._violation, ''
+        if past and not is_false:
+            yield self._report(TriggerEvent.CLEAR, f'it has passed: {past}', now, margin)
 
     def _episodes(
         self, verdicts: StandingVerdicts, now: int, margin: Margin | None
