@@ -36,6 +36,7 @@ from dyknow_common import (
 from dyknow_configuration import read_formulas
 from dyknow_coordinator.grounding.completion import with_sorts
 from dyknow_coordinator.grounding.feature_sources import referenced_source
+from dyknow_coordinator.grounding.scopes import Scopes
 from dyknow_reasoning import FormulaGroup, FormulaLimits, parse_formula
 from dyknow_reasoning.trace import read_trace
 from dyknow_semantics import (
@@ -193,7 +194,7 @@ def use_formula(text: str) -> None:
     """Evaluate a formula over two states."""
     formula = parse_formula(text)
     assert parse_formula(str(formula)) == formula
-    assert with_sorts(str(formula), {}) == str(formula)
+    assert with_sorts(Scopes(str(formula)), {}) == str(formula)
     group = FormulaGroup(FormulaLimits(node_limit=1000))
     formula_id = group.add_formula('formula', text)
     for symbol in group.symbols():

@@ -23,6 +23,7 @@ from dyknow_coordinator import (
 )
 from dyknow_coordinator.grounding import feature_sources
 from dyknow_coordinator.grounding.completion import infer_sorts
+from dyknow_coordinator.grounding.scopes import Scopes
 from dyknow_coordinator.grounding.source_session import may_be_silent
 from dyknow_reasoning.language.sugar import SPATIAL
 from dyknow_stream_processing import Violation
@@ -223,5 +224,7 @@ def test_sorts_are_inferred_from_a_query() -> None:
         assert '#argument1>' in sparql
         return [('Power', 'UAV')]
 
-    symbols = [Symbol(SymbolKind.SORT, '?u'), symbol('Power', '?u')]
-    assert asyncio.run(infer_sorts(symbols, query)) == {'u': 'UAV'}
+    scopes = Scopes('forall u: (Power[u])')
+    assert asyncio.run(infer_sorts(scopes, query)) == dict(
+        zip(scopes.binders, ['UAV'], strict=True)
+    )

@@ -1,17 +1,17 @@
 """Completion of formulas: what the ontology says of their symbols is stated in their texts.
 
-In `forall u: always Power[u] < 200`, the variable `u` has the sort `?u`. The symbols of the formula
-contain it, `Power[?u]`. If the ontology says that the argument of `Power` is a `UAV`, the formula
-is `forall u in UAV: always Power[u] < 200`.
+In `forall u: always Power[u] < 200`, the quantifier of `u` names no sort. If the ontology says that
+the argument of `Power` is a `UAV`, the formula is `forall u in UAV: always Power[u] < 200`.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
-from dyknow_common import Symbol, SymbolKind
+from dyknow_common import Symbol
 from dyknow_coordinator.errors import CoordinationError
 from dyknow_coordinator.grounding.declared_properties import (
     QueryFunction,
@@ -20,8 +20,10 @@ from dyknow_coordinator.grounding.declared_properties import (
     property_query,
 )
 from dyknow_coordinator.grounding.region_relations import DomainFunction, with_relations
-from dyknow_coordinator.grounding.scopes import Scopes
+from dyknow_coordinator.grounding.scopes import NAME, Binder, Scopes
 from dyknow_coordinator.grounding.units import find_uncertainties, find_units, has_units, with_units
+
+_FEATURE: Final = re.compile(rf"(?<![\w.'])({NAME})\[({NAME}(?:, {NAME})*)\]")
 
 
 async def completed(
@@ -38,7 +40,8 @@ async def completed(
     Raises:
         DyKnowError: for a sort, a unit or relations that are not known, or if a request fails.
     """
-    sorted_text = with_sorts(formula, await infer_sorts(symbols, query))
+    scopes = Scopes(formula)
+    sorted_text = with_sorts(scopes, await infer_sorts(scopes, query))
     text = await with_relations(sorted_text, symbols, domains, query)
     units = await find_units(symbols, query) if has_units(formula) else {}
     return with_units(text, units, await find_uncertainties(formula, symbols, query))
@@ -60,32 +63,36 @@ class ArgumentPlace:
         return f'argument {self.number} of {self.feature}'
 
 
-def places_of_variables(symbols: Iterable[Symbol]) -> dict[str, tuple[ArgumentPlace, ...]]:
-    """Return the arguments that each variable without a sort is, by variable."""
-    places: dict[str, dict[ArgumentPlace, None]] = defaultdict(dict)
-    for symbol in symbols:
-        if symbol.kind is SymbolKind.SORT and symbol.name.startswith('?'):
-            places.setdefault(symbol.name[1:], {})
-        for number, argument in enumerate(symbol.arguments, start=1):
-            if argument.startswith('?'):
-                places[argument[1:]][ArgumentPlace(symbol.name, number)] = None
-    return {variable: tuple(found) for variable, found in places.items()}
+def places_of_variables(scopes: Scopes) -> dict[Binder, tuple[ArgumentPlace, ...]]:
+    """Return the arguments that each variable without a sort is.
+
+    Args:
+        scopes: of the formula.
+    """
+    places: dict[Binder, dict[ArgumentPlace, None]] = {
+        each: {} for each in scopes.binders if each.sort == ''
+    }
+    for found in _FEATURE.finditer(scopes.text) if places else ():
+        for number, argument in enumerate(found[2].split(', '), start=1):
+            if (binder := scopes.binder(argument, found.start())) in places:
+                places[binder][ArgumentPlace(found[1], number)] = None
+    return {binder: tuple(found) for binder, found in places.items()}
 
 
-async def infer_sorts(symbols: Iterable[Symbol], query: QueryFunction) -> dict[str, str]:
+async def infer_sorts(scopes: Scopes, query: QueryFunction) -> dict[Binder, str]:
     """Return the sort of each variable whose quantifier names none.
 
     Args:
-        symbols: of the formula.
+        scopes: of the formula.
         query: returns the solutions of a SPARQL query of the ontology.
 
     Raises:
         DyKnowError: for a variable with no possible sort or several, or if the query fails.
     """
     sorts = {}
-    for variable, places in places_of_variables(symbols).items():
+    for variable, places in places_of_variables(scopes).items():
         found = {place: declared_sorts(place, await query(place.query)) for place in places}
-        sorts[variable] = only_sort(variable, found)
+        sorts[variable] = only_sort(variable.name, found)
     return sorts
 
 
@@ -128,12 +135,12 @@ def only_sort(variable: str, sorts: Mapping[ArgumentPlace, Iterable[str]]) -> st
     return sort
 
 
-def with_sorts(formula: str, sorts: Mapping[str, str]) -> str:
-    """Return a canonical text in which the quantifiers of some variables have their sorts."""
+def with_sorts(scopes: Scopes, sorts: Mapping[Binder, str]) -> str:
+    """Return the formula of scopes, in which the quantifiers of some variables have their sorts."""
     parts, end = [], 0
-    for binder in Scopes(formula).binders:
-        after = binder.position + len(binder.name)
-        if binder.sort == '' and (sort := sorts.get(binder.name)):
-            parts += [formula[end:after], f' in {sort}']
+    for binder in scopes.binders:
+        if binder in sorts:
+            after = binder.position + len(binder.name)
+            parts += [scopes.formula[end:after], f' in {sorts[binder]}']
             end = after
-    return ''.join(parts) + formula[end:]
+    return ''.join(parts) + scopes.formula[end:]

@@ -36,7 +36,7 @@ _WORDS: Final = frozenset(
 """Words of canonical texts that are no reserved words."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Binder:
     """A variable or a kept value.
 
