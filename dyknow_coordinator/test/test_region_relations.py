@@ -186,3 +186,18 @@ def test_statements_have_one_text() -> None:
         (statement,) = SpatialKnowledge([text]).statements
         assert str(statement) == text
         assert SpatialStatement('a', statement.relation, 'b') == statement
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'count(part_of[x, a] for x in Room) > 1',
+        'forall x in Room: part_of[x, a] = true',
+        'forall x in Room: true != part_of[x, a]',
+        'forall x in Room: prev(part_of[x, a]) = true',
+        'forall x in Room: let k = part_of[x, a] in p > 1 or k = true',
+    ],
+)
+def test_a_relation_is_no_value(text: str) -> None:
+    with pytest.raises(CoordinationError, match=r"'part_of\[x, a\]' is a relation of regions"):
+        rewritten(text, ['a {EC, DC} b', 'c EC a'])

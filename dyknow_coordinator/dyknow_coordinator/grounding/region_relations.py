@@ -78,7 +78,7 @@ async def with_relations(
 
     Raises:
         CoordinationError: if the unknown relations have too many cases, or for a region with the
-            name of a feature or a sort of the formula.
+            name of a feature or a sort of the formula; for a relation in the place of a value.
         DyKnowError: if nothing is known of a region, or a request fails.
     """
     if not any(each['relation'] for each in _ATOM.finditer(formula)):
@@ -242,6 +242,12 @@ class _RelationTexts:
 
 
 def _atom(found: re.Match[str], scopes: Scopes, domains: Mapping[str, Sequence[str]]) -> _Atom:
+    is_left = scopes.formula.startswith((' for ', ' = ', ' != '), found.end())
+    if is_left or scopes.formula.endswith(('= ', 'prev('), 0, found.start()):
+        raise CoordinationError(
+            f"'{found[0]}' is a relation of regions, which cannot be counted, compared or kept; "
+            "write it alone, and instead of a count, 'at least 2 x in S: ...'"
+        )
     names = found['first'], found['second']
     binders = [scopes.binder(name, found.start()) for name in names]
     objects = tuple(
