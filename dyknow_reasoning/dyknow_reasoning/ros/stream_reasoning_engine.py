@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import count
 from time import monotonic, perf_counter
 from typing import Any, Final
@@ -33,7 +34,7 @@ from dyknow_reasoning.formula_group import FormulaGroup
 from dyknow_reasoning.notes import notes_on
 from dyknow_reasoning.progression.sizes import FormulaLimits
 from dyknow_reasoning.progression.unknown_features import UnknownFeatures
-from dyknow_reasoning.ros.group_evaluation import GroupEvaluation
+from dyknow_reasoning.ros.group_evaluation import HEAVY_TEXT, GroupEvaluation
 
 SUPERVISION_PERIOD_S = 0.2
 _DELAY_S = 1.0
@@ -132,8 +133,12 @@ class StreamReasoningEngine(DyKnowNode):
             since=time_to_nanoseconds(request.since) or None,
         )
         response.canonical_formula = str(evaluation.group.formulas[response.formula_id])
-        for note in notes_on(request.formula):
-            self.get_logger().warning(f"{note}; it is in '{shortened(request.formula)}'")
+        self.spawn(self._log_notes, request.formula)
+
+    async def _log_notes(self, formula: str) -> None:
+        is_long = len(formula) > HEAVY_TEXT
+        for note in await self._background.run(partial(notes_on, formula), is_long=is_long):
+            self.get_logger().warning(f"{note}; it is in '{shortened(formula)}'")
 
     async def _remove_formula(self, request: Any, _response: Any) -> None:
         until = time_to_nanoseconds(request.until)
