@@ -138,16 +138,23 @@ class GroupEvaluation:
 
     async def add_formula(self, name: str, text: str, **options: Any) -> int:
         """Add a formula and return its id; arguments and errors as of the formula group."""
-        formula_id = await self._work.run(
-            lambda: self.group.add_formula(name, text, **options),
-            lambda: len(text) > HEAVY_TEXT or (self.has_begun and self._is_large()),
-        )
-        self._states_before[formula_id] = self._states
+
+        def add() -> tuple[int, Sequence[FormulaResult]]:
+            formula_id = self.group.add_formula(name, text, **options)
+            self._states_before[formula_id] = self._states
+            return formula_id, self.group.decided_at_once() if self.has_begun else ()
+
         # The first state of the formula is a later one, also if the standby takes over.
         if self._standby:
             self._standby.kept.take()
-        if self.has_begun:
-            self.publish(self.group.decided_at_once())
+
+        def is_heavy() -> bool:
+            return len(text) > HEAVY_TEXT or (self.has_begun and self._is_large())
+
+        # Before it returns, states may be progressed that have waited.
+        formula_id, known = await self._work.run(add, is_heavy)
+        if known:
+            self.publish(known)
         return formula_id
 
     async def remove_formula(self, formula_id: int, until: int = 0) -> None:

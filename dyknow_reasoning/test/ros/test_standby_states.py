@@ -415,6 +415,23 @@ def test_other_formulas_get_the_later_states() -> None:
         assert made.evaluation.group.undecided == {other}
 
 
+def test_states_that_wait_while_a_formula_is_added_are_counted() -> None:
+    """They are progressed, and the formula with them, before the request goes on."""
+    with Group() as made:
+        with mock.patch.object(group_evaluation, 'HEAVY_STEP_S', -1.0):
+            made.receive('/former', 1)
+        adding = made.evaluation.add_formula('late', 'eventually[0 ns, 1 ns] power > 150')
+        assert adding.send(None) is None
+        for valid_time in (2, 3, 4):
+            made.receive('/former', valid_time)
+        made.drain()
+        assert made.progressed == [1]
+        run_to_end(adding)
+        made.drain()
+        assert made.progressed == [1, 2, 3, 4]
+        assert last_reports(made) == [(2, 3)]
+
+
 @pytest.mark.parametrize('until', [0, 1, 2])
 def test_a_formula_that_has_them_is_removed_at_once(until: int) -> None:
     with Group() as made:
