@@ -99,8 +99,8 @@ def test_the_source_that_makes_states_break_a_constraint_is_found_once(world: Wo
     world.look(due + 1, a=0.1, g=2.2)
     assert world.session.faults == [fault]
     # It counts from now on.
-    assert world.session.have_failed([A, G], REPORT_NS + 10 * SECOND_NS - 1)
-    assert not world.session.have_failed([G], REPORT_NS)
+    assert world.session.choice.have_failed([A, G], REPORT_NS + 10 * SECOND_NS - 1)
+    assert not world.session.choice.have_failed([G], REPORT_NS)
 
 
 def test_all_sources_are_excluded_if_no_topic_lags(world: World) -> None:

@@ -328,7 +328,7 @@ class SimulatedSystem:
             clients=_Clients(self),
             streams=_Mirror(self),
             results=SimpleNamespace(topic='/results'),
-            peer_waits=SimpleNamespace(explained=str),
+            explained_wait=str,
             cleanup=SimpleNamespace(keep_stream=lambda _: None, destroy_stream=self._destroy_soon),
             names=(f'states_{number}' for number in count(2)),
             wall_time=node.now,

@@ -242,8 +242,10 @@ class _RelationTexts:
 
 
 def _atom(found: re.Match[str], scopes: Scopes, domains: Mapping[str, Sequence[str]]) -> _Atom:
-    is_left = scopes.formula.startswith((' for ', ' = ', ' != '), found.end())
-    if is_left or scopes.formula.endswith(('= ', 'prev('), 0, found.start()):
+    start, end = found.span()
+    before, after = scopes.formula[max(0, start - 6) : start], scopes.formula[end : end + 5]
+    is_value = before.endswith(('= ', 'prev(')) or after.startswith((' = ', ' != '))
+    if is_value or (before == 'count(' and after == ' for '):
         raise CoordinationError(
             f"'{found[0]}' is a relation of regions, which cannot be counted, compared or kept; "
             "write it alone, and instead of a count, 'at least 2 x in S: ...'"

@@ -153,6 +153,10 @@ class SourceChoice:
         """Return True if a source has failed recently."""
         return source in self._failed and now - self._failed[source] < EXCLUSION_NS
 
+    def have_failed(self, sources: Iterable[FeatureSource], now: int) -> bool:
+        """Return True if one of some sources has failed recently."""
+        return any(self.is_excluded(each, now) for each in sources)
+
     def exclusion_end(self, sources: Iterable[FeatureSource], now: int) -> int | None:
         """Return when the first of some sources is no longer excluded; None if none is."""
         failed = [self._failed[each] for each in sources if self.is_excluded(each, now)]
@@ -173,7 +177,7 @@ class SourceChoice:
         new = {each for each in others if each.feature in features}
         are_well = all(known.is_available(each) and known.is_flowing(each) for each in new)
         are_others = bool(new) and new.isdisjoint(sources)
-        return are_others and are_well and not any(self.is_excluded(each, now) for each in new)
+        return are_others and are_well and not self.have_failed(new, now)
 
 
 def may_be_silent(received: Iterable[int], now: int, limit: int) -> bool:
@@ -243,8 +247,9 @@ class SourceSession:
         """Why states may be missing: the latest reason to replace sources; empty without any."""
         self.silence_limit = SILENCE_LIMIT_NS
         """The time without a message after which a topic is silent."""
+        self.choice = SourceChoice()
+        """Chooses among all sources, and knows which have failed."""
         self._known, self._can_wait = known, can_wait
-        self._choice = SourceChoice()
         # Why the latest attempt to replace sources has failed, and the faults that it was about.
         self._obstacle, self._faults_met = '', 0
         # A broken constraint of the client, and the time at which the source at fault is known.
@@ -252,7 +257,7 @@ class SourceSession:
 
     def choose(self, candidates: Candidates, now: int) -> tuple[FeatureSource, ...]:
         """Return the sources among some candidates that a new group would use."""
-        return self._choice.choose(self.inputs.features, candidates, self._known(), now)
+        return self.choice.choose(self.inputs.features, candidates, self._known(), now)
 
     def react(
         self, now: int, standby: tuple[FeatureSource, ...] = ()
@@ -268,7 +273,8 @@ class SourceSession:
         chosen = standby or self._replacements(now)
         # Streams that are not at fault themselves may be made once more.
         is_final = not fault.transient or (self._obstacle and not self._can_wait)
-        return None if not standby and is_final and self.have_failed(chosen, now) else chosen
+        is_over = not standby and is_final and self.choice.have_failed(chosen, now)
+        return None if is_over else chosen
 
     def note_obstacle(
         self, chosen: tuple[FeatureSource, ...], error: DyKnowError, now: int
@@ -289,7 +295,7 @@ class SourceSession:
 
     def _replacements(self, now: int) -> tuple[FeatureSource, ...]:
         inputs = self.inputs
-        return self._choice.replacements(inputs.features, inputs.candidates, self._known(), now)
+        return self.choice.replacements(inputs.features, inputs.candidates, self._known(), now)
 
     def better(
         self, received: Mapping[str, int], known_until: int, now: int
@@ -303,7 +309,7 @@ class SourceSession:
         """
         if self.may_be_silent(received, known_until):
             return self.chosen
-        return self._choice.better(self.chosen, self.inputs.candidates, self._known(), now)
+        return self.choice.better(self.chosen, self.inputs.candidates, self._known(), now)
 
     def may_be_silent(self, received: Mapping[str, int], known_until: int) -> bool:
         """Return True if one of the topics in use may have fallen silent; see `better`."""
@@ -311,12 +317,8 @@ class SourceSession:
 
     def exclude(self, sources: Iterable[FeatureSource], now: int) -> None:
         """Record that sources have failed."""
-        self._choice.exclude(sources, now)
+        self.choice.exclude(sources, now)
         self.standby.exclude(sources, now)
-
-    def have_failed(self, sources: Iterable[FeatureSource], now: int) -> bool:
-        """Return True if one of some sources has failed recently."""
-        return any(self._choice.is_excluded(each, now) for each in sources)
 
     def note_violation(
         self, violation: Violation, stream: str, chosen: Sequence[FeatureSource], now: int
@@ -391,7 +393,7 @@ class SourceSession:
         for topic in [topic for topic, silence in silences.items() if silence > 0]:
             sources = known.affected(self.chosen, topic)
             self.exclude(sources, now)
-            can_replace = self._choice.can_replace(sources, self._replacements(now), known, now)
+            can_replace = self.choice.can_replace(sources, self._replacements(now), known, now)
             if can_replace or any(known.is_overdue(each, started) for each in sources):
                 text = f"topic '{topic}' has been silent for {limit / SECOND_NS:g} s"
                 self.note_loss(text, transient=can_replace)
@@ -430,7 +432,7 @@ class StandbySources:
             now: the time.
             best: the best sources, which stand by if they are others than those in use.
         """
-        if best and best != self.in_use and not self._have_failed(best, now):
+        if best and best != self.in_use and not self._choice.have_failed(best, now):
             return best
         return self._choice.stand_ins(self.in_use, self.candidates, self._known(), now, self.chosen)
 
@@ -471,9 +473,6 @@ class StandbySources:
         Without samples of its sources, it is not well: they may never have any.
         """
         known = self._known()
-        if not self.chosen or self.is_broken or self._have_failed(self.chosen, now):
+        if not self.chosen or self.is_broken or self._choice.have_failed(self.chosen, now):
             return False
         return all(known.is_available(each) and known.is_flowing(each) for each in self.chosen)
-
-    def _have_failed(self, sources: Iterable[FeatureSource], now: int) -> bool:
-        return any(self._choice.is_excluded(each, now) for each in sources)

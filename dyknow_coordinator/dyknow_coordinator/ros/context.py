@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
-from typing import Final
+from typing import Any, Final
 
 from rclpy.impl.rcutils_logger import RcutilsLogger
+from std_msgs.msg import String
 
 from dyknow_common import SECOND_NS, ExitCode, Symbol
 from dyknow_common.ros import Background, DyKnowNode, ParameterLimits
 from dyknow_coordinator.evaluation import FOLLOWED
 from dyknow_coordinator.grounding.candidate_search import feature_symbols
 from dyknow_coordinator.grounding.known_streams import stream_topic
+from dyknow_coordinator.reporting.peer_reasons import PEER_WAITS, with_waits_of_peers
 from dyknow_coordinator.ros.cleanup import Cleanup
-from dyknow_coordinator.ros.peer_waits import PeerWaits
 from dyknow_coordinator.ros.results import Results
 from dyknow_coordinator.ros.service_clients import ServiceClients
 from dyknow_coordinator.ros.streams_mirror import StreamsMirror
@@ -38,7 +40,7 @@ class CoordinatorContext:
     Args:
         clients: clients of the services that it calls.
         streams: all streams of the system.
-        peer_waits: why verdicts of peers do not come.
+        explained_wait: returns why no state comes, with the reasons of peers.
         results: of the reasoning engine.
         cleanup: destroys unused streams and formula groups.
         background: runs long computations.
@@ -49,7 +51,7 @@ class CoordinatorContext:
     node: DyKnowNode
     clients: ServiceClients
     streams: StreamsMirror
-    peer_waits: PeerWaits
+    explained_wait: Callable[[str], str]
     results: Results
     cleanup: Cleanup
     background: Background
@@ -81,6 +83,24 @@ class CoordinatorContext:
         So the reasoning engine can subscribe before the stream exists.
         """
         return self.node.resolve_topic_name(stream_topic(name))
+
+
+def explained_waits(node: DyKnowNode, federation: str) -> Callable[[str], str]:
+    """Return what adds the reasons of peers to the text why no state comes.
+
+    Args:
+        node: the coordinator.
+        federation: the name of the federation node, which reports the reasons.
+    """
+    waits: dict[str, str] = {}
+
+    def take(message: Any) -> None:
+        nonlocal waits
+        waits = json.loads(message.data)
+
+    topic = f'{federation}/{PEER_WAITS}'
+    node.create_report_subscription(String, topic, take, callback_group=node.reentrant)
+    return lambda waits_for: with_waits_of_peers(waits_for, waits)
 
 
 def check_domains(

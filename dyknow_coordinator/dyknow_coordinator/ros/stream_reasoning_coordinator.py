@@ -41,13 +41,12 @@ from dyknow_coordinator.reporting.evaluation_status import (
 from dyknow_coordinator.ros.actions import CancellingActionServer, ClientWatch
 from dyknow_coordinator.ros.answers import request_from_message
 from dyknow_coordinator.ros.cleanup import Cleanup
-from dyknow_coordinator.ros.context import LIMITS, CoordinatorContext
+from dyknow_coordinator.ros.context import LIMITS, CoordinatorContext, explained_waits
 from dyknow_coordinator.ros.evaluation.evaluation_group import EvaluationGroups
 from dyknow_coordinator.ros.evaluation.formula_evaluation import FormulaEvaluation
 from dyknow_coordinator.ros.evaluation.silence_monitor import SilenceMonitor
-from dyknow_coordinator.ros.peer_waits import PeerWaits
 from dyknow_coordinator.ros.plan_monitoring import PlanMonitoring
-from dyknow_coordinator.ros.reporting.changes import ChangeListener
+from dyknow_coordinator.ros.reporting.changes import follow_changes
 from dyknow_coordinator.ros.reporting.evaluations_report import EvaluationsReport
 from dyknow_coordinator.ros.reporting.nodes_report import NodesReport
 from dyknow_coordinator.ros.reporting.verdict_publishers import VerdictPublishers
@@ -118,7 +117,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             streams=StreamsMirror(
                 self, clients.streams_topic, clients.streams_namespace, self._on_streams_changed
             ),
-            peer_waits=PeerWaits(self, clients.federation.name),
+            explained_wait=explained_waits(self, clients.federation.name),
             results=Results(self, clients.stream_reasoning_engine.name),
             cleanup=Cleanup(self, clients),
             background=background,
@@ -134,7 +133,7 @@ class StreamReasoningCoordinator(DyKnowNode):
             self, self._statuses, self._settings.silence_limit_s, nodes.diagnostics
         )
         self._verdicts = VerdictPublishers(self, self._named, lambda: limits['verdict_topic_limit'])
-        ChangeListener(self, clients.version_topics, self._on_semantics_changed)
+        follow_changes(self, clients.version_topics, self._on_semantics_changed)
         SilenceMonitor(self._shared, self._groups, self._settings.silence_limit_s)
         self._follow_nodes(clients)
         self.serve(EvaluateFormula, self._evaluate)

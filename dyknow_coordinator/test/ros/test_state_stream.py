@@ -132,7 +132,7 @@ def test_a_violation_of_a_stream_that_is_being_left_is_none_of_the_next(name: st
     (made_of,) = supervisor.chosen
     assert made_of.stream == 'p_a'
     made.violate(former, name, ViolationKind.MAX_GAP)
-    assert not supervisor._session.have_failed([made_of], 0)
+    assert not supervisor._session.choice.have_failed([made_of], 0)
     assert not supervisor._session.faults
     assert made.observer.set_phase.call_args.args == (EvaluationPhase.RUNNING,)
 
@@ -164,7 +164,7 @@ def test_a_better_stream_without_samples_replaces_none(event: str, is_excluded: 
     asyncio.run(supervisor._prefer((better,)))
     assert bool(happened) == (event != 'silence')
     assert [each.stream for each in supervisor.chosen] == ['p_b']
-    assert supervisor._session.have_failed([better], 0) == is_excluded
+    assert supervisor._session.choice.have_failed([better], 0) == is_excluded
     assert bool(supervisor._session.faults) == (event == 'fault')
     made.observer.add_event.assert_not_called()
     evaluated = made.context.clients.evaluate_group.call_args_list

@@ -199,13 +199,10 @@ class EvaluationGroup:
         is_evaluated = self._phase in (EvaluationPhase.RUNNING, EvaluationPhase.WAITING)
         if is_evaluated and reason != self.waits_for:
             phase = EvaluationPhase.WAITING if reason else EvaluationPhase.RUNNING
-            self._set_phase(phase, reason)
+            self.set_phase(phase, reason)
 
-    def set_phase(self, phase: EvaluationPhase) -> None:
-        """Set the phase of all formulas."""
-        self._set_phase(phase)
-
-    def _set_phase(self, phase: EvaluationPhase, waits_for: str = '') -> None:
+    def set_phase(self, phase: EvaluationPhase, waits_for: str = '') -> None:
+        """Set the phase of all formulas, and if it is WAITING, why no state comes."""
         self.waits_for = waits_for
         if not self.has_ended:
             self._phase = phase

@@ -147,7 +147,7 @@ class StateSupervisor:
         if not self.chosen:
             return 'the formula depends on no feature'
         stream = self._context.streams.known.get(self.stream.name)
-        return '' if stream is None else self._context.peer_waits.explained(stream.waits_for)
+        return '' if stream is None else self._context.explained_wait(stream.waits_for)
 
     def would_choose_from(self, candidates: Candidates) -> bool:
         """Return True if the same streams would be chosen from other candidates now."""

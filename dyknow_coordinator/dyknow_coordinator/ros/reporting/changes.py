@@ -38,23 +38,21 @@ class ChangeBatch:
         self._report()
 
 
-class ChangeListener:
-    """Reports changes; changes in quick succession are reported together.
+def follow_changes(node: DyKnowNode, topics: Iterable[str], on_change: Callable[[], None]) -> None:
+    """Call a function DELAYS_S after a change; changes in quick succession are one.
 
     Args:
+        node: the coordinator.
         topics: the `~/version` of each node that reports changes.
-        on_change: called DELAYS_S after a change.
+        on_change: the function.
     """
+    batches = [ChangeBatch(node, delay_s, on_change) for delay_s in DELAYS_S]
 
-    def __init__(
-        self, node: DyKnowNode, topics: Iterable[str], on_change: Callable[[], None]
-    ) -> None:
-        self._batches = [ChangeBatch(node, delay_s, on_change) for delay_s in DELAYS_S]
-        for topic in topics:
-            node.create_report_subscription(
-                SemanticsVersion, topic, self._on_version, callback_group=node.reentrant
-            )
-
-    def _on_version(self, _version: Any) -> None:
-        for each in self._batches:
+    def on_version(_version: Any) -> None:
+        for each in batches:
             each.add()
+
+    for topic in topics:
+        node.create_report_subscription(
+            SemanticsVersion, topic, on_version, callback_group=node.reentrant
+        )
