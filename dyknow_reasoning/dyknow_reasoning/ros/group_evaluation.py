@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from typing import Any, Final, TypeVar
@@ -45,38 +45,6 @@ from dyknow_stream_processing.ros import sample_fields
 _MAX_EVENTS = 20
 
 
-@dataclass(frozen=True, slots=True)
-class FixedInputs:
-    """The domains of a group, and the topic of its results.
-
-    Args:
-        domains: the objects of each sort.
-        result_topic: the topic of the results; empty before the evaluation.
-    """
-
-    domains: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    result_topic: str = ''
-
-    def check(self, domains: Mapping[str, Sequence[str]], result_topic: str) -> None:
-        """Check that a request gives the same ones, or none.
-
-        Raises:
-            ReasoningError: naming the sort with other objects, or the topic.
-        """
-        for sort, objects in domains.items():
-            if objects != self.domains.get(sort):
-                was = listed(self.domains.get(sort, ())) or 'none'
-                raise ReasoningError(
-                    f"domains: the objects of the sort '{sort}' are fixed while the group is "
-                    f'evaluated ({was}); make a new group for others'
-                )
-        if result_topic not in {'', self.result_topic}:
-            raise ReasoningError(
-                f"result_topic: the group publishes its results on '{self.result_topic}' as long "
-                f"as it is evaluated, not on '{result_topic}'"
-            )
-
-
 class GroupEvaluation:
     """One formula group and the state streams that it is progressed over.
 
@@ -113,7 +81,9 @@ class GroupEvaluation:
         # For each formula that is removed later, the valid time until which states count.
         self._ends: dict[int, int] = {}
         self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
-        self._inputs = FixedInputs()
+        # Those of the evaluation.
+        self._domains: Mapping[str, Sequence[str]] = {}
+        self._result_topic = ''
         self._results: DirectPublisher | None = None
         self._line: StateLine[StateSubscription] = StateLine(lambda _: group.gap())
         self._standby: StateSubscription | None = None
@@ -238,7 +208,7 @@ class GroupEvaluation:
             self._reserved_parts = 0
         if self._is_destroyed:
             raise ReasoningError('the formula group was destroyed meanwhile', ExitCode.NOT_FOUND)
-        self._inputs = FixedInputs(domains, result_topic)
+        self._domains, self._result_topic = domains, result_topic
         node = self._node
         self._results = DirectPublisher(node, FormulaResultMessage, result_topic, LATCHED_HISTORY)
         self.publish(self.group.decided_at_once())
@@ -267,10 +237,25 @@ class GroupEvaluation:
             ReasoningError: for an invalid topic name, or other domains or another result topic.
         """
         absolute_topic(self._node, state_stream, 'state_stream', VIOLATIONS_SUFFIX)
-        self._inputs.check(domains, result_topic)
+        self._check_inputs(domains, result_topic)
         await self._work.run(
             lambda: self._change_stream(state_stream, doubtful_from if gap else None)
         )
+
+    def _check_inputs(self, domains: Mapping[str, Sequence[str]], result_topic: str) -> None:
+        """Check that a request gives the domains and the topic of the evaluation, or none."""
+        for sort, objects in domains.items():
+            if objects != self._domains.get(sort):
+                was = listed(self._domains.get(sort, ())) or 'none'
+                raise ReasoningError(
+                    f"domains: the objects of the sort '{sort}' are fixed while the group is "
+                    f'evaluated ({was}); make a new group for others'
+                )
+        if result_topic not in {'', self._result_topic}:
+            raise ReasoningError(
+                f"result_topic: the group publishes its results on '{self._result_topic}' as long "
+                f"as it is evaluated, not on '{result_topic}'"
+            )
 
     def _change_stream(self, state_stream: str, doubtful_from: int | None) -> None:
         if self._is_destroyed:
