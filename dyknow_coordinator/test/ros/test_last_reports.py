@@ -122,6 +122,12 @@ def test_a_cancellation_and_the_timeout_while_the_last_report_comes() -> None:
     assert world.group.remove.call_count == 2
 
 
+def test_no_name_ends_an_evaluation_whose_formula_is_not_parsed_yet() -> None:
+    world = World()
+    assert world.evaluation.canonical_formula == ''
+    assert set(world.evaluation.names) == {'F'}
+
+
 def test_without_a_group_an_evaluation_ends_at_once() -> None:
     world = World()
     world.evaluation._group = None

@@ -149,7 +149,7 @@ class FormulaEvaluation(Evaluation):
     def names(self) -> tuple[str, ...]:
         """The names that end it: its own, or without one, the formula as sent and in full."""
         formulas = (self.title, self.request.formula, self.canonical_formula)
-        return (self.request.name,) if self.request.name else formulas
+        return (self.request.name,) if self.request.name else tuple(filter(None, formulas))
 
     @property
     def answer(self) -> Answer | None:
