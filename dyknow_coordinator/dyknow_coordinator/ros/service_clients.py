@@ -184,7 +184,7 @@ class ServiceClients:
             solutions = self._waiting.pop(sparql)
             try:
                 solutions.set_result(await ontology_solutions(self.ontology_manager, sparql))
-            except DyKnowError as error:
+            except Exception as error:  # noqa: BLE001 - formulas wait for it
                 solutions.set_exception(error)
         self._senders -= 1
 

@@ -83,3 +83,16 @@ def test_the_number_of_kept_solutions_has_a_limit(
 ) -> None:
     monkeypatch.setattr(service_clients, '_MOST_SOLUTIONS', 1)
     assert [finished(clients.query(SPARQL)) for _ in range(2)] == [[('1',)], [('2',)]]
+
+
+def test_an_answer_that_is_none_is_a_fault_of_its_query_alone(clients: ServiceClients) -> None:
+    def fail() -> None:
+        raise ValueError
+
+    manager: Any = clients.ontology_manager
+    manager.before_answer = fail
+    for _ in range(10):
+        with pytest.raises(ValueError):  # noqa: PT011 - any fault
+            finished(clients.query(SPARQL))
+    manager.before_answer = lambda: None
+    assert finished(clients.query(SPARQL)) == [('11',)]

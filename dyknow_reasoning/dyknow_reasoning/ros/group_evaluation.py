@@ -115,7 +115,7 @@ class GroupEvaluation:
             return formula_id, self.group.decided_at_once() if self.has_begun else ()
 
         # The first state of the formula is a later one, also if the standby takes over.
-        if self._standby:
+        if self._standby and options.get('since') is None:
             self._standby.kept.take()
 
         def is_heavy() -> bool:
