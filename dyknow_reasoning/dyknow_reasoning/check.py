@@ -187,12 +187,9 @@ def _result(
         text = f'undecided after {states} states; what remains: {group.residual(formula_id)}'
         return CheckResult(formula, Verdict.UNDECIDED, None, None, states, text)
     index, result = found
-    if result.error:
-        text = result.error.message
-        return CheckResult(formula, Verdict.UNDECIDED, None, None, states, text, result.error)
-    return CheckResult(
-        formula, result.verdict, result.decided_at, index, states, result.explanation
-    )
+    index, text = (None, result.error.message) if result.error else (index, result.explanation)
+    verdict, decided_at = result.verdict, result.decided_at
+    return CheckResult(formula, verdict, decided_at, index, states, text, result.error)
 
 
 def _report(result: CheckResult) -> str:

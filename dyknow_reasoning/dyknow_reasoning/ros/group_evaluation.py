@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
@@ -342,12 +342,12 @@ class GroupEvaluation:
         """
         if self._work.is_busy:
             return ()
-        return await self._work.run(lambda: list(self._progress_reports()), self._is_large)
+        return await self._work.run(self._progress_reports, self._is_large)
 
-    def _progress_reports(self) -> Iterator[FormulaProgress]:
+    def _progress_reports(self) -> Sequence[FormulaProgress]:
         reports = [self._report(each) for each in sorted(self.group.undecided)]
         self._events.clear()
-        yield from reports
+        return reports
 
     def _report(self, formula_id: int, *, is_last: bool = False) -> FormulaProgress:
         states = self._states - self._states_before.get(formula_id, 0)
