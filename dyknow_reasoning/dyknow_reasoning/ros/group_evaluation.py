@@ -297,7 +297,7 @@ class GroupEvaluation:
         kept = stream.kept.take()
         self._work.receive_first([partial(self._handle, stream, each) for each in kept])
 
-    def set_standby(self, topic: str) -> None:
+    async def set_standby(self, topic: str) -> None:
         """Keep the states of a stream on standby; of none if the topic is empty.
 
         Raises:
@@ -305,9 +305,13 @@ class GroupEvaluation:
         """
         if topic:
             absolute_topic(self._node, topic, 'standby', VIOLATIONS_SUFFIX)
+        # A change to the present standby may wait.
+        await self._work.run(lambda: self._set_standby(topic))
+
+    def _set_standby(self, topic: str) -> None:
         if self._standby:
             self._standby.destroy()
-        self._standby = self._subscribe(topic) if topic else None
+        self._standby = self._subscribe(topic) if topic and not self._is_destroyed else None
 
     def destroy(self) -> None:
         """Destroy the subscriptions and the publisher."""

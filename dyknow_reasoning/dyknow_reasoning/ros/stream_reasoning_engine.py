@@ -152,7 +152,7 @@ class StreamReasoningEngine(DyKnowNode):
         domains = {domain.sort: domain.objects for domain in request.domains}
         arguments = domains, request.state_stream, request.result_topic
         if evaluation.has_begun and not request.state_stream:
-            evaluation.set_standby(request.standby)
+            await evaluation.set_standby(request.standby)
         elif request.standby:
             raise ReasoningError(
                 'standby: the group must be evaluated before it can have one; then name it in a '

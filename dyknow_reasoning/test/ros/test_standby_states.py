@@ -122,7 +122,7 @@ class Group:
 @pytest.fixture
 def group() -> Any:
     with Group() as made:
-        made.evaluation.set_standby('/standby')
+        run_to_end(made.evaluation.set_standby('/standby'))
         yield made
 
 
@@ -219,7 +219,7 @@ def test_states_after_a_take_over(
     steps: list[tuple[bool, int]], later: list[int], begin: int
 ) -> None:
     with Group() as made:
-        made.evaluation.set_standby('/standby')
+        run_to_end(made.evaluation.set_standby('/standby'))
         reference = Reference()
         times = {'/former': 0, '/standby': begin}
         for is_former, distance in steps:
@@ -300,6 +300,24 @@ def test_a_request_may_overtake_the_violation(
     assert group.progressed == expected
 
 
+def test_a_next_standby_waits_for_the_take_over(group: Group) -> None:
+    """The take-over waits for a step; the former standby is taken, which has all states."""
+    group.state('/former', 2)
+    with mock.patch.object(group_evaluation, 'HEAVY_STEP_S', -1.0):
+        group.receive('/former', 3)
+    for each in (2, 3, 4):
+        group.receive('/standby', each)
+    change = group.evaluation.change_stream({}, '/standby', '', gap=True, doubtful_from=9)
+    following = group.evaluation.set_standby('/next')
+    for each in (change, following):
+        assert each.send(None) is None
+    group.drain()
+    for each in (change, following):
+        run_to_end(each)
+    group.drain()
+    assert group.progressed == [2, 3, 4]
+
+
 def test_states_of_a_standby_that_broke_a_constraint_are_not_used(group: Group) -> None:
     group.state('/former', 2)
     for each in (2, 3):
@@ -362,7 +380,7 @@ def test_no_state_from_before_a_formula_was_added_is_used(group: Group) -> None:
 def test_there_may_be_no_standby(group: Group) -> None:
     former = group.streams['/standby']
     with mock.patch.object(former, 'destroy') as destroy:
-        group.evaluation.set_standby('')
+        run_to_end(group.evaluation.set_standby(''))
     destroy.assert_called_once_with()
     group.state('/former', 2)
     group.take_over(gap=True)
