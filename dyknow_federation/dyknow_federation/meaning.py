@@ -68,6 +68,7 @@ def imports(
     own: Collection[str],
     same: Collection[str],
     topic: Callable[[str, str], str],
+    former: Collection[str] = (),
 ) -> Imports:
     """Return the meaning of what peers share.
 
@@ -76,15 +77,19 @@ def imports(
         own: the objects that this host knows without its peers.
         same: the objects whose name means the same everywhere.
         topic: returns the topic of a stream, given the names of its peer and of the stream.
+        former: the objects of peers that are known: one that is qualified remains so, as formulas
+            name it, after the other objects of its name have left.
     """
     uses = Counter(each.name for given in shares.values() for each in given.objects)
-    taken = {name for name, number in uses.items() if number > 1 or name in own} - {*same}
+    several = {name for name, number in uses.items() if number > 1 or name in own}
+    kept = {*former} - uses.keys()
     objects: dict[str, tuple[str, ...]] = {}
     streams: dict[tuple[str, str], ImportedStream] = {}
     faults: list[str] = []
     for peer, given in sorted(shares.items()):
         names = {each.name: each.name for each in given.objects}
-        names |= {name: f'{peer}_{name}' for name in taken & names.keys()}
+        taken = {each for each in names if each in several or f'{peer}_{each}' in kept} - {*same}
+        names |= {name: f'{peer}_{name}' for name in taken}
         known = {each.name: each for each in given.objects if _is_usable(each, peer, faults)}
         for name in taken & known.keys():
             if names[name] in {*own, *uses}:

@@ -41,10 +41,12 @@ def argument(annotation: str) -> str:
     return parsed.contents[0].feature.arguments[0].name
 
 
-@given(shares, st.sets(names), st.sets(names))
-def test_names_mean_one_thing(given_: dict[str, Shares], own: set[str], same: set[str]) -> None:
+@given(shares, st.sets(names), st.sets(names), st.sets(st.sampled_from(('a', 'p_a', 'q_part'))))
+def test_names_mean_one_thing(
+    given_: dict[str, Shares], own: set[str], same: set[str], former: set[str]
+) -> None:
     """Two streams are about one object only if a user has said so, or if no other has its name."""
-    found = imports(given_, own, same, topic)
+    found = imports(given_, own, same, topic, former)
     assert not found.faults
     meant: dict[str, set[tuple[str, str]]] = {name: {('', name)} for name in own}
     for (peer, stream), each in found.streams.items():
@@ -54,6 +56,16 @@ def test_names_mean_one_thing(given_: dict[str, Shares], own: set[str], same: se
         assert len(things) == 1 or {original for _, original in things} == {name} <= same
     used = {argument(each.annotation) for each in found.streams.values()}
     assert used - own <= {*found.objects} <= used
+
+
+def test_a_qualified_object_keeps_its_name_when_the_other_one_leaves() -> None:
+    """Formulas that name it go on; a peer that shares an object of that very name takes it."""
+    joined = imports({'p': shared('part'), 'q': shared('part')}, (), (), topic)
+    left = imports({'p': shared('part')}, (), (), topic, joined.objects)
+    assert left.objects == {'p_part': ('Robot',)}
+    assert argument(left.streams['p', 'Charge_part'].annotation) == 'p_part'
+    taken = imports({'p': shared('part'), 'r': shared('p_part')}, (), (), topic, joined.objects)
+    assert {*taken.objects} == {'part', 'p_part'}
 
 
 def test_a_stream_of_a_peer_is_a_topic_here() -> None:

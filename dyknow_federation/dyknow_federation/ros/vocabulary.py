@@ -95,7 +95,7 @@ class SharedVocabulary:
         knowledge = (await self._ontologies.contents()).stated
         remote = set(knowledge.instances(REMOTE)) if REMOTE in knowledge.sorts else set()
         own = {name for sort in knowledge.sorts for name in knowledge.instances(sort)} - remote
-        due = imports(shares, own, self._same, self._topic)
+        due = imports(shares, own, self._same, self._topic, remote)
         faults = list(due.faults)
         annotations = (await self._annotations.contents()).annotations.items()
         topics = {each.stream: text for text, each in annotations if each.is_topic}
