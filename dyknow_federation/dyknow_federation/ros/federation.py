@@ -236,6 +236,8 @@ class Federation(DyKnowNode):
         peers = tuple(self._peer_report(each, now) for each in self._peer.remotes.values())
         shared = tuple(each.stream for each in self._peer.shares.features)
         faults = (*self._vocabulary.faults, *self._own.faults, *self._offer_faults)
+        if link_fault := transport.link_fault():
+            faults += (link_fault,)
         self._warn(faults)
         refused_at, refusal = self._refused
         if refusal and now - refused_at < 2 * self._settings.peer_timeout:

@@ -15,7 +15,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-from dyknow_common import DyKnowError, ExitCode, one_line
+from dyknow_common import DyKnowError, ExitCode, listed, one_line
 from dyknow_configuration import RequestedFederation
 from dyknow_federation.encoding import MAX_PACKET
 from dyknow_federation.errors import FederationError
@@ -56,7 +56,10 @@ class ZenohTransport:
         self.dropped = 0
         """The number of packets that came while too many waited, or were too long."""
         self._name = federation.name
+        self._connect = federation.connect
+        self._timeout = federation.peer_timeout
         self._now = now
+        self._linked_at = now()
         self._wake = wake
         self._waiting: deque[ReceivedPacket] = deque()
         self._zenoh = _zenoh()
@@ -84,6 +87,22 @@ class ZenohTransport:
     def take(self) -> list[ReceivedPacket]:
         """Return the packets that have come since the last call."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
+
+    def link_fault(self) -> str:
+        """Return that a link has been missing for `peer_timeout`; empty if none is missed.
+
+        zenoh logs neither a link that the other host refuses nor one that it refuses itself.
+        """
+        info, now = self.session.info, self._now()
+        if not self._connect or info.peers_zid() or info.routers_zid():
+            self._linked_at = now
+            return ''
+        if now - self._linked_at < self._timeout:
+            return ''
+        return (
+            f'there is no link to {listed(self._connect)}; check the address, that the host is '
+            'there, and for tls, that each of both has a certificate that the other one accepts'
+        )
 
     def forget(self, peer: str) -> None:
         """Free what was needed to send to a peer."""

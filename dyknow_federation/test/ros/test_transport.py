@@ -54,7 +54,7 @@ class Network:
     def add(self, label: str, name: str, zenoh: Path) -> None:
         first = not self.transports
         ends = {'listen' if first else 'connect': (self.end,)}
-        federation = RequestedFederation(name, zenoh=zenoh, **ends)
+        federation = RequestedFederation(name, zenoh=zenoh, peer_timeout=0, **ends)
         transport = ZenohTransport(federation, time.time_ns, lambda: None)
         self.transports[label] = self.stack.enter_context(closing(transport))
         self.received[label] = set()
@@ -163,6 +163,28 @@ def test_the_documented_access_control(network: Network, tmp_path: Path) -> None
         'disguised': {('basestation', b'all')},
         'bare': set(),
     }
+    faults = {label: each.link_fault() for label, each in network.transports.items()}
+    refused = faults.pop('bare')
+    assert refused.startswith(f'there is no link to {network.end}')
+    assert 'certificate' in refused
+    assert not any(faults.values())
+
+
+@pytest.mark.parametrize('network', ['tcp'], indirect=True)
+def test_a_missing_link_is_reported_once_it_is_missed(network: Network, tmp_path: Path) -> None:
+    file = tmp_path / 'zenoh.json5'
+    file.write_text(ALONE)
+    times = iter((0, 99, 100, 200, 201))
+    settings = RequestedFederation('carrier1', (network.end,), zenoh=file, peer_timeout=100)
+    with closing(ZenohTransport(settings, lambda: next(times), lambda: None)) as carrier:
+        assert not carrier.link_fault()
+        assert carrier.link_fault()
+        network.add('base', 'base', file)
+        wait_until(lambda: bool(carrier.session.info.peers_zid()))
+        assert not carrier.link_fault()
+        network.transports['base'].close()
+        wait_until(lambda: not carrier.session.info.peers_zid())
+        assert not carrier.link_fault()
 
 
 @pytest.mark.parametrize(
