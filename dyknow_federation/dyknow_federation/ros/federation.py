@@ -18,7 +18,7 @@ from rclpy.exceptions import InvalidHandle
 from std_msgs.msg import String
 
 from dyknow_common import NANOSECONDS, SECOND_NS, DyKnowError, format_time
-from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, run
+from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, is_time_simulated, run
 from dyknow_configuration import RequestedFederation, read_robot
 from dyknow_coordinator import PEER_WAITS
 from dyknow_federation import events
@@ -40,6 +40,11 @@ PERIOD_S: Final = 0.1
 """The period in which demands and changes are looked for."""
 
 REPORT_PERIOD_S: Final = 1.0
+
+SIMULATED: Final = (
+    'this host has no peers, as it takes its time from /clock, in which clocks cannot be compared; '
+    'run it without use_sim_time'
+)
 
 MIN_PERIOD_NS: Final = NANOSECONDS['ms']
 """The least time between two looks for what is due."""
@@ -93,16 +98,20 @@ class Federation(DyKnowNode):
             return  # The node is destroyed.
 
     def _take(self) -> None:
-        """Take the packets that have come."""
-        for each in self._transport.take():
+        """Take the packets that have come; in simulated time, none are sent or taken."""
+        packets = self._transport.take()
+        if is_time_simulated(self):
+            return
+        for each in packets:
             self._act(self._peer.receive(each.data, self._time(each.received_at), each.sender))
         self._plan()
 
     def _advance(self) -> None:
         """Do what is due, after all packets that have come before."""
         self._take()
-        self._act(self._peer.advance(self._time(self.now())))
-        self._plan()
+        if not is_time_simulated(self):
+            self._act(self._peer.advance(self._time(self.now())))
+            self._plan()
 
     def _time(self, at: int) -> int:
         """Return a time that is not before an earlier one, unless the clock was set back."""
@@ -236,8 +245,8 @@ class Federation(DyKnowNode):
         peers = tuple(self._peer_report(each, now) for each in self._peer.remotes.values())
         shared = tuple(each.stream for each in self._peer.shares.features)
         faults = (*self._vocabulary.faults, *self._own.faults, *self._offer_faults)
-        if link_fault := transport.link_fault():
-            faults += (link_fault,)
+        if fault := SIMULATED if is_time_simulated(self) else transport.link_fault():
+            faults += (fault,)
         self._warn(faults)
         refused_at, refusal = self._refused
         if refusal and now - refused_at < 2 * self._settings.peer_timeout:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import socket
 import subprocess
@@ -12,10 +13,14 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+import rclpy
+from std_msgs.msg import String
 
 from dyknow_common import DyKnowError
+from dyknow_common.ros import LATCHED
 from dyknow_configuration import RequestedFederation
 from dyknow_federation.peer import MAX_PEERS
+from dyknow_federation.ros.federation import SIMULATED, Federation
 from dyknow_federation.ros.transport import PREFIX, ZenohTransport
 
 pytestmark = pytest.mark.skipif(find_spec('zenoh') is None, reason='zenoh is not installed')
@@ -115,6 +120,42 @@ def test_senders_that_were_never_peers_keep_no_other_one_out(
     for number in range(MAX_PEERS + 1):
         have_come(f'p{number}')
     wait_until(lambda: have_come('last'))
+
+
+@pytest.mark.parametrize('is_simulated', [False, True])
+@pytest.mark.parametrize('network', ['tcp'], indirect=True)
+def test_a_host_in_simulated_time_has_no_peers(
+    network: Network, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, is_simulated: bool
+) -> None:
+    """Its clock goes in steps, so nothing bounds its difference to another one."""
+    file = tmp_path / 'zenoh.json5'
+    file.write_text(ALONE)
+    network.add('base', 'base', file)
+    robot = tmp_path / 'robot.yaml'
+    ends = f'name: carrier1, connect: {network.end}, zenoh: {file}'
+    robot.write_text(f'federation: {{{ends}}}\n')
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    given = (f'robot:={robot}', f'use_sim_time:={str(is_simulated).lower()}')
+    rclpy.init(args=['--ros-args', *(word for each in given for word in ('-p', each))])
+    node = Federation()
+    reports: list[dict[str, object]] = []
+    topic = 'federation/federation'
+    node.create_subscription(
+        String, topic, lambda message: reports.append(json.loads(message.data)), LATCHED
+    )
+
+    def is_reported() -> bool:
+        rclpy.spin_once(node, timeout_sec=0.1)
+        network.take()
+        return bool(reports and (is_simulated or network.received['base']))
+
+    try:
+        wait_until(is_reported)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    assert (SIMULATED in reports[-1]['faults']) is is_simulated
+    assert bool(network.received['base']) is not is_simulated
 
 
 @pytest.mark.skipif(shutil.which('openssl') is None, reason='openssl is not installed')
