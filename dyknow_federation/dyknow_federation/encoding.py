@@ -17,12 +17,14 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any, Final, get_args, get_origin, get_type_hints
 
+from dyknow_common import Value
 from dyknow_federation.errors import FederationError
-from dyknow_federation.messages import Content, Message, Packet, Time
+from dyknow_federation.messages import Content, Message, Packet, Samples, Time
 
 VERSION: Final = 7
 """The version of the protocol; peers of different versions refuse each other, and say so."""
@@ -58,6 +60,37 @@ _hints = cache(partial(get_type_hints, include_extras=True))
 """Returns the types of the fields of a dataclass, by their names, in order."""
 
 
+def encode_all(packet: Packet) -> Iterator[bytes]:
+    """Yield the bytes of a packet, or of several ones that have room for its messages.
+
+    Raises:
+        FederationError: if one of its messages is too large.
+    """
+    try:
+        yield encode(packet)
+    except FederationError:
+        messages = packet.messages
+        if len(messages) == 1:
+            messages = _halves(messages[0])
+        if len(messages) == 1:
+            raise
+        half = len(messages) // 2
+        for each in (messages[:half], messages[half:]):
+            yield from encode_all(Packet(packet.incarnation, each))
+
+
+def _halves(message: Message) -> tuple[Message, ...]:
+    """Return a message as two, if it is a batch of samples."""
+    if not isinstance(message, Samples) or len(message.contents) == 1:
+        return (message,)
+    cut = len(message.contents) // 2
+    times, contents, rest = message.valid_times, message.contents, message.first + cut
+    return (
+        replace(message, valid_times=times[:cut], contents=contents[:cut]),
+        replace(message, first=rest, valid_times=times[cut:], contents=contents[cut:]),
+    )
+
+
 def encode(packet: Packet) -> bytes:
     """Return the bytes of a packet.
 
@@ -78,6 +111,18 @@ def encode(packet: Packet) -> bytes:
     if len(plain) >= _COMPRESSES and len(found := zlib.compress(plain)) < len(plain):
         return with_checksum(bytes([VERSION | _COMPRESSED]) + found)
     return with_checksum(bytes([VERSION]) + plain)
+
+
+def check_value(value: Value) -> None:
+    """Check that peers take a value.
+
+    Raises:
+        FederationError: if it is a text or an integer that is too long.
+    """
+    if isinstance(value, str) and (length := len(value.encode(errors='replace'))) > MAX_LENGTH:
+        raise FederationError(f'it has {length:,} bytes; peers get at most {MAX_LENGTH:,}')
+    if isinstance(value, int):
+        _checked(value)
 
 
 def with_checksum(data: bytes) -> bytes:

@@ -77,34 +77,29 @@ def imports(
         own: the objects that this host knows without its peers.
         same: the objects whose name means the same everywhere.
         topic: returns the topic of a stream, given the names of its peer and of the stream.
-        former: the objects of peers that are known: one that is qualified remains so, as formulas
-            name it, after the other objects of its name have left.
+        former: the objects of peers so far: one that is qualified remains so, as formulas name it.
     """
     uses = Counter(each.name for given in shares.values() for each in given.objects)
-    several = {name for name, number in uses.items() if number > 1 or name in own}
-    kept = {*former} - uses.keys()
+    several = {name for name, number in uses.items() if number > 1 or name in own} - {*same}
+    kept = {*former} - uses.keys() - {f'{peer}_{name}' for peer in shares for name in same}
     objects: dict[str, tuple[str, ...]] = {}
     streams: dict[tuple[str, str], ImportedStream] = {}
     faults: list[str] = []
     for peer, given in sorted(shares.items()):
-        names = {each.name: each.name for each in given.objects}
-        taken = {each for each in names if each in several or f'{peer}_{each}' in kept} - {*same}
-        names |= {name: f'{peer}_{name}' for name in taken}
         known = {each.name: each for each in given.objects if _is_usable(each, peer, faults)}
-        for name in taken & known.keys():
-            if names[name] in {*own, *uses}:
+        names = {name: f'{peer}_{name}' for name in known}
+        names |= {each: each for each in known if each not in several and names[each] not in kept}
+        for name, local in names.items():
+            if local != name and local in {*own, *uses, *objects}:
+                faults.append(f"peer '{peer}' shares '{name}', but '{local}' exists, too")
                 del known[name]
-                faults.append(f"peer '{peer}' shares '{name}', but '{names[name]}' exists, too")
-        for name, each in known.items():
-            if (local := names[name]) not in own:
-                objects[local] = tuple(dict.fromkeys((*objects.get(local, ()), *each.sorts)))
+            elif local not in own:
+                objects[local] = tuple(dict.fromkeys((*objects.get(local, ()), *known[name].sorts)))
         for feature in given.features[:MAX_STREAMS]:
             try:
-                stream = _imported(feature, known, names, topic(peer, feature.stream))
+                streams[peer, feature.stream] = _imported(peer, feature, known, names, topic)
             except DyKnowError as error:
                 faults.append(f"peer '{peer}', stream '{shortened(feature.stream)}': {error}")
-            else:
-                streams[peer, feature.stream] = stream
         if len(given.features) > MAX_STREAMS:
             faults.append(f"peer '{peer}' shares more than {MAX_STREAMS:,} streams; share fewer")
     return Imports(objects, streams, tuple(faults))
@@ -122,10 +117,11 @@ def _is_usable(shared: SharedObject, peer: str, faults: list[str]) -> bool:
 
 
 def _imported(
+    peer: str,
     feature: SharedFeature,
     known: Mapping[str, SharedObject],
     names: Mapping[str, str],
-    topic: str,
+    topic: Callable[[str, str], str],
 ) -> ImportedStream:
     if not (_NAME.fullmatch(feature.stream) and _NAME.fullmatch(feature.name)):
         raise FederationError('it cannot be a name here; use letters, digits and _')
@@ -134,7 +130,8 @@ def _imported(
     arguments = tuple(FeatureArgument(names[each]) for each in feature.objects)
     term = FeatureTerm(feature.name, arguments)
     # Without constraints: watermarks say how far the samples are known, and its host tells more.
-    annotation = Annotation(topic, (Content(term, VALUE, feature.unit or None),), is_topic=True)
+    contents = (Content(term, VALUE, feature.unit or None),)
+    annotation = Annotation(topic(peer, feature.stream), contents, is_topic=True)
     if _parsed(str(annotation)) != (annotation,):  # Whatever the peer says may be in it.
         raise FederationError(f"'{shortened(feature.unit)}' is no unit")
     sorts = tuple(known[each].sorts[0] for each in feature.objects)  # The most specific one.

@@ -192,7 +192,7 @@ class PushDown:
             return None
         formula = joined(instances, join)
         text = _text(self._over_streams(formula))
-        is_short = 0 < len(text) <= MAX_LENGTH
+        is_short = 0 < len(text.encode()) <= MAX_LENGTH
         return _Hole(True, PeerPart(peer, formula, text)) if is_short else None
 
     def _peer(self, instances: Sequence[Formula]) -> str | None:
@@ -271,9 +271,10 @@ def _filled(node: Any, topics: Mapping[PeerPart, str]) -> Any:
 
 
 def verdict_text(*, is_true: bool, reason: str) -> str:
-    """Return what a peer is told of a formula that is decided."""
+    """Return what a peer is told of a formula that is decided; a long reason is cut."""
     verdict = _TRUE if is_true else _FALSE
-    return f'{verdict}: {reason}' if reason else verdict
+    text = f'{verdict}: {reason}' if reason else verdict
+    return text.encode(errors='replace')[:MAX_LENGTH].decode(errors='ignore')
 
 
 def streams_of(formula: str, shared: Collection[str]) -> frozenset[str]:

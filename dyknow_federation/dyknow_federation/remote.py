@@ -173,6 +173,8 @@ class RemotePeer:
         """Measure the clock anew, as the own one has jumped; all waits end."""
         self.heard_at = self._needed_at = at
         self._probes.clear()
+        for each in self._formulas.values():
+            each.due, each.deadline = at, at + FORMULA_TIMEOUT
         self._begin(at)
         return self._begin_times_anew(at)
 
@@ -220,7 +222,7 @@ class RemotePeer:
 
         While a formula looks for another source, the objects must be known that its error names.
         """
-        if self.is_present or self.requested:
+        if self.is_present or self.requested or self._formulas:
             self._needed_at = at
         return at - self._needed_at >= self._settings.peer_timeout
 
@@ -293,7 +295,7 @@ class RemotePeer:
             return []
         self._granted.pop(former, None)
         self._granted[epoch] = name
-        requested.stream = ReceivedStream(name, epoch)
+        requested.stream, requested.is_refused = ReceivedStream(name, epoch), False
         reasons = [f'{self.name} shares {name} with a deadband of {deadband}'] if deadband else []
         if constants := requested.precision.constants:
             compared = ', '.join(map(str, constants))
@@ -353,8 +355,9 @@ class RemotePeer:
                 case Received():
                     yield from self._put(name, each, at)
                 case Promise(time):
+                    # A clock that has jumped ahead promises more than is past.
                     if (earliest := self.clock.own_time(time).earliest) > self.clock.since:
-                        values.promise(earliest)
+                        values.promise(min(earliest, at))
             for time, value in values.take(partial(self.difference, at), precision):
                 yield events.ValueKnown(self.name, name, time, value)
             if isinstance(each, Promise):

@@ -17,9 +17,11 @@ from typing import Final, NamedTuple
 from dyknow_common import SECOND_NS, Value, format_time
 from dyknow_federation import messages
 from dyknow_federation.clocks import BEGINNING
+from dyknow_federation.encoding import check_value
 from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import Grant, Request, Samples, StreamFault, StreamMessage
 from dyknow_federation.possible_values import Precision
+from dyknow_stream_processing import ViolationKind
 
 MAX_HISTORY: Final = 20_000
 """The number of samples of a stream that are kept for back-fill."""
@@ -152,6 +154,12 @@ class SentStream:
         self._promised = valid_time
         if not self._thinning.passes(valid_time, value):
             return False
+        try:
+            check_value(value)
+        except FederationError as error:
+            text = f"a value of '{self._name}' cannot cross: {error}"
+            self.violate(StreamFault(valid_time, str(ViolationKind.FIELDS), text))
+            return True
         self._latest = valid_time
         self._keep(_Kept(valid_time, value))
         return True

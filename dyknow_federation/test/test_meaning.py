@@ -68,6 +68,14 @@ def test_a_qualified_object_keeps_its_name_when_the_other_one_leaves() -> None:
     assert {*taken.objects} == {'part', 'p_part'}
 
 
+def test_qualified_names_that_meet_are_no_one_thing() -> None:
+    given_ = {'p': shared('a_b'), 'p_a': shared('b'), 'q': shared('a_b', 'b')}
+    found = imports(given_, (), (), topic)
+    assert {*found.objects} == {'p_a_b', 'q_a_b', 'q_b'}
+    assert [*found.streams] == [('p', 'Charge_a_b'), ('q', 'Charge_a_b'), ('q', 'Charge_b')]
+    assert found.faults[0] == "peer 'p_a' shares 'b', but 'p_a_b' exists, too"
+
+
 def test_a_stream_of_a_peer_is_a_topic_here() -> None:
     found = imports({'p': shared('a')}, (), (), topic)
     assert found.objects == {'a': ('Robot',)}

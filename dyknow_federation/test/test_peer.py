@@ -25,6 +25,7 @@ from dyknow_federation.events import (
     SharesChanged,
     StreamViolated,
     ValueKnown,
+    WatermarkArrived,
 )
 from dyknow_federation.messages import (
     MAX_BATCH,
@@ -96,7 +97,7 @@ class Net:
         peer = self.peers[receiver]
         return peer.receive(encode(Packet(7, (message,))), self.time(receiver), sender).events
 
-    def publish(self, name: str, value: float) -> None:
+    def publish(self, name: str, value: Value) -> None:
         self.peers[name].publish('level', self.time(name), value, self.time(name))
 
     def values(self, name: str) -> list[Value]:
@@ -462,6 +463,36 @@ def test_a_jump_of_a_clock_is_told() -> None:
     net.assert_known(2)
 
 
+def test_a_clock_that_jumps_ahead_promises_nothing_that_is_still_to_come() -> None:
+    """Until the jump is noticed, a state ahead of the clock would be taken for certain."""
+    net = sharing()
+    net.assert_known(1)
+    net.events['b'].clear()
+    net.drops = lambda packet: packet.is_urgent
+    net.offsets['a'] += 5 * SECOND_NS
+    net.peers['a'].promise('level', net.time('a'), net.time('a'))
+    net.run(0.1)
+    (promise,) = net.take('b', WatermarkArrived)
+    assert promise.time <= net.time('b')
+
+
+@pytest.mark.parametrize(
+    ('value', 'reason'),
+    [
+        ('ü' * 5001, 'it has 10,002 bytes; peers get at most 10,000'),
+        (2**63, 'an integer has more than 64 bits'),
+    ],
+)
+def test_a_value_that_cannot_cross_is_a_violation(value: Value, reason: str) -> None:
+    net = sharing()
+    net.publish('a', value)
+    net.settle()
+    (violation,) = net.take('b', StreamViolated)
+    assert violation.constraint == 'fields'
+    assert violation.reason == f"peer 'a' reports: a value of 'level' cannot cross: {reason}"
+    net.assert_known(2)
+
+
 def test_an_own_clock_that_jumps_back_stops_nothing() -> None:
     net = sharing(offset=1000 * SECOND_NS)
     net.publish('a', 1)
@@ -565,6 +596,26 @@ def test_a_formula_that_nobody_answers_is_given_up() -> None:
     net.run(20)
     net.take('b', FormulaAnswered)
     assert ask_formula(net) == [answer]
+
+
+def test_a_formula_is_given_up_though_its_peer_is_forgotten_before() -> None:
+    net = Net('b', 'a')
+    net.peers['b'] = Peer(RequestedFederation('b', peer_timeout=SECOND_NS), 3)
+    net.run(1)
+    del net.peers['a']
+    net.peers['b'].request_formula('a', ASKED, net.time('b'))
+    net.run(7)
+    assert net.take('b', FormulaAnswered)
+    assert not net.peers['b'].remotes
+
+
+def test_a_formula_is_given_up_though_the_own_clock_jumps_back() -> None:
+    net = sharing()
+    net.drops = lambda packet: has(packet, FormulaReply)
+    assert ask_formula(net) == []
+    net.offsets['b'] -= 1000 * SECOND_NS
+    net.run(6)
+    assert net.take('b', FormulaAnswered)
 
 
 @pytest.mark.parametrize(

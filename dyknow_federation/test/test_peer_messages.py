@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import zlib
+from dataclasses import replace
 from typing import get_args
 
 import pytest
@@ -18,6 +19,7 @@ from dyknow_federation.encoding import (
     VERSION,
     decode,
     encode,
+    encode_all,
     with_checksum,
 )
 from dyknow_federation.errors import FederationError
@@ -187,7 +189,21 @@ def test_bytes_are_decoded_or_refused(data: bytes) -> None:
         decode(with_checksum(bytes([VERSION]) + data))
 
 
-def test_a_packet_that_is_too_large_is_not_sent() -> None:
+def test_what_is_too_large_for_one_packet_is_sent_in_several() -> None:
+    """Else a peer would ask for it again for ever."""
+    batch = Samples(1, 7, tuple(range(MAX_BATCH)), tuple('ü' * 4000 for _ in range(MAX_BATCH)))
+    messages = (Hello(1), batch, Watermark(1, 900, 1, 5), replace(batch, epoch=2))
+    packets = [decode(each) for each in encode_all(Packet(3, messages))]
+    assert {each.incarnation for each in packets} == {3}
+    sent = [message for each in packets for message in each.messages]
+    assert [each for each in sent if not isinstance(each, Samples)] == [messages[0], messages[2]]
+    for epoch in (1, 2):
+        parts = [each for each in sent if isinstance(each, Samples) and each.epoch == epoch]
+        numbers = [each.first + count for each in parts for count in range(len(each.contents))]
+        assert numbers == list(range(7, 7 + MAX_BATCH))
+        assert sum((each.valid_times for each in parts), ()) == batch.valid_times
+        assert sum((each.contents for each in parts), ()) == batch.contents
+    assert [*encode_all(Packet(1, (Hello(1),)))] == [encode(Packet(1, (Hello(1),)))]
     objects = tuple(SharedObject('x' * 1000, ('y' * 1000,)) for _ in range(1000))
     with pytest.raises(FederationError, match='share less'):
-        encode(Packet(1, (Shares(1, objects),)))
+        [*encode_all(Packet(1, (Shares(1, objects),)))]

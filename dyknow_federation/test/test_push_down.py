@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from dyknow_common import SECOND_NS, Verdict
 from dyknow_coordinator import PEER_VERDICT, with_reasons_of_peers, with_waits_of_peers
+from dyknow_federation.encoding import MAX_LENGTH
 from dyknow_federation.errors import FederationError
 from dyknow_federation.push_down import (
     MAX_NODES,
@@ -307,3 +308,9 @@ def test_a_formula_of_a_peer_is_checked(formula: str, message: str) -> None:
     with pytest.raises(FederationError) as caught:
         streams_of(formula, ['P_r1'])
     assert message in caught.value.message
+
+
+def test_a_long_reason_is_cut_to_what_crosses() -> None:
+    text = verdict_text(is_true=False, reason='ü' * MAX_LENGTH)
+    assert text.startswith('false: üü')
+    assert MAX_LENGTH - 2 < len(text.encode()) <= MAX_LENGTH

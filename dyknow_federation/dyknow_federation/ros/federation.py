@@ -22,7 +22,7 @@ from dyknow_common.ros import LATCHED, RUNNING, DyKnowNode, LogOnce, is_time_sim
 from dyknow_configuration import RequestedFederation, read_robot
 from dyknow_coordinator import PEER_WAITS
 from dyknow_federation import events
-from dyknow_federation.encoding import encode
+from dyknow_federation.encoding import encode_all
 from dyknow_federation.errors import FederationError
 from dyknow_federation.offers import shares
 from dyknow_federation.peer import Effects, Peer
@@ -129,7 +129,8 @@ class Federation(DyKnowNode):
     def _act(self, effects: Effects) -> None:
         for receiver, packet in effects.packets:
             try:
-                self._transport.send(receiver, encode(packet), is_urgent=packet.is_urgent)
+                for data in encode_all(packet):
+                    self._transport.send(receiver, data, is_urgent=packet.is_urgent)
             except FederationError as error:
                 self._warn([str(error)])
         for event in effects.events:
