@@ -100,6 +100,19 @@ def test_a_line_of_sight_across_a_thin_fence() -> None:
     assert unit(east, farther, 0) == pytest.approx(591, abs=1)
 
 
+@given(st.floats(-180, 180), st.floats(-0.4, 0.4), st.floats(-0.4, 0.4))
+def test_a_way_is_the_shorter_one_around_the_earth(centre: float, begin: float, end: float) -> None:
+    """Also on the other side of the earth, where longitudes from a region on are cut, too."""
+    west = min(max(centre, -179), 178)
+    near = rectangle(west, 9, west + 1, 11)
+    away = math.remainder(west + 180.5, 360)
+    one, other = ({'x': math.remainder(away + each, 360), 'y': 10.0} for each in (begin, end))
+    unit = SweptDistances(r=near)
+    expected = min(unit(one, 0)['r'], RegionDistances(r=near)(other, 0)['r'])
+    assert unit(other, 1)['r'] == pytest.approx(expected, rel=0.01)
+    assert SightDistance(r=near)(one, other, 0) == pytest.approx(expected, rel=0.01)
+
+
 def test_circles_and_buffers_are_in_metres() -> None:
     geometry = circle(15.0, 58.0, 100.0, WGS84)
     near = Region('a', (), WGS84, geometry)

@@ -55,6 +55,8 @@ def test_geojson(tmp_path: Path) -> None:
         ({'type': 'FeatureCollection', 'features': [1]}, 'a list of features'),
         ({'type': 'Feature', 'properties': {'name': 'a b'}, 'geometry': None}, "named 'a b'"),
         ({'type': 'Feature', 'properties': {'name': 'a'}, 'geometry': None}, 'no geometry'),
+        ({'type': 'Feature', 'properties': {'name': 'a', 'sort': 5}}, '"sort" is a text or'),
+        ({'type': 'Feature', 'properties': {'name': 'a', 'sort': [5]}}, '"sort" is a text or'),
         ({'type': 'Polygon', 'coordinates': [[[0, 0], ['a', 1]]]}, 'no geometry of GeoJSON'),
         ({'type': 'Point', 'coordinates': [0, 0]}, 'not a Point'),
     ],

@@ -11,6 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dyknow_space import (
@@ -67,6 +68,30 @@ def test_compositions_of_drawn_regions() -> None:
         seen[first, second] = seen.get((first, second), RegionRelation(0)) | third
     if CASES >= 100_000:
         assert all(seen[pair] == compose(*pair) for pair in seen)
+
+
+def test_regions_cut_at_180_degrees_are_related_as_elsewhere() -> None:
+    random = Random(5)  # noqa: S311 - no secrets
+    for _ in range(CASES or 150):
+        shift = random.randint(-3, 12)
+
+        def turned(each: Any, shift: int = shift) -> Region:
+            moved = shapely().transform(
+                each, lambda points: points / 8 + np.array([180 - shift / 8, 0])
+            )
+            halves = []
+            for turn in (0, 360):
+                window = shapely().box(-180, -90, 180, 90)
+                back = shapely().transform(
+                    moved, lambda points, turn=turn: points - np.array([turn, 0])
+                )
+                found = shapely().intersection(back, window)
+                halves += [part for part in shapely().get_parts(found) if part.area > 0]
+            return Region('r', (), 'wgs84', shapely().multipolygons(halves))
+
+        first, second, _ = triple(random)
+        cut = relation_of(turned(first.geometry), turned(second.geometry))
+        assert cut is relation_of(first, second)
 
 
 def test_laws_of_the_table() -> None:

@@ -188,10 +188,7 @@ class GeographicShapes:
             SpaceError: also if a coordinate is no degree.
         """
         return np.concatenate(
-            [
-                shapes.swept(_in_plane(begin, plane), _in_plane(end, plane))
-                for plane, shapes in self._projected
-            ]
+            [shapes.swept(*_ends_in_plane(begin, end, plane)) for plane, shapes in self._projected]
         )
 
     def sight(self, one: Positions, other: Positions) -> float:
@@ -201,8 +198,7 @@ class GeographicShapes:
             SpaceError: also if a coordinate is no degree.
         """
         return min(
-            shapes.sight(_in_plane(one, plane), _in_plane(other, plane))
-            for plane, shapes in self._projected
+            shapes.sight(*_ends_in_plane(one, other, plane)) for plane, shapes in self._projected
         )
 
 
@@ -228,6 +224,16 @@ def _in_plane(positions: Positions, plane: LocalPlane) -> Positions:
         if (np.abs(values[np.isfinite(values)]) > most).any():
             raise SpaceError(f'the {name} of the position is beyond {most} degrees')
     return replace(positions, plane=np.column_stack(plane.coordinates(x, y)))
+
+
+def _ends_in_plane(
+    begin: Positions, end: Positions, plane: LocalPlane
+) -> tuple[Positions, Positions]:
+    """Return the ends of the shorter way between two places, which may pass behind the plane."""
+    first, last = _in_plane(begin, plane), _in_plane(end, plane)
+    turns = np.rint((first.plane[:, 0] - last.plane[:, 0]) / plane.turn)
+    last.plane[:, 0] += turns * plane.turn
+    return first, last
 
 
 class _Way:

@@ -56,7 +56,9 @@ def _feature_region(path: Path, feature: Mapping[str, Any], name: str, frame: st
     stated = properties.get('name', name) if isinstance(properties, dict) else name
     named = _object_name(path, stated)
     sorts = properties.get('sort', ()) if isinstance(properties, dict) else ()
-    sorts = (sorts,) if isinstance(sorts, str) else tuple(map(str, sorts))
+    sorts = [sorts] if isinstance(sorts, str) else sorts
+    if not isinstance(sorts, (list, tuple)) or not all(isinstance(each, str) for each in sorts):
+        raise SpaceError(f'{path}: region \'{named}\': "sort" is a text or a list of texts')
     geometry = feature.get('geometry') if feature.get('type') == 'Feature' else feature
     library = shapely()
     with _place(path, named):
@@ -64,7 +66,7 @@ def _feature_region(path: Path, feature: Mapping[str, Any], name: str, frame: st
             found = library.from_geojson(json.dumps(geometry))
         except library.errors.ShapelyError as error:
             raise SpaceError(f'no geometry of GeoJSON: {error}') from None
-        return Region(named, sorts, frame, found)
+        return Region(named, tuple(sorts), frame, found)
 
 
 def read_zone_set(path: Path, name: str, frame: str) -> list[Region]:  # noqa: ARG001

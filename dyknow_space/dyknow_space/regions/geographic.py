@@ -12,6 +12,7 @@ h tan(p) / 6,370,000 m: 0.03 % for 1 km at 58 degrees.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Self
 
@@ -72,6 +73,11 @@ class LocalPlane:
         along = across * (1 - _ECCENTRICITY_SQUARED) / part
         return math.radians(across * math.cos(latitude)), math.radians(along)
 
+    @property
+    def turn(self) -> float:
+        """The way around the earth, along the latitude of the origin."""
+        return 2 * _HALF_TURN * self.metres_of_degree[0]
+
     def coordinates(self, longitudes: Floats, latitudes: Floats) -> tuple[Floats, Floats]:
         """Return x and y of places in degrees; of two ways around the earth by the shorter one."""
         east, north = self.metres_of_degree
@@ -102,6 +108,16 @@ class LocalPlane:
             for turn in (-2 * _HALF_TURN, 0, 2 * _HALF_TURN)
         )
         return shapely().union_all([shapely().intersection(each, earth) for each in turned])
+
+
+def joined_at_cut(geometries: Sequence[Any]) -> Sequence[Any]:
+    """Return geometries in degrees as they are, or in one plane if they are far apart or cut."""
+    everything = shapely().multipolygons(shapely().get_parts(geometries))
+    west, _, east, _ = everything.bounds
+    if east - west <= _HALF_TURN:
+        return geometries
+    plane = LocalPlane.of(everything)
+    return [plane.projected(each) for each in geometries]
 
 
 def check_degrees(geometry: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import Any
 
+from dyknow_space.regions.geographic import WGS84, joined_at_cut
 from dyknow_space.regions.region import ALL_HEIGHTS, ALL_TIMES, Region
 from dyknow_space.relations.calculus import RegionRelation, converse
 
@@ -15,11 +16,15 @@ def relation_of(first: Region, second: Region) -> RegionRelation | None:
     """Return the relation of a region to another one; None if they are not comparable.
 
     They are comparable if they are in one frame, and exist at all times. The coordinates are taken
-    as they are: where regions should touch, their vertices must agree.
+    as they are: where regions should touch, their vertices must agree. A cut at 180 degrees is no
+    boundary.
     """
     if first.frame != second.frame or {first.times, second.times} != {ALL_TIMES}:
         return None
-    flat = _of_polygons(first.geometry, second.geometry)
+    polygons = first.geometry, second.geometry
+    if first.frame == WGS84:
+        polygons = joined_at_cut(polygons)
+    flat = _of_polygons(*polygons)
     if first.altitude == second.altitude == ALL_HEIGHTS:
         return flat
     return _of_prisms(flat, _of_intervals(first.altitude, second.altitude))
