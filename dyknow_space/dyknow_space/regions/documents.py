@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dyknow_common import ExitCode, read_regular, read_text
 from dyknow_space.errors import SpaceError
 from dyknow_space.regions.library import shapely
-from dyknow_space.regions.region import MAX_VERTICES, Region, check_geometry
+from dyknow_space.regions.region import MAX_VERTICES, Region
 
 MAX_PIXELS: Final = 64_000_000
 """The pixels of a mask."""
@@ -131,8 +131,8 @@ def read_mask(path: Path, name: str, frame: str, *, is_free: bool = False) -> li
         fraction = shades if is_negated else 1 - shades
         geometry = _cells(fraction < free if is_free else fraction > occupied)
         cosine, sine = math.cos(yaw), math.sin(yaw)
-        matrix = [size * cosine, -size * sine, size * sine, size * cosine, x, y]
-        placed = _transformed(geometry, matrix)
+        turned = size * np.array([[cosine, sine], [-sine, cosine]])
+        placed = shapely().transform(geometry, lambda points: points @ turned + (x, y))
         return [Region(name, (), frame, placed)]
 
 
@@ -173,14 +173,6 @@ def _cells(is_inside: NDArray[np.bool_]) -> Any:
     # Cells that touch in corners only remain apart, as polygons are valid so.
     union = library.union_all(library.box(begins, rows, ends, rows + 1))
     return library.simplify(union, 0)  # Only vertices on straight edges are removed.
-
-
-def _transformed(geometry: Any, matrix: list[float]) -> Any:
-    a, b, c, d, x, y = matrix
-    rotation = np.array([[a, b], [c, d]])
-    found = shapely().transform(geometry, lambda points: points @ rotation.T + (x, y))
-    check_geometry(found)
-    return found
 
 
 @contextmanager

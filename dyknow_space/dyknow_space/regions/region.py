@@ -51,10 +51,10 @@ class Region:
     frame: str
     geometry: Any
     altitude: tuple[float, float] = ALL_HEIGHTS
-    times: tuple[int | None, int | None] = (None, None)
+    times: tuple[int | None, int | None] = ALL_TIMES
 
     def __post_init__(self) -> None:
-        check_geometry(self.geometry)
+        checked_geometry(self.geometry)
         if self.frame == WGS84:
             check_degrees(self.geometry)
         low, high = self.altitude
@@ -145,12 +145,11 @@ def geometry_of(wkt: str) -> Any:
         raise SpaceError(
             f'{error}; write well-known text, such as POLYGON ((0 0, 4 0, 4 3, 0 0))'
         ) from None
-    check_geometry(found)
-    return found
+    return checked_geometry(found)
 
 
-def check_geometry(geometry: Any) -> None:
-    """Check that a geometry is a polygon that computations can rely on; it is never repaired.
+def checked_geometry(geometry: Any) -> Any:
+    """Return a geometry if it is a polygon that computations can rely on; it is never repaired.
 
     Raises:
         SpaceError: naming what is wrong, and where.
@@ -169,3 +168,4 @@ def check_geometry(geometry: Any) -> None:
     if not library.is_valid(geometry):
         fault, _, place = library.is_valid_reason(geometry).rstrip(']').partition('[')
         raise SpaceError(f'the polygon is invalid: {fault.lower()} at {place}; correct it there')
+    return geometry

@@ -8,7 +8,7 @@ from typing import Any, Final
 from dyknow_space.errors import SpaceError
 from dyknow_space.regions.geographic import WGS84, LocalPlane
 from dyknow_space.regions.library import shapely
-from dyknow_space.regions.region import check_geometry
+from dyknow_space.regions.region import checked_geometry
 
 _QUARTER: Final = 64
 """Edges of a quarter of a circle: an arc is at most 0.00008 of its radius outside of its edge."""
@@ -43,11 +43,6 @@ def buffer_of(geometry: Any, distance: float, frame: str = '') -> Any:
         SpaceError: if nothing is left.
     """
     if frame != WGS84:
-        return _checked(shapely().buffer(geometry, distance, quad_segs=_QUARTER))
+        return checked_geometry(shapely().buffer(geometry, distance, quad_segs=_QUARTER))
     plane = LocalPlane.of(geometry)
     return plane.in_degrees(buffer_of(plane.projected(geometry), distance))
-
-
-def _checked(geometry: Any) -> Any:
-    check_geometry(geometry)
-    return geometry

@@ -22,9 +22,7 @@ def relation_of(first: Region, second: Region) -> RegionRelation | None:
     if first.frame != second.frame or {first.times, second.times} != {ALL_TIMES}:
         return None
     polygons = first.geometry, second.geometry
-    if first.frame == WGS84:
-        polygons = joined_at_cut(polygons)
-    flat = _of_polygons(*polygons)
+    flat = _of_polygons(*(joined_at_cut(polygons) if first.frame == WGS84 else polygons))
     if first.altitude == second.altitude == ALL_HEIGHTS:
         return flat
     return _of_prisms(flat, _of_intervals(first.altitude, second.altitude))
