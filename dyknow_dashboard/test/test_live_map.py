@@ -154,6 +154,19 @@ def test_a_region_that_moves_is_drawn_at_the_failure_and_lately() -> None:
     assert titles_of(board.map.image(key, failed)) == titles
 
 
+def test_an_outline_that_cannot_be_drawn_is_left_out() -> None:
+    """Any program may publish it: drawing must end."""
+    about = (*RUNNING.groundings, SymbolGrounding('distance[r1, cell]', Grounding.SEMANTIC, ''))
+    running = replace(RUNNING, groundings=about)
+    board = board_of(running)
+    (key,) = board.formulas.by_key()
+    wrong = ('', 'POINT (1 1)', 'POLYGON ((0 0, 2 2, 0 2, 2 0, 0 0))', 'POLYGON ((0 0, nan 1, 1 1))')
+    huge = 'POLYGON ((0 0, 1e308 0, -1e308 5, 0 0))'
+    for second, outline in enumerate((*wrong, huge), 20):
+        board.map.add([('cell', second * SECOND_NS, {'outline': outline})])
+        assert titles_of(board.map.image(key, running)) == ['dock: undecided']
+
+
 def titles_of(image: str) -> list[str | None]:
     return [each.findtext('title') for each in drawn(image).findall('path')]
 

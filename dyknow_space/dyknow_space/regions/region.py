@@ -22,6 +22,9 @@ from dyknow_space.regions.library import shapely
 MAX_VERTICES: Final = 10_000
 """The vertices of a region; more take long to compare, and are rarely wanted."""
 
+MAX_COORDINATE: Final = 1e100
+"""Squares of larger ones may be no numbers; GEOS does not end then."""
+
 POLYGONS: Final = frozenset({'Polygon', 'MultiPolygon'})
 """The geometries that have an inside."""
 
@@ -168,4 +171,6 @@ def checked_geometry(geometry: Any) -> Any:
     if not library.is_valid(geometry):
         fault, _, place = library.is_valid_reason(geometry).rstrip(']').partition('[')
         raise SpaceError(f'the polygon is invalid: {fault.lower()} at {place}; correct it there')
+    if max(map(abs, geometry.bounds)) > MAX_COORDINATE:
+        raise SpaceError(f'the region reaches beyond {MAX_COORDINATE:g}; correct its coordinates')
     return geometry
