@@ -12,8 +12,12 @@ for (const name of ['elements.js', 'tables.js']) vm.runInContext(readFileSync(`$
 vm.runInContext('var tables = new Tables();', sandbox);
 
 const $ = (id) => document_.getElementById(id);
+const OLD = ['old', 'old-streams', 'old-graph', 'old-peers'];
+for (const id of OLD) $(id).hidden = true;
 for (const message of JSON.parse(messages)) {
-  sandbox.tables.showPeers(message);
+  if (message.type === 'nodes') sandbox.tables.showNodes(message);
+  else sandbox.tables.showPeers(message);
   const rows = $('peers-table').children[0].children[1].children.map((each) => each.children.map((cell) => cell.shown));
-  console.log(JSON.stringify({hidden: $('federation').hidden, shares: $('shares').textContent, rows}));
+  const old = OLD.filter((id) => !$(id).hidden);
+  console.log(JSON.stringify({hidden: $('federation').hidden, shares: $('shares').textContent, rows, old}));
 }

@@ -332,6 +332,11 @@ def test_the_number_of_evaluations_is_bounded() -> None:
     board.formulas.update(many, 0)
     assert board.formulas.hidden == 7
     assert len(board.formulas.rows()) <= MAX_SHOWN + MAX_ENDED
+    many[-1] = replace(many[-1], phase=EvaluationPhase.ENDED, verdict=Verdict.FALSE)
+    board.report(many, 0)
+    document = board.formulas.document()
+    assert document['rows'][0]['state'] == 'false', 'a failing one is shown'
+    assert document['counts'] == {'failing': 1, 'running': MAX_SHOWN - 1, 'ended': 0, 'earlier': 0}
 
 
 def test_evaluations_of_one_name_are_distinct() -> None:

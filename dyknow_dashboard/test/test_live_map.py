@@ -160,7 +160,12 @@ def test_an_outline_that_cannot_be_drawn_is_left_out() -> None:
     running = replace(RUNNING, groundings=about)
     board = board_of(running)
     (key,) = board.formulas.by_key()
-    wrong = ('', 'POINT (1 1)', 'POLYGON ((0 0, 2 2, 0 2, 2 0, 0 0))', 'POLYGON ((0 0, nan 1, 1 1))')
+    wrong = (
+        '',
+        'POINT (1 1)',
+        'POLYGON ((0 0, 2 2, 0 2, 2 0, 0 0))',
+        'POLYGON ((0 0, nan 1, 1 1))',
+    )
     huge = 'POLYGON ((0 0, 1e308 0, -1e308 5, 0 0))'
     for second, outline in enumerate((*wrong, huge), 20):
         board.map.add([('cell', second * SECOND_NS, {'outline': outline})])

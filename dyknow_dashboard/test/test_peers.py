@@ -12,7 +12,10 @@ from typing import Any
 import pytest
 
 from dyknow_common import SECOND_NS
+from dyknow_coordinator import Level
+from dyknow_coordinator.reporting.node_status import NodeState
 from dyknow_dashboard.model.board import MAX_PEERS_SHOWN, Board, PageState
+from dyknow_dashboard.model.health import HealthTable, NodeHealth
 from dyknow_dashboard.model.requests import Interest
 from dyknow_federation.report import FederationReport, LinkState, PeerReport
 
@@ -37,7 +40,7 @@ TEXTS = [
 ]  # fmt: skip
 
 
-def shown(*reports: FederationReport) -> dict[str, Any]:
+def shown(*reports: FederationReport | None) -> dict[str, Any]:
     """Return the message for a page that shows the nodes."""
     board, page = Board(lambda: 0), PageState(Interest('nodes'))
     for each in reports:
@@ -60,12 +63,20 @@ def test_the_number_of_peers_is_limited() -> None:
 
 
 @pytest.mark.skipif(NODE is None, reason='node is not installed')
-def test_the_page_folds_the_table_away_without_a_federation() -> None:
+def test_the_page_folds_the_table_away_without_a_federation_and_says_what_is_old() -> None:
     page = resources.files('dyknow_dashboard.page')
     script = Path(__file__).with_name('peers_page.js')
-    messages = [shown(), shown(FederationReport('base', (CARRIER,)))]
+    joined = FederationReport('base', (CARRIER,))
+    table = HealthTable()
+    gone = NodeState(False, Level.OK, 'running', 7 * SECOND_NS)
+    table.update([NodeHealth(f'/{name}', gone) for name in ('federation', 'stream_manager')], 0)
+    nodes = {'type': 'nodes', **table.document()}
+    messages = [shown(), shown(joined), nodes, shown(joined, None)]
     line = [str(NODE), str(script), str(page), json.dumps(messages)]
     done = subprocess.run(line, capture_output=True, text=True, check=True, timeout=120)
-    alone, joined = (json.loads(each) for each in done.stdout.splitlines())
-    assert alone == {'hidden': True, 'shares': '', 'rows': []}
-    assert joined == {'hidden': False, 'shares': 'base shares nothing', 'rows': [TEXTS]}
+    alone, linked, old, forgotten = (json.loads(each) for each in done.stdout.splitlines())
+    assert alone == {'hidden': True, 'shares': '', 'rows': [], 'old': []}
+    expected = {'hidden': False, 'shares': 'base shares nothing', 'rows': [TEXTS], 'old': []}
+    assert linked == expected
+    assert old == {**expected, 'old': ['old-streams', 'old-graph', 'old-peers']}
+    assert forgotten == {**alone, 'old': old['old']}

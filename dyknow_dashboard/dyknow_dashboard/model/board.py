@@ -61,8 +61,8 @@ class PeerTable:
         self.version = 0
         self._report: FederationReport | None = None
 
-    def update(self, report: FederationReport) -> None:
-        """Take a report."""
+    def update(self, report: FederationReport | None) -> None:
+        """Take a report; None if the latest one may be old."""
         self._report = report
         self.version += 1
 
@@ -212,6 +212,11 @@ class Board:
         if events := self._watch.update(statuses, self.clock()):
             for each in self.sinks:
                 each(events)
+
+    def forget(self) -> None:
+        """Forget what nodes reported while nobody read it: they may have ended since."""
+        self.streams.update((), ())
+        self.peers.update(None)
 
     def state_topics(self, pages: Iterable[PageState]) -> set[str]:
         """Return the topics of the states that signals are kept of, and forget other signals.

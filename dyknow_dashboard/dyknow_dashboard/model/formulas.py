@@ -112,11 +112,12 @@ class FormulaTable:
         """Take a report of the coordinator, of a time in nanoseconds."""
         self._now = now
         self.hidden = max(len(statuses) - MAX_SHOWN, 0)
-        known, reported = self._known, dict(keyed(statuses[:MAX_SHOWN]))
-        for key, status in reported.items():
-            evaluation = known.get(key) or MonitoredEvaluation(key, status)
-            known[key] = evaluation
-            evaluation.update(status)
+        known, reported = self._known, dict(keyed(statuses))
+        failing_first = sorted(reported.items(), key=lambda each: not _has_failed(each[1]))
+        for key, status in failing_first[:MAX_SHOWN]:
+            known.setdefault(key, MonitoredEvaluation(key, status)).update(status)
+        for key, _ in failing_first[MAX_SHOWN:]:
+            known.pop(key, None)
         gone = [key for key in known if key not in reported]
         for key in gone:
             known[key].status = lost(known[key].status)
@@ -227,7 +228,7 @@ class FormulaTable:
         """Return one of GROUPS."""
         if status.phase is EvaluationPhase.ENDED and status.started < self._latest[status.name]:
             return 'earlier'
-        if _kind(status, Level.OK) in _FAILED:
+        if _has_failed(status):
             return 'failing'
         return 'ended' if status.phase is EvaluationPhase.ENDED else 'running'
 
@@ -260,10 +261,14 @@ def lost(status: EvaluationStatus) -> EvaluationStatus:
     return replace(status, phase=EvaluationPhase.ENDED, error=error)
 
 
+def _has_failed(status: EvaluationStatus) -> bool:
+    return _kind(status, Level.OK) in _FAILED
+
+
 def _failures(status: EvaluationStatus) -> int:
     """Return how many times a formula has failed."""
     episodes = 0 if status.episodes is None else status.episodes.episode_count
-    return episodes or int(_kind(status, Level.OK) in _FAILED)
+    return episodes or int(_has_failed(status))
 
 
 def _failed_at(status: EvaluationStatus) -> int | None:

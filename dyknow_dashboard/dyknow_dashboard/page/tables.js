@@ -5,6 +5,7 @@ const LEVELS = {ok: 'true', warning: 'undecided warning', error: 'false', stale:
 const LINKS = {linked: 'true', stale: 'undecided warning', left: 'false'};
 const PEER_HEADS = ['peer', 'link', 'silent', 'delay', 'clock', 'sent', 'received', 'lost', 'shares', 'asked for', 'given', 'fault'];
 const STATES = {flowing: 'true', waiting: 'undecided warning', failed: 'false', registered: 'undecided'};
+const REPORTERS = {old: 'stream_reasoning_coordinator', 'old-streams': 'stream_manager', 'old-graph': 'stream_manager', 'old-peers': 'federation'};
 
 class Tables {
   constructor() {
@@ -71,7 +72,7 @@ class Tables {
     // A node that was not found yet warns for some seconds.
     const missing = message.nodes.filter((each) => !each.alive && each.level === 'error');
     const bad = message.nodes.filter((each) => each.level !== 'ok');
-    $('old').hidden = !missing.some((each) => each.name.endsWith('/stream_reasoning_coordinator'));
+    for (const [id, node] of Object.entries(REPORTERS)) $(id).hidden = !missing.some((each) => each.name.endsWith(`/${node}`));
     const health = $('health');
     health.hidden = !message.nodes.length;
     setText(health, missing.length ? `${missing.length} of ${message.nodes.length} nodes missing`

@@ -92,6 +92,7 @@ class SystemReader:
         self._maps.read(maps)
 
     def _begin(self) -> None:
+        self._deliver(self._board.forget)
         self._nodes = SystemNodes(self._adapter)
         self._attended = [
             self._subscribe(StreamStatusArray, f'{STREAM_MANAGER}/streams', self._on_streams),
