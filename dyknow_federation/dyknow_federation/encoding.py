@@ -24,7 +24,7 @@ from typing import Any, Final, get_args, get_origin, get_type_hints
 
 from dyknow_common import Value
 from dyknow_federation.errors import FederationError
-from dyknow_federation.messages import Content, Message, Packet, Samples, Time
+from dyknow_federation.messages import Content, Message, Packet, Time
 
 VERSION: Final = 7
 """The version of the protocol; peers of different versions refuse each other, and say so."""
@@ -69,26 +69,11 @@ def encode_all(packet: Packet) -> Iterator[bytes]:
     try:
         yield encode(packet)
     except FederationError:
-        messages = packet.messages
-        if len(messages) == 1:
-            messages = _halves(messages[0])
-        if len(messages) == 1:
+        half = len(packet.messages) // 2
+        if not half:
             raise
-        half = len(messages) // 2
-        for each in (messages[:half], messages[half:]):
-            yield from encode_all(Packet(packet.incarnation, each))
-
-
-def _halves(message: Message) -> tuple[Message, ...]:
-    """Return a message as two, if it is a batch of samples."""
-    if not isinstance(message, Samples) or len(message.contents) == 1:
-        return (message,)
-    cut = len(message.contents) // 2
-    times, contents, rest = message.valid_times, message.contents, message.first + cut
-    return (
-        replace(message, valid_times=times[:cut], contents=contents[:cut]),
-        replace(message, first=rest, valid_times=times[cut:], contents=contents[cut:]),
-    )
+        for each in (packet.messages[:half], packet.messages[half:]):
+            yield from encode_all(replace(packet, messages=each))
 
 
 def encode(packet: Packet) -> bytes:

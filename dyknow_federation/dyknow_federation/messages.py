@@ -11,8 +11,8 @@ from dyknow_common import Value, check_name, shortened
 from dyknow_configuration import MAX_COMPARED, MAX_COMPARED_NUMBER
 from dyknow_federation.errors import FederationError
 
-MAX_BATCH: Final = 500
-"""The number of samples of a batch."""
+MAX_BATCH: Final = 100
+"""The number of samples of a batch: a packet has room for the longest ones."""
 
 MAX_REASON: Final = 1_000
 """The length of the description of a violation; longer ones are cut."""

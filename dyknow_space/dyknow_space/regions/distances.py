@@ -178,7 +178,7 @@ class GeographicShapes:
             SpaceError: also if a coordinate is no degree.
         """
         return np.concatenate(
-            [shapes.distances(_in_plane(positions, plane)) for plane, shapes in self._projected]
+            [shapes.distances(*_in_plane(plane, positions)) for plane, shapes in self._projected]
         )
 
     def swept(self, begin: Positions, end: Positions) -> Floats:
@@ -188,7 +188,7 @@ class GeographicShapes:
             SpaceError: also if a coordinate is no degree.
         """
         return np.concatenate(
-            [shapes.swept(*_ends_in_plane(begin, end, plane)) for plane, shapes in self._projected]
+            [shapes.swept(*_in_plane(plane, begin, end)) for plane, shapes in self._projected]
         )
 
     def sight(self, one: Positions, other: Positions) -> float:
@@ -197,9 +197,7 @@ class GeographicShapes:
         Raises:
             SpaceError: also if a coordinate is no degree.
         """
-        return min(
-            shapes.sight(*_ends_in_plane(one, other, plane)) for plane, shapes in self._projected
-        )
+        return min(shapes.sight(*_in_plane(plane, one, other)) for plane, shapes in self._projected)
 
 
 def shapes_of(regions: Sequence[Region]) -> RegionShapes | GeographicShapes:
@@ -217,23 +215,21 @@ def _projected(region: Region) -> tuple[LocalPlane, RegionShapes]:
     return plane, RegionShapes([flat])
 
 
-def _in_plane(positions: Positions, plane: LocalPlane) -> Positions:
+def _in_plane(plane: LocalPlane, *places: Positions) -> list[Positions]:
+    """Return places in a plane: from the first one on the shorter way around the earth."""
+    found: list[Positions] = []
     # Coordinates that are not finite are reported with the distances.
-    x, y = positions.plane.T
-    for name, values, most in (('longitude', x, 180), ('latitude', y, 90)):
-        if (np.abs(values[np.isfinite(values)]) > most).any():
-            raise SpaceError(f'the {name} of the position is beyond {most} degrees')
-    return replace(positions, plane=np.column_stack(plane.coordinates(x, y)))
-
-
-def _ends_in_plane(
-    begin: Positions, end: Positions, plane: LocalPlane
-) -> tuple[Positions, Positions]:
-    """Return the ends of the shorter way between two places, which may pass behind the plane."""
-    first, last = _in_plane(begin, plane), _in_plane(end, plane)
-    turns = np.rint((first.plane[:, 0] - last.plane[:, 0]) / plane.turn)
-    last.plane[:, 0] += turns * plane.turn
-    return first, last
+    for each in places:
+        x, y = each.plane.T
+        for name, values, most in (('longitude', x, 180), ('latitude', y, 90)):
+            if (np.abs(values[np.isfinite(values)]) > most).any():
+                raise SpaceError(f'the {name} of the position is beyond {most} degrees')
+        x, y = plane.coordinates(x, y)
+        if found:
+            turn = 360 * plane.metres_of_degree[0]
+            x += np.rint((found[0].plane[:, 0] - x) / turn) * turn
+        found.append(replace(each, plane=np.column_stack([x, y])))
+    return found
 
 
 class _Way:

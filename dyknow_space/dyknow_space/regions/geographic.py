@@ -73,11 +73,6 @@ class LocalPlane:
         along = across * (1 - _ECCENTRICITY_SQUARED) / part
         return math.radians(across * math.cos(latitude)), math.radians(along)
 
-    @property
-    def turn(self) -> float:
-        """The way around the earth, along the latitude of the origin."""
-        return 2 * _HALF_TURN * self.metres_of_degree[0]
-
     def coordinates(self, longitudes: Floats, latitudes: Floats) -> tuple[Floats, Floats]:
         """Return x and y of places in degrees; of two ways around the earth by the shorter one."""
         east, north = self.metres_of_degree
