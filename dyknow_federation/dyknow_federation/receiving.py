@@ -79,31 +79,24 @@ class ReceivedStream:
         return Request(self._name, self.epoch, self._number, tuple(self._missing()))
 
     def take(self, message: StreamMessage) -> None:
-        """Take an answer of the peer."""
+        """Take an answer of the peer; a watermark holds once all samples before it are settled."""
         if isinstance(message, Samples):
-            self._take_batch(message)
-        else:
-            self._take_watermark(message)
-
-    def _take_batch(self, batch: Samples) -> None:
-        self._begin(batch.first)
-        self._end = max(self._end, batch.first + len(batch.valid_times))
-        rows = zip(batch.valid_times, batch.contents, strict=True)
-        for number, (time, content) in enumerate(rows, batch.first):
-            held = content if isinstance(content, StreamFault) else Received(time, content)
-            has_room = len(self._held) < MAX_HELD or number == self._number
-            if has_room and number >= self._number:
-                self._held.setdefault(number, held)
-
-    def _take_watermark(self, watermark: Watermark) -> None:
-        """Take a promise; it holds once all samples before it are delivered or lost."""
+            self._begin(message.first)
+            self._end = max(self._end, message.first + len(message.valid_times))
+            rows = zip(message.valid_times, message.contents, strict=True)
+            for number, (time, content) in enumerate(rows, message.first):
+                held = content if isinstance(content, StreamFault) else Received(time, content)
+                has_room = len(self._held) < MAX_HELD or number == self._number
+                if has_room and number >= self._number:
+                    self._held.setdefault(number, held)
+            return
         # It begins with the latest one: a violation may be all that comes.
-        self._begin(max(watermark.number - 1, watermark.oldest))
-        self._end = max(self._end, watermark.number)
-        self._oldest = max(self._oldest, min(watermark.oldest, watermark.number))
+        self._begin(max(message.number - 1, message.oldest))
+        self._end = max(self._end, message.number)
+        self._oldest = max(self._oldest, min(message.oldest, message.number))
         former = self._watermark
-        if former is None or (watermark.number, watermark.time) > (former.number, former.time):
-            self._watermark = watermark
+        if former is None or (message.number, message.time) > (former.number, former.time):
+            self._watermark = message
 
     def deliveries(self) -> Iterator[Delivery]:
         """Yield what is due, once."""

@@ -14,11 +14,12 @@ from dyknow_space.regions.region import (
     ALL_TIMES,
     MAX_VERTICES,
     Region,
+    buffer_of,
+    circle,
     geometry_of,
     parse_region,
     settings_of,
 )
-from dyknow_space.regions.shapes import buffer_of, circle
 from dyknow_space.regions.units import (
     MovingDistance,
     RegionDistances,

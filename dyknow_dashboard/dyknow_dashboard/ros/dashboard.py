@@ -13,6 +13,7 @@ import signal
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -102,27 +103,19 @@ class NodeThread:
 
     async def call(self, work: Callable[[], Awaitable[Any]]) -> Any:
         """Return the result of a coroutine of the node, or raise its error."""
-        done = self._loop.create_future()
-
-        def finish(result: Any, error: Exception | None) -> None:
-            if done.done():
-                return
-            if error is None:
-                done.set_result(result)
-            else:
-                done.set_exception(error)
+        done: Future[Any] = Future()
 
         async def run() -> None:
+            if not done.set_running_or_notify_cancel():
+                return  # Nobody waits any more.
             try:
-                result = await work()
+                done.set_result(await work())
             except Exception as error:  # noqa: BLE001 - the request that waits raises it
-                self.deliver(partial(finish, None, error))
-            else:
-                self.deliver(partial(finish, result, None))
+                done.set_exception(error)
 
         self._executor.create_task(run)
         try:
-            return await asyncio.wait_for(done, REQUEST_TIMEOUT_S)
+            return await asyncio.wait_for(asyncio.wrap_future(done), REQUEST_TIMEOUT_S)
         except TimeoutError:
             raise DashboardError('the nodes have not answered', ExitCode.TIMEOUT) from None
 

@@ -125,8 +125,11 @@ class SystemNodes:
                 if is_near and len(self._guards) < MAX_GUARDS:
                     self._guards[name] = GuardReports(self._adapter, name)
                     self._watched.add(name, RemoteNode(self._adapter, name))
-            elif last == '_status' and name in map(self.absolute, (RECORDER, FEDERATION)):
-                self._watch_present(name, topic)
+                continue
+            # The coordinator looks for a federation node on every host, also where none runs.
+            is_optional = last == '_status' and name in map(self.absolute, (RECORDER, FEDERATION))
+            if is_optional and self._adapter.node.count_publishers(topic):
+                self._watch(name)
 
     def health(self) -> Iterator[NodeHealth]:
         """Yield the health of each node."""
@@ -149,11 +152,6 @@ class SystemNodes:
         """Return the full name of a node, given one that is relative to the namespace."""
         topic = self._adapter.node.resolve_topic_name(f'{name}/_status')
         return str(topic).removesuffix('/_status')
-
-    def _watch_present(self, name: str, topic: str) -> None:
-        """Watch a node that runs: the coordinator looks for a federation node on every host."""
-        if self._adapter.node.count_publishers(topic):
-            self._watch(name)
 
     def _watch(self, name: str) -> None:
         full = self.absolute(name)

@@ -16,10 +16,9 @@ from importlib import resources
 from typing import Any, Final
 
 from tornado.httpserver import HTTPServer
-from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
-from tornado.web import Application
+from tornado.web import Application, HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from dyknow_common import ExitCode
@@ -28,16 +27,14 @@ from dyknow_dashboard.model.board import Board, PageState
 from dyknow_dashboard.model.metrics import CONTENT_TYPE, metrics_of
 from dyknow_dashboard.model.requests import interest, read_document
 from dyknow_dashboard.server.requests import (
-    HEADERS,
     ActionHandler,
     FileHandler,
+    GuardedHandler,
     HistoryHandler,
     MissingHandler,
     RateLimit,
     ServedSystem,
     SystemOperator,
-    is_own_host,
-    is_same_origin,
 )
 from dyknow_recordings.reporting.pictures.page import plotly_script
 
@@ -84,7 +81,6 @@ class OpenPages:
 
     Args:
         board: what they show.
-        names: of this machine, in the header `Host`.
         greeting: the first message to each page.
         on_change: called when pages come, go or show something else.
     """
@@ -92,12 +88,10 @@ class OpenPages:
     def __init__(
         self,
         board: Board,
-        names: frozenset[str],
         greeting: dict[str, Any],
         on_change: Callable[[], None],
     ) -> None:
         self.board = board
-        self.names = names
         self.greeting = greeting
         self.on_change = on_change
         self.sockets: set[PageSocket] = set()
@@ -131,34 +125,20 @@ class OpenPages:
             each.close(1001, 'the server stops')
 
 
-class PageSocket(WebSocketHandler):
+class PageSocket(GuardedHandler, WebSocketHandler):
     """The connection of one page."""
 
-    def __init__(
-        self, application: Application, request: HTTPServerRequest, pages: OpenPages
-    ) -> None:
-        super().__init__(application, request)
-        self.page = PageState()
-        self._pages = pages
+    def initialize(self, system: ServedSystem, pages: OpenPages) -> None:  # type: ignore[override]
+        """Take the arguments of the route."""
+        super().initialize(system)
+        self.page, self._pages = PageState(), pages
         self._limit = RateLimit(_RATE, _BURST)
-
-    def set_default_headers(self) -> None:
-        """Set the headers of a refusal."""
-        for name, value in HEADERS.items():
-            self.set_header(name, value)
 
     def prepare(self) -> None:
         """Refuse a page of another site, and one too many."""
-        if not is_own_host(self.request.host, self._pages.names):
-            self.set_status(403)
-            self.finish({'error': 'the header Host does not name this machine'})
-        elif len(self._pages.sockets) >= MAX_PAGES:
-            self.set_status(503)
-            self.finish({'error': f'{MAX_PAGES} pages are open already; close one'})
-
-    def check_origin(self, origin: str) -> bool:
-        """Return True for a page of this server."""
-        return is_same_origin(origin, self.request.host)
+        super().prepare()
+        if len(self._pages.sockets) >= MAX_PAGES:
+            raise HTTPError(503, reason=f'{MAX_PAGES} pages are open already; close one')
 
     def open(self, *_: str, **__: str) -> None:
         """Begin to send changes."""
@@ -229,7 +209,7 @@ class DashboardServer:
     ) -> None:
         names = frozenset({'localhost', options.host.lower(), socket.gethostname().lower()})
         greeting = {'type': 'hello', 'read_only': options.read_only}
-        self.pages = OpenPages(board, names, greeting, on_change)
+        self.pages = OpenPages(board, greeting, on_change)
         limit, read_all = RateLimit(20.0, 60), self.pages.read_all
         system = ServedSystem(board, operator, names, limit, options.read_only, read_all)
         self._options = options
@@ -283,7 +263,7 @@ def _routes(system: ServedSystem, pages: OpenPages) -> Any:
     yield '/metrics', FileHandler, served
     yield '/api/(history|junit)', HistoryHandler, {'system': system}
     yield '/api/([a-z]+)', ActionHandler, {'system': system}
-    yield '/live', PageSocket, {'pages': pages}
+    yield '/live', PageSocket, {'system': system, 'pages': pages}
 
 
 @cache
