@@ -12,6 +12,7 @@ from dyknow_interfaces.srv import StreamCreateFromSpec, StreamDestroy
 
 from dyknow_common import Alternatives, DyKnowError, ExitCode
 from dyknow_common.ros import STREAM, DyKnowNode, RemoteNode, time_to_nanoseconds
+from dyknow_federation.errors import FederationError
 from dyknow_federation.messages import MAX_REASON, StreamFault
 from dyknow_federation.offers import VALUE, Offer
 from dyknow_federation.peer import Peer
@@ -62,7 +63,11 @@ class OwnStream:
             own.violate(self.name, ViolationKind.SOURCE, self.fault, valid_time)
         if self.fault:
             return
-        own.peer.publish(self.name, valid_time, value, now)
+        try:
+            own.peer.publish(self.name, valid_time, value, now)
+        except FederationError as error:  # The engine, or the clock, has gone back in time.
+            own.violate(self.name, ViolationKind.LOST, error.message, valid_time)
+            return
         self.known_until = max(valid_time, self.known_until or 0)
         if message.watermark:
             self._promise(time_to_nanoseconds(message.watermark[0]) - 1, now)
