@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from enum import IntFlag
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Final
 
 
@@ -52,7 +52,10 @@ RELATION_NAMES: Final[Mapping[str, RegionRelation]] = {
 _CONVERSES: Final = {
     RegionRelation.TPP: RegionRelation.TPPI,
     RegionRelation.NTPP: RegionRelation.NTPPI,
+    RegionRelation.TPPI: RegionRelation.TPP,
+    RegionRelation.NTPPI: RegionRelation.NTPP,
 }
+"""Of those that differ from their converse."""
 
 # For each relation of a to b, as rows, and of b to c, those that a may have to c, in the order of
 # the flags; `*` are all, `<` are DC EC PO TPP NTPP, `>` are DC EC PO TPPI NTPPI.
@@ -78,17 +81,10 @@ def bases(relation: RegionRelation) -> Iterator[RegionRelation]:
     return (each for each in RegionRelation if each & relation)
 
 
+@cache
 def converse(relation: RegionRelation) -> RegionRelation:
     """Return the relation of the second region to the first."""
-    found = relation & ~_SIDED
-    for each, other in _CONVERSES.items():
-        found |= (other if relation & each else 0) | (each if relation & other else 0)
-    return RegionRelation(found)
-
-
-_SIDED: Final = (
-    RegionRelation.TPP | RegionRelation.NTPP | RegionRelation.TPPI | RegionRelation.NTPPI
-)
+    return RegionRelation(sum(_CONVERSES.get(each, each) for each in bases(relation)))
 
 
 def _entries() -> Iterator[tuple[tuple[RegionRelation, RegionRelation], RegionRelation]]:
